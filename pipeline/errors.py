@@ -1,0 +1,36 @@
+"""The exceptions that a user can cause, each with one sentence that names the place and what is valid.
+
+Commands and stages catch `DynamicsError`, print its message and exit with code 2.
+"""
+
+
+class DynamicsError(Exception):
+    """Base of all errors that come from the user's data, files or settings."""
+
+
+class SceneError(DynamicsError):
+    """A scene text or file that does not describe a scene."""
+
+
+class ParamsError(DynamicsError):
+    """A parameter that is unknown, missing or out of range."""
+
+
+class SimulationError(DynamicsError):
+    """A scene whose simulation goes bad (non-finite numbers, a reset by MuJoCo)."""
+
+
+class VideoError(DynamicsError):
+    """A video or mask file that cannot be used."""
+
+
+class ModelError(DynamicsError):
+    """A checkpoint or a hub name that cannot be loaded."""
+
+
+class ShardError(DynamicsError):
+    """A shard that is missing or damaged and cannot be recomputed."""
+
+
+class OutputError(DynamicsError):
+    """A place that cannot be written to."""

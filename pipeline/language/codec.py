@@ -1,0 +1,71 @@
+"""Prompts and completions as token ids, with any tokenizer, cut where the grammar's segments meet.
+
+Cutting at the segments makes what is trained on and what is generated under the grammar the same tokens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from transformers import PreTrainedTokenizerBase
+
+from pipeline.language.completion import PROMPT, completion_grammar
+from pipeline.language.grammar import Element, Literal, Number, pieces, split
+
+VIDEO_TOKEN = "<|video_pad|>"
+END_TOKEN = "<|im_end|>"
+
+
+@dataclass(frozen=True)
+class Tokens:
+    """ids (L,) of prompt, completion and end; prompt_length; free (L,): the model's to choose, where the grammar does
+    not force it; numeric (L,): part of a number."""
+
+    ids: np.ndarray
+    prompt_length: int
+    free: np.ndarray
+    numeric: np.ndarray
+
+
+class Codec:
+    """Text to ids and back. video_tokens: how many places the clip takes in the prompt."""
+
+    def __init__(self, tokenizer: PreTrainedTokenizerBase, video_tokens: int) -> None:
+        self.tokenizer = tokenizer
+        self.video_token_id = tokenizer.convert_tokens_to_ids(VIDEO_TOKEN)
+        self.end_id = tokenizer.convert_tokens_to_ids(END_TOKEN)
+        self.pad_id = tokenizer.pad_token_id
+        self._pieces: dict[str, list[int]] = {}
+        self.prompt_ids = self._prompt(video_tokens)
+
+    def _prompt(self, video_tokens: int) -> list[int]:
+        message = {"role": "user", "content": [{"type": "video"}, {"type": "text", "text": PROMPT}]}
+        text = self.tokenizer.apply_chat_template([message], tokenize=False, add_generation_prompt=True)
+        ids = self.tokenizer(text, add_special_tokens=False)["input_ids"]
+        place = ids.index(self.video_token_id)
+        return ids[:place] + [self.video_token_id] * video_tokens + ids[place + 1 :]
+
+    def piece_ids(self, piece: str) -> list[int]:
+        """Ids of one piece of a segment."""
+        if piece not in self._pieces:
+            self._pieces[piece] = self.tokenizer(piece, add_special_tokens=False)["input_ids"]
+        return self._pieces[piece]
+
+    def segment_ids(self, element: Element, text: str) -> list[int]:
+        return [i for piece in pieces(element, text) for i in self.piece_ids(piece)]
+
+    def encode(self, completion: str, reasoning: bool, seconds: float) -> Tokens:
+        """Ids of the prompt and a completion. Raises `GrammarError` for a text that the grammar does not generate."""
+        ids = list(self.prompt_ids)
+        free, numeric = [False] * len(ids), [False] * len(ids)
+        for element, text in split(completion_grammar(reasoning, seconds), completion):
+            new = self.segment_ids(element, text)
+            ids += new
+            free += [not isinstance(element, Literal)] * len(new)
+            numeric += [isinstance(element, Number)] * len(new)
+        return Tokens(np.array([*ids, self.end_id], np.int32), len(self.prompt_ids), np.array([*free, False]),
+                      np.array([*numeric, False]))  # fmt: skip
+
+    def decode(self, ids: list[int]) -> str:
+        return self.tokenizer.decode(ids, skip_special_tokens=True)

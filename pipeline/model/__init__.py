@@ -1,0 +1,1 @@
+"""The vision-language model: building, loading, training and constrained generation."""

@@ -1,0 +1,32 @@
+"""What the model's forward pass takes: ids, patches, grids and the positions of multimodal rotary embedding."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from pipeline.model.base import Base
+
+
+def prompt_positions(base: Base) -> torch.Tensor:
+    """Rotary positions (3, P) of the prompt: time, height and width (Qwen2-VL, section 2.1). All prompts share them."""
+    ids = torch.tensor([base.codec.prompt_ids])
+    kinds = torch.where(ids == base.codec.video_token_id, 2, 0)
+    grid = torch.tensor([base.layout.grid])
+    positions, _ = base.model.model.get_rope_index(ids, kinds, video_grid_thw=grid)
+    return positions[:, 0]
+
+
+def positions(base: Base, length: int) -> torch.Tensor:
+    """Rotary positions (3, L) of a prompt and the text behind it, which counts on from the largest of the prompt's."""
+    prompt = prompt_positions(base)
+    following = torch.arange(length - prompt.shape[1]) + prompt.max() + 1
+    return torch.cat([prompt, following.expand(3, -1)], 1)
+
+
+def right_padded(rows: list[np.ndarray], value: int) -> torch.Tensor:
+    """(B, L) of rows of different lengths."""
+    out = torch.full((len(rows), max(map(len, rows))), value, dtype=torch.long)
+    for i, row in enumerate(rows):
+        out[i, : len(row)] = torch.as_tensor(np.asarray(row), dtype=torch.long)
+    return out

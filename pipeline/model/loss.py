@@ -1,0 +1,53 @@
+"""The training loss: cross-entropy on the completion's free tokens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch.nn import functional
+
+from pipeline.language.codec import Tokens
+from pipeline.model.base import Base
+from pipeline.model.inputs import positions, right_padded
+from pipeline.model.patches import pack_video
+
+
+@dataclass
+class Batch:
+    """ids (B, L), labels (B, L) with -100 where nothing is learned, clips (B, T, H, W, 3) uint8."""
+
+    ids: torch.Tensor
+    labels: torch.Tensor
+    clips: torch.Tensor
+
+
+def make_batch(base: Base, tokens: list[Tokens], clips: np.ndarray) -> Batch:
+    """Tokens of completions with their clips, as one batch; only what the grammar leaves free carries a label."""
+    ids = right_padded([t.ids for t in tokens], base.codec.pad_id)
+    labels = torch.full_like(ids, -100)
+    for i, t in enumerate(tokens):
+        labels[i, : len(t.ids)][torch.as_tensor(t.free)] = torch.as_tensor(t.ids[t.free], dtype=torch.long)
+    return Batch(ids, labels, torch.as_tensor(clips))
+
+
+def batch_loss(base: Base, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+    """Mean loss of a batch and the loss of every token (B, L - P), nats, 0 where there is no label.
+
+    Logits are computed for the completion alone. Padding stands behind, so causal attention needs no mask.
+    """
+    device = base.model.device
+    ids, labels = batch.ids.to(device), batch.labels.to(device)
+    prompt = len(base.codec.prompt_ids)
+    where = positions(base, ids.shape[1])[:, None].expand(-1, len(ids), -1).to(device)
+    grid = torch.tensor([base.layout.grid] * len(ids), device=device)
+    patches = pack_video(batch.clips.to(device), base.layout).to(base.model.dtype)
+    hidden = base.model.model(
+        input_ids=ids, pixel_values_videos=patches, video_grid_thw=grid, position_ids=where, use_cache=False
+    ).last_hidden_state
+    logits = base.model.lm_head(hidden[:, prompt - 1 : -1]).float()
+    targets = labels[:, prompt:]
+    each = functional.cross_entropy(logits.flatten(0, 1), targets.flatten(), ignore_index=-100, reduction="none")
+    each = each.view_as(targets)
+    return each.sum() / (targets != -100).sum(), each.detach()

@@ -1,0 +1,162 @@
+"""Many scenes of one composition at once, through `mujoco.batch`: no recompilation, no Python loop over scenes.
+
+A composition (the shapes in order, with or without ground) is compiled once; each scene then is a row of
+model fields and a row of state. A test holds these fields against what MuJoCo's compiler makes of the same scene.
+"""
+
+from __future__ import annotations
+
+import functools
+import warnings
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco import batch as mjbatch
+
+from pipeline.physics.simulate import compile_xml
+from pipeline.scene.mjcf import CONTACT_TIME_CONSTANT, STEPS_PER_SECOND, scene_xml
+from pipeline.scene.rotation import matrix_from_quaternion
+from pipeline.scene.scene import SIZE_KEYS, Scene, SceneObject, half_extents
+from pipeline.scene.solid import bounding_radii, geom_sizes, unit_inertia
+
+
+_TIME = mujoco.mjtState.mjSTATE_TIME.value
+
+
+@dataclass
+class SceneBatch:
+    """B scenes of one composition as arrays, the form in which searches handle them.
+
+    shapes (N,) names. half_size (B, N, 3) m; mass, sliding_friction, rolling_friction, damping (B, N);
+    position, velocity, angular_velocity (B, N, 3) world; quaternion (B, N, 4); gravity (B, 3); ground (B,), NaN
+    for none.
+    """
+
+    shapes: tuple[str, ...]
+    half_size: np.ndarray
+    mass: np.ndarray
+    sliding_friction: np.ndarray
+    rolling_friction: np.ndarray
+    damping: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    angular_velocity: np.ndarray
+    quaternion: np.ndarray
+    gravity: np.ndarray
+    ground: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.mass)
+
+    @property
+    def ground_height(self) -> float | None:
+        """The ground all scenes share, or None."""
+        return None if np.isnan(self.ground[0]) else float(self.ground[0])
+
+
+def stack_scenes(scenes: list[Scene]) -> SceneBatch:
+    """The scenes as one batch. They must share their shapes, in order, and whether there is a ground."""
+    shapes = scenes[0].shapes
+    assert all(s.shapes == shapes for s in scenes), "scenes of one batch share their composition"
+    assert len({s.ground is None for s in scenes}) == 1, "scenes of one batch all have a ground, or none has"
+
+    def column(key: str) -> np.ndarray:
+        return np.array([[getattr(o, key) for o in s.objects] for s in scenes], float)
+
+    return SceneBatch(
+        shapes=shapes,
+        half_size=np.array([[half_extents(o) for o in s.objects] for s in scenes], float),
+        mass=column("mass"),
+        sliding_friction=column("sliding_friction"),
+        rolling_friction=column("rolling_friction"),
+        damping=column("damping"),
+        position=column("position"),
+        velocity=column("velocity"),
+        angular_velocity=column("angular_velocity"),
+        quaternion=column("orientation"),
+        gravity=np.array([s.gravity for s in scenes], float),
+        ground=np.array([np.nan if s.ground is None else s.ground for s in scenes], float),
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def composition_model(shapes: tuple[str, ...], ground: bool) -> mujoco.MjModel:
+    """The compiled model of a composition; its numbers are placeholders."""
+    objects = tuple(SceneObject(s, (0.2,) * len(SIZE_KEYS[s]) if s != "capsule" else (0.1, 0.3), 1.0,
+                                position=(float(i), 0, 1)) for i, s in enumerate(shapes))  # fmt: skip
+    return compile_xml(scene_xml(Scene(objects, ground=0.0 if ground else None)))
+
+
+@dataclass(frozen=True)
+class States:
+    """What a batch run leaves: position (B, T, N, 3), quaternion (B, T, N, 4); valid (B,), False where the
+    numbers went bad (its states then repeat the last good one)."""
+
+    position: np.ndarray
+    quaternion: np.ndarray
+    valid: np.ndarray
+
+
+class BatchSimulator:
+    """Runs batches of one composition; keeps its `mujoco.batch.Batch` from call to call.
+
+    Args: shapes in order; ground: whether there is a plane; size: scenes a call; threads.
+    """
+
+    def __init__(self, shapes: tuple[str, ...], ground: bool, size: int, threads: int) -> None:
+        self.shapes, self.ground, self.size = shapes, ground, size
+        model = composition_model(shapes, ground)
+        self._batch = mjbatch.Batch(model, nsim=size, nthread=threads)
+        self._geoms = [model.geom(f"{s}_{i}").id for i, s in enumerate(shapes)]
+        names = ("geom_size", "geom_rbound", "geom_aabb", "geom_pos", "geom_friction", "geom_solref", "body_mass",
+                 "body_inertia", "opt.gravity", "bvh_aabb")  # fmt: skip
+        self._fields = {name: self._batch.expand(name) for name in names}
+        self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
+        self._bvh = [model.body_bvhadr[model.body(f"{s}_{i}").id] for i, s in enumerate(shapes)]
+
+    def load(self, scenes: SceneBatch) -> None:
+        """Write the scenes into the batch and set its state to their initial one."""
+        assert scenes.shapes == self.shapes
+        n = len(scenes)
+        assert n <= self.size
+        f = self._fields
+        for i, (shape, geom, body) in enumerate(zip(self.shapes, self._geoms, range(1, len(self.shapes) + 1),
+                                                    strict=True)):  # fmt: skip
+            half = scenes.half_size[:, i]
+            f["geom_size"][:n, geom] = geom_sizes(shape, half)
+            f["geom_rbound"][:n, geom] = bounding_radii(shape, half)
+            f["geom_aabb"][:n, geom, 3:] = half
+            f["bvh_aabb"][:n, self._bvh[i], 3:] = half
+            f["geom_friction"][:n, geom, 0] = scenes.sliding_friction[:, i]
+            f["geom_friction"][:n, geom, 2] = scenes.rolling_friction[:, i]
+            f["geom_solref"][:n, geom] = np.stack([np.full(n, CONTACT_TIME_CONSTANT), scenes.damping[:, i]], 1)
+            f["body_mass"][:n, body] = scenes.mass[:, i]
+            f["body_inertia"][:n, body] = scenes.mass[:, i, None] * unit_inertia(shape, half)
+        f["opt.gravity"][:n] = scenes.gravity
+        if self.ground:
+            f["geom_pos"][:n, 0, 2] = scenes.ground
+        ids = np.arange(n)
+        self._batch.set_const(ids=ids)
+        self._batch.reset(ids=ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        quaternion = scenes.quaternion / np.linalg.norm(scenes.quaternion, axis=-1, keepdims=True)
+        spin = np.einsum("bnji,bnj->bni", matrix_from_quaternion(quaternion), scenes.angular_velocity)
+        self._qpos[:n] = np.concatenate([scenes.position, quaternion], -1).reshape(n, -1)
+        self._qvel[:n] = np.concatenate([scenes.velocity, spin], -1).reshape(n, -1)
+
+    def run(self, scenes: SceneBatch, steps: np.ndarray) -> States:
+        """States at the given increasing `steps` (T,) of 1/240 s each; the initial state is step 0."""
+        self.load(scenes)
+        n, last = len(scenes), int(steps[-1])
+        start = self._qpos[:n].copy()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # bad numbers are reported as `valid`
+            record = self._batch.rollout(last, record=("qpos", _TIME), ids=np.arange(n)) if last else None
+        if record is None:
+            qpos, valid = start[:, None], np.ones(n, bool)
+        else:
+            qpos = np.concatenate([start[:, None], record["qpos"]], 1)[:, steps]
+            valid = np.isclose(record[_TIME][:, -1].reshape(n), last / STEPS_PER_SECOND, rtol=0, atol=1e-9)
+            valid &= np.isfinite(record["qpos"]).all((1, 2))
+        qpos = qpos.reshape(n, len(steps), -1, 7)
+        return States(np.ascontiguousarray(qpos[..., :3]), np.ascontiguousarray(qpos[..., 3:]), valid)

@@ -1,0 +1,93 @@
+"""One scene, run by MuJoCo, with its whole history of states and contacts."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from pipeline.errors import SimulationError
+from pipeline.physics.trace import GROUND, Contacts, Trace
+from pipeline.scene.mjcf import STEPS_PER_SECOND, scene_xml
+from pipeline.scene.rotation import matrix_from_quaternion
+from pipeline.scene.scene import Scene
+
+#: MuJoCo's warnings that mean that the state went bad, after which it resets the simulation by itself.
+BAD_WARNINGS = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+
+
+def compile_xml(xml: str) -> mujoco.MjModel:
+    """The compiled model. Raises `SimulationError` with the compiler's own words."""
+    try:
+        return mujoco.MjModel.from_xml_string(xml)
+    except ValueError as error:
+        raise SimulationError(f"MuJoCo's compiler refuses the scene: {error}") from None
+
+
+def simulate(scene: Scene, seconds: float = 1.0) -> Trace:
+    """Run `scene` for `seconds`. Raises `SimulationError` where the numbers go bad."""
+    return simulate_model(compile_xml(scene_xml(scene)), seconds)
+
+
+def simulate_model(model: mujoco.MjModel, seconds: float) -> Trace:
+    """Run a model compiled from a scene's MJCF from its keyframe `initial`. Raises `SimulationError`."""
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("initial").id)
+    steps = round(seconds * STEPS_PER_SECOND)
+    qpos, qvel = np.empty((steps + 1, model.nq)), np.empty((steps + 1, model.nv))
+    rows: list[tuple[np.ndarray, ...]] = []
+    for step in range(steps):
+        qpos[step], qvel[step] = data.qpos, data.qvel
+        mujoco.mj_step(model, data)
+        _check(data, step)
+        if data.ncon:
+            rows.append(_contact_rows(model, data, step))
+    qpos[steps], qvel[steps] = data.qpos, data.qvel
+    if not (np.isfinite(qpos).all() and np.isfinite(qvel).all()):
+        raise SimulationError("the state is not finite")
+    return _trace(qpos, qvel, _contacts(rows))
+
+
+def _check(data: mujoco.MjData, step: int) -> None:
+    for warning in BAD_WARNINGS:
+        if data.warning[warning].number:
+            raise SimulationError(f"MuJoCo: {warning.name} at t={step / STEPS_PER_SECOND:.3f} s")
+    if round(data.time * STEPS_PER_SECOND) != step + 1:
+        raise SimulationError(f"MuJoCo reset the simulation at t={step / STEPS_PER_SECOND:.3f} s")
+
+
+def _contact_rows(model: mujoco.MjModel, data: mujoco.MjData, step: int) -> tuple[np.ndarray, ...]:
+    """The active contacts of the step just made, as arrays in the order of `Contacts`."""
+    contact = data.contact
+    body = model.geom_bodyid[contact.geom] - 1  # (ncon, 2); the world's body becomes GROUND
+    assert GROUND == -1
+    force = np.empty((data.ncon, 6))
+    for i in range(data.ncon):
+        mujoco.mj_contactForce(model, data, i, force[i])
+    frame = contact.frame.reshape(-1, 3, 3)  # rows: normal from geom 0 to geom 1, two tangents
+    world = np.einsum("ci,cij->cj", force[:, :3], frame)  # on geom 1
+    normal = frame[:, 0]
+    swap = (body[:, 0] == GROUND)[:, None]  # make the ground, else the later object, the second
+    first = np.where(swap[:, 0], body[:, 1], body[:, 0])
+    second = np.where(swap[:, 0], body[:, 0], body[:, 1])
+    sign = np.where(swap, 1.0, -1.0)
+    return (np.full(data.ncon, step), first, second, contact.pos.copy(), sign * normal, contact.dist.copy(),
+            sign * world)  # fmt: skip
+
+
+def _contacts(rows: list[tuple[np.ndarray, ...]]) -> Contacts:
+    if rows:
+        return Contacts(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+    index, vector = np.zeros(0, int), np.zeros((0, 3))
+    return Contacts(index, index, index, vector, vector, np.zeros(0), vector)
+
+
+def _trace(qpos: np.ndarray, qvel: np.ndarray, contacts: Contacts) -> Trace:
+    qpos = qpos.reshape(len(qpos), -1, 7)
+    qvel = qvel.reshape(len(qvel), -1, 6)
+    quaternion = qpos[..., 3:]
+    spin = np.einsum("...ij,...j->...i", matrix_from_quaternion(quaternion), qvel[..., 3:])
+    return Trace(STEPS_PER_SECOND, qpos[..., :3].copy(), quaternion.copy(), qvel[..., :3].copy(), spin, contacts)

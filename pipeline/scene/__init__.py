@@ -1,0 +1,1 @@
+"""The scene language: values, YAML text, sampling and filters, MJCF."""

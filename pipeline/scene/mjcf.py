@@ -1,0 +1,107 @@
+"""Scenes as MJCF, built with `dm_control.mjcf`: the form in which MuJoCo, and other people, run them.
+
+One body with a free joint per object, named as the object; camera `camera`; ground plane `ground`; a keyframe
+`initial` with the scene's positions and velocities. Contact rules are those of docs/formats.md: objects have
+priority over the ground, so their own friction and damping count on it.
+"""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+
+from pipeline.errors import SceneError
+from pipeline.scene.rotation import matrix_from_quaternion
+from pipeline.scene.scene import Camera, Scene, SceneObject, half_extents
+from pipeline.scene.solid import geom_sizes
+
+STEPS_PER_SECOND = 240
+#: Time constant of contacts, s; the damping ratio is each object's own (MuJoCo manual, "Solver parameters").
+CONTACT_TIME_CONSTANT = 0.02
+TORSIONAL_FRICTION = 0.005  # m, MuJoCo's default
+OBJECT_PRIORITY = 1
+
+
+def friction(obj: SceneObject) -> np.ndarray:
+    """(sliding, torsional, rolling) friction coefficients."""
+    return np.array([obj.sliding_friction, TORSIONAL_FRICTION, obj.rolling_friction])
+
+
+def solref(obj: SceneObject) -> np.ndarray:
+    """(time constant s, damping ratio) of the object's contacts."""
+    return np.array([CONTACT_TIME_CONSTANT, obj.damping])
+
+
+def initial_qpos(scene: Scene) -> np.ndarray:
+    """(7 N,): position and unit quaternion of each object."""
+    rows = [np.concatenate([o.position, np.array(o.orientation) / np.linalg.norm(o.orientation)])
+            for o in scene.objects]  # fmt: skip
+    return np.concatenate(rows) if rows else np.zeros(0)
+
+
+def initial_qvel(scene: Scene) -> np.ndarray:
+    """(6 N,): velocity in the world's frame, angular velocity in the body's own, as a free joint wants them."""
+    rows = [np.concatenate([o.velocity, matrix_from_quaternion(np.array(o.orientation)).T @ o.angular_velocity])
+            for o in scene.objects]  # fmt: skip
+    return np.concatenate(rows) if rows else np.zeros(0)
+
+
+def camera_quaternion(camera: Camera) -> np.ndarray:
+    """Unit quaternion of the camera's frame (x right, y up, looking along -z)."""
+    if camera.orientation is not None:
+        return np.array(camera.orientation)
+    half = np.radians(90 + camera.pitch) / 2  # a turn about x: at -90° the camera looks straight down
+    return np.array([np.cos(half), np.sin(half), 0.0, 0.0])
+
+
+def scene_mjcf(scene: Scene) -> mjcf.RootElement:
+    """The scene as a `dm_control.mjcf` document. Raises `SceneError` for a mesh file that cannot be read."""
+    root = mjcf.RootElement(model="scene")
+    root.option.timestep = 1 / STEPS_PER_SECOND
+    root.option.gravity = scene.gravity
+    root.option.cone = "elliptic"
+    if scene.ground is not None:
+        root.worldbody.add("geom", name="ground", type="plane", size=[0, 0, 1], pos=[0, 0, scene.ground], condim=6)
+    if scene.camera is not None:
+        c = scene.camera
+        root.worldbody.add("camera", name="camera", pos=c.position, quat=camera_quaternion(c), fovy=c.fov)
+    for obj in scene.objects:
+        body = root.worldbody.add("body", name=obj.name, pos=obj.position, quat=obj.orientation)
+        body.add("freejoint", name=obj.name)
+        shape = {"type": obj.shape}
+        if obj.shape == "mesh":
+            assert obj.file is not None
+            vertices = mesh_vertices(obj.file) * obj.size[0]
+            root.asset.add("mesh", name=obj.name, vertex=vertices.ravel())
+            shape["mesh"] = obj.name
+        else:
+            shape["size"] = geom_sizes(obj.shape, half_extents(obj)[None])[0]
+        body.add("geom", name=obj.name, mass=obj.mass, friction=friction(obj), solref=solref(obj), condim=6,
+                 priority=OBJECT_PRIORITY, **shape)  # fmt: skip
+    root.keyframe.add("key", name="initial", qpos=initial_qpos(scene), qvel=initial_qvel(scene))
+    return root
+
+
+def scene_xml(scene: Scene) -> str:
+    """The scene as MJCF text that plain MuJoCo loads."""
+    return scene_mjcf(scene).to_xml_string(precision=17)
+
+
+@functools.cache
+def mesh_vertices(file: str) -> np.ndarray:
+    """Vertices of a mesh file (STL, OBJ, MSH), (V, 3), centred in their bounding box. Raises `SceneError`."""
+    if not Path(file).is_file():
+        raise SceneError(f"mesh file {file}: not found")
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="mesh", file=str(Path(file).resolve()))
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise SceneError(f"mesh file {file}: MuJoCo cannot read it: {error}") from None
+    rotation = matrix_from_quaternion(model.mesh_quat[0])
+    vertices = model.mesh_vert @ rotation.T + model.mesh_pos[0]
+    return vertices - (vertices.max(0) + vertices.min(0)) / 2

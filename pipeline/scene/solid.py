@@ -1,0 +1,63 @@
+"""Solids of uniform density: MuJoCo's sizes, bounding spheres and inertia, for arrays of half extents."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.scene.rotation import matrix_from_quaternion
+from pipeline.scene.scene import SceneObject, half_extents
+
+
+def geom_sizes(shape: str, half: np.ndarray) -> np.ndarray:
+    """MuJoCo's geom sizes (B, 3) of one shape's half extents (B, 3)."""
+    zero = np.zeros(len(half))
+    if shape == "sphere":
+        return np.stack([half[:, 0], zero, zero], 1)
+    if shape == "cylinder":
+        return np.stack([half[:, 0], half[:, 2], zero], 1)
+    if shape == "capsule":
+        return np.stack([half[:, 0], half[:, 2] - half[:, 0], zero], 1)
+    return half
+
+
+def bounding_radii(shape: str, half: np.ndarray) -> np.ndarray:
+    """Radius (B,) of the sphere about the centre that holds the shape, m."""
+    if shape in ("sphere", "capsule", "ellipsoid"):
+        return half.max(1)
+    if shape == "cylinder":
+        return np.hypot(half[:, 0], half[:, 2])
+    return np.linalg.norm(half, axis=1)
+
+
+def unit_inertia(shape: str, half: np.ndarray) -> np.ndarray:
+    """Principal moments of inertia about the centre over the mass, (B, 3) m², of a solid of uniform density."""
+    a, b, c = half[:, 0], half[:, 1], half[:, 2]
+    if shape in ("sphere", "ellipsoid"):
+        return np.stack([b * b + c * c, a * a + c * c, a * a + b * b], 1) / 5
+    if shape == "box":
+        return np.stack([b * b + c * c, a * a + c * c, a * a + b * b], 1) / 3
+    if shape == "cylinder":
+        across = a * a / 4 + c * c / 3
+        return np.stack([across, across, a * a / 2], 1)
+    assert shape == "capsule"
+    h = c - a  # half length without the caps
+    cylinder, caps = 2 * h, 4 * a / 3  # volumes over pi a²
+    along = (cylinder * a * a / 2 + caps * 0.4 * a * a) / (cylinder + caps)
+    across = (cylinder * (a * a / 4 + h * h / 3) + caps * (0.4 * a * a + h * h + 0.75 * h * a)) / (cylinder + caps)
+    return np.stack([across, across, along], 1)
+
+
+def reach_below(obj: SceneObject) -> float:
+    """How far the body reaches below its centre, m: the support function along -z."""
+    half = half_extents(obj)
+    along = np.abs(matrix_from_quaternion(np.array(obj.orientation))[2])  # |z components| of the body's axes
+    if obj.shape == "sphere":
+        return float(half[0])
+    if obj.shape == "box":
+        return float(half @ along)
+    if obj.shape == "ellipsoid":
+        return float(np.linalg.norm(half * along))
+    across = np.sqrt(max(0.0, 1 - along[2] ** 2))
+    if obj.shape == "cylinder":
+        return float(half[0] * across + half[2] * along[2])
+    return float((half[2] - half[0]) * along[2] + half[0])  # capsule

@@ -1,0 +1,265 @@
+"""Scenes as YAML text: reading with one clear error per fault, writing in one canonical form.
+
+Format: README, "The scene language". Reading what was written gives the same scene.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from pipeline.errors import SceneError
+from pipeline.scene.scene import SIZE_KEYS, Camera, Effect, Scene, SceneObject
+
+Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+Positive = Annotated[float, Field(allow_inf_nan=False, strict=True, gt=0)]
+NonNegative = Annotated[float, Field(allow_inf_nan=False, strict=True, ge=0)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
+
+OBJECT_KEYS = (
+    "mass", "sliding_friction", "rolling_friction", "damping",
+    "position", "velocity", "angular_velocity", "orientation",
+)  # fmt: skip
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+def _no_zero_quaternion(value: list[float] | None) -> list[float] | None:
+    if value is not None and math.hypot(*value) == 0:
+        raise PydanticCustomError("quaternion", "a quaternion of length zero; valid: four numbers w, x, y, z, not all 0")
+    return value
+
+
+class _CameraText(_Strict):
+    position: Vector
+    pitch: Annotated[float, Field(strict=True, ge=-90, le=90)] | None = None
+    orientation: Quaternion | None = None
+    fov: Annotated[float, Field(strict=True, gt=0, lt=180)]
+
+    _check = field_validator("orientation")(_no_zero_quaternion)
+
+    @model_validator(mode="after")
+    def _one_direction(self) -> _CameraText:
+        if (self.pitch is None) == (self.orientation is None):
+            raise PydanticCustomError("direction", "give either pitch (deg) or orientation (quaternion w, x, y, z)")
+        return self
+
+
+class _GroundText(_Strict):
+    height: Number
+
+
+class _ObjectText(_Strict):
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")] | None = None
+    mass: Positive
+    sliding_friction: NonNegative
+    rolling_friction: NonNegative
+    damping: NonNegative
+    position: Vector
+    velocity: Vector
+    angular_velocity: Vector
+    orientation: Quaternion
+
+    _check = field_validator("orientation")(_no_zero_quaternion)
+
+
+class _Sphere(_ObjectText):
+    shape: Literal["sphere"]
+    radius: Positive
+
+
+class _Cylinder(_ObjectText):
+    shape: Literal["cylinder"]
+    radius: Positive
+    height: Positive
+
+
+class _Box(_ObjectText):
+    shape: Literal["box"]
+    width: Positive
+    depth: Positive
+    height: Positive
+
+
+class _Capsule(_ObjectText):
+    shape: Literal["capsule"]
+    radius: Positive
+    height: Positive
+
+    @model_validator(mode="after")
+    def _caps_fit(self) -> _Capsule:
+        if self.height <= 2 * self.radius:
+            raise PydanticCustomError("capsule", "a capsule's height includes its caps and must exceed twice its radius")
+        return self
+
+
+class _Ellipsoid(_ObjectText):
+    shape: Literal["ellipsoid"]
+    width: Positive
+    depth: Positive
+    height: Positive
+
+
+class _Mesh(_ObjectText):
+    shape: Literal["mesh"]
+    file: str
+    scale: Positive
+
+
+class _SceneText(_Strict):
+    camera: _CameraText | None = None
+    gravity: Number | Vector
+    ground: _GroundText | None = None
+    objects: list[Annotated[_Sphere | _Cylinder | _Box | _Capsule | _Ellipsoid | _Mesh, Field(discriminator="shape")]]
+    effects: list[dict[str, Any]] = []
+
+    @model_validator(mode="before")
+    @classmethod
+    def _none_is_said(cls, data: Any) -> Any:
+        for key, form in (("camera", "{position, pitch, fov}"), ("ground", "{height: 0.0}")):
+            if isinstance(data, dict) and key not in data:
+                message = f"{key}: missing key; valid: {form}, or null for none"
+                raise PydanticCustomError("none_unsaid", "{message}", {"message": message})
+        return data
+
+
+_SHAPE_MODELS = {m.model_fields["shape"].annotation.__args__[0]: m  # type: ignore[union-attr]
+                 for m in (_Sphere, _Cylinder, _Box, _Capsule, _Ellipsoid, _Mesh)}  # fmt: skip
+_PLACES: dict[str, type[BaseModel]] = {"": _SceneText, "camera": _CameraText, "ground": _GroundText}
+
+
+def read_scene(text: str, source: str = "scene") -> Scene:
+    """The scene that `text` describes. Raises `SceneError` naming the place (`objects[1].mass`)."""
+    try:
+        data = YAML(typ="safe", pure=True).load(text)
+    except YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f" at line {mark.line + 1}" if mark else ""
+        raise SceneError(f"{source}: not YAML{place}: {getattr(error, 'problem', error)}") from None
+    if not isinstance(data, dict):
+        raise SceneError(f"{source}: a mapping with the keys {', '.join(_SceneText.model_fields)} is expected")
+    return scene_from_dict(data, source)
+
+
+def load_scene(path: Path | str) -> Scene:
+    """`read_scene` of a file."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: cannot be read as text: {error}") from None
+    return read_scene(text, str(path))
+
+
+def scene_from_dict(data: dict[str, Any], source: str = "scene") -> Scene:
+    """The scene that parsed YAML describes. Raises `SceneError`."""
+    try:
+        parsed = _SceneText.model_validate(data)
+    except ValidationError as error:
+        raise SceneError(f"{source}: {_sentence(error, data)}") from None
+    names = [o.name or f"{o.shape}_{i}" for i, o in enumerate(parsed.objects)]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise SceneError(f"{source}: objects[{i}].name: {name!r} is taken by objects[{names.index(name)}]")
+        if name in ("world", "camera", "ground"):
+            raise SceneError(f"{source}: objects[{i}].name: {name!r} is reserved")
+    gravity = parsed.gravity if isinstance(parsed.gravity, list) else (0.0, 0.0, -parsed.gravity)
+    camera = parsed.camera
+    return Scene(
+        objects=tuple(_object(o) for o in parsed.objects),
+        camera=camera and Camera(tuple(camera.position), camera.fov, camera.pitch,
+                                 camera.orientation and tuple(camera.orientation)),
+        gravity=tuple(gravity),
+        ground=parsed.ground.height if parsed.ground else None,
+        effects=tuple(_effect(e, i, names, source) for i, e in enumerate(parsed.effects)),
+    )  # fmt: skip
+
+
+def _object(o: Any) -> SceneObject:
+    return SceneObject(
+        shape=o.shape,
+        size=tuple(getattr(o, key) for key in SIZE_KEYS[o.shape]),
+        name=o.name or "",
+        file=getattr(o, "file", None),
+        **{key: tuple(v) if isinstance(v := getattr(o, key), list) else v for key in OBJECT_KEYS},
+    )
+
+
+def _effect(entry: dict[str, Any], index: int, names: list[str], source: str) -> Effect:
+    raise SceneError(f"{source}: effects[{index}].name: unknown effect {entry.get('name')!r}; valid: none yet")
+
+
+def _sentence(error: ValidationError, data: dict[str, Any]) -> str:
+    """The first fault of `error` as one sentence that names its place and what is valid."""
+    first = error.errors()[0]
+    location = [p for p in first["loc"] if p not in _SHAPE_MODELS and p not in ("float", "constrained-float")
+                and not str(p).startswith(("list[", "function-"))]  # fmt: skip
+    place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in location).lstrip(".")
+    kind = first["type"]
+    if kind in ("extra_forbidden", "missing"):
+        parent, key = location[:-1], str(location[-1])
+        model = _model_at(parent, data)
+        valid = [k for k in model.model_fields] if model else []
+        if kind == "missing":
+            return f"{place}: missing key; needed: {', '.join(k for k in valid if k not in ('name', 'effects'))}"
+        close = difflib.get_close_matches(key, valid, 1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        owner = f" of a {data['objects'][parent[1]]['shape']}" if len(parent) == 2 and parent[0] == "objects" else ""
+        return f"{place}: unknown key{hint}; valid keys{owner}: {', '.join(valid)}"
+    if kind == "none_unsaid":
+        return first["msg"]
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        return f"{place}.shape: unknown or missing shape; valid: {', '.join(_SHAPE_MODELS)}"
+    if place == "gravity":
+        return "gravity: valid: a number (m/s², along -z) or a vector [x, y, z]"
+    return f"{place}: {first['msg']}" + (f", not {first['input']!r}" if not isinstance(first["input"], dict) else "")
+
+
+def _model_at(parent: list[Any], data: dict[str, Any]) -> type[BaseModel] | None:
+    if len(parent) == 2 and parent[0] == "objects":
+        return _SHAPE_MODELS.get(data["objects"][parent[1]].get("shape"))
+    return _PLACES.get(".".join(map(str, parent)))
+
+
+def number_text(value: float) -> str:
+    """`value` as written in a scene: the shortest text that reads back as it, never with a bare exponent."""
+    text = repr(float(value))
+    return text[:-2] if text.endswith(".0") and abs(value) >= 1e6 else text
+
+
+def _vector_text(values: tuple[float, ...]) -> str:
+    return "[" + ", ".join(number_text(v) for v in values) + "]"
+
+
+def write_scene(scene: Scene) -> str:
+    """`scene` as canonical YAML text."""
+    lines = []
+    if scene.camera is not None:
+        c = scene.camera
+        direction = (f"pitch: {number_text(c.pitch)}" if c.pitch is not None
+                     else f"orientation: {_vector_text(c.orientation)}")  # fmt: skip
+        lines.append(f"camera: {{position: {_vector_text(c.position)}, {direction}, fov: {number_text(c.fov)}}}")
+    down = scene.gravity[0] == scene.gravity[1] == 0
+    lines.append("gravity: " + (number_text(-scene.gravity[2] + 0.0) if down else _vector_text(scene.gravity)))
+    lines.append("ground: " + ("null" if scene.ground is None else f"{{height: {number_text(scene.ground)}}}"))
+    lines.append("objects:" if scene.objects else "objects: []")
+    for o in scene.objects:
+        lines.append(f"- name: {o.name}")
+        lines.append(f"  shape: {o.shape}")
+        if o.file is not None:
+            lines.append(f'  file: "{o.file}"')
+        lines += [f"  {key}: {number_text(v)}" for key, v in zip(SIZE_KEYS[o.shape], o.size, strict=True)]
+        for key in OBJECT_KEYS:
+            value = getattr(o, key)
+            lines.append(f"  {key}: {_vector_text(value) if isinstance(value, tuple) else number_text(value)}")
+    lines.append("effects: []")
+    return "\n".join(lines) + "\n"

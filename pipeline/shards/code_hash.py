@@ -1,0 +1,150 @@
+"""The code that a module stands for: itself and all of our modules that it imports, found without running it.
+
+Comments, layout and docstrings do not count, so that rewording one recomputes nothing.
+"""
+
+import ast
+import hashlib
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("pipeline", "stages", "training")
+
+PLUMBING = ("pipeline.shards", "pipeline.errors", "stages.main", "stages.params")
+"""Modules that decide when and where something is computed, not what. They are in no key and no stage's deps:
+else a new section in stages/params.py would train the model again. The exceptions are in CONTENT."""
+
+CONTENT = ("pipeline.shards.tables", "pipeline.shards.arrays", "pipeline.shards.clip_rng")
+"""Plumbing that decides bytes: in every key."""
+
+
+def function_code(function: Callable[..., Any]) -> str:
+    """The code hash of a function's module, with the plumbing that decides bytes."""
+    files = set(module_closure(_module_file(function)))
+    files |= {path for name in CONTENT if (path := _find(name, ROOT)) is not None}
+    return hash_code(files)
+
+
+def hash_code(files: Iterable[Path], root: Path = ROOT) -> str:
+    """SHA-256 over the code of `files`, by their paths relative to `root` (names alone outside of it)."""
+    digest = hashlib.sha256()
+    for path in sorted(files):
+        name = path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
+        digest.update(f"{name}\0{_code(path)}\0".encode())
+    return digest.hexdigest()
+
+
+def module_closure(
+    file: Path, root: Path = ROOT, packages: tuple[str, ...] = PACKAGES, without: tuple[str, ...] = PLUMBING
+) -> frozenset[Path]:
+    """The files that importing `file` (a module) imports from `packages` under `root`, itself included.
+
+    Imports inside functions count, those under `if TYPE_CHECKING:` do not. `without` names modules and
+    packages that are not followed.
+    """
+    file = file.resolve()
+    found, waiting = {file}, [file]
+    while waiting:
+        for name in _imported_names(waiting.pop(), root):
+            if name.split(".")[0] not in packages or _is_one_of(name, without):
+                continue
+            path = _find(name, root)
+            if path is not None and path not in found:
+                found.add(path)
+                waiting.append(path)
+    return frozenset(found)
+
+
+def has_code(file: Path) -> bool:
+    """False for a module of nothing but a docstring and comments."""
+    return bool(_stripped(file).body)
+
+
+def _module_file(function: Callable[..., Any]) -> Path:
+    file = sys.modules[function.__module__].__file__
+    assert file is not None
+    return Path(file)
+
+
+def _is_one_of(name: str, modules: tuple[str, ...]) -> bool:
+    return any(name == module or name.startswith(module + ".") for module in modules)
+
+
+def _find(name: str, root: Path) -> Path | None:
+    base = root.joinpath(*name.split("."))
+    for path in (base / "__init__.py", base.with_suffix(".py")):
+        if path.is_file():
+            return path.resolve()
+    return None
+
+
+def _imported_names(file: Path, root: Path) -> Iterator[str]:
+    """Every dotted name that `file` may import, with its parents; some are attributes and no modules."""
+    for name in _direct_imports(file, root):
+        parts = name.split(".")
+        yield from (".".join(parts[: k + 1]) for k in range(len(parts)))
+
+
+def _direct_imports(file: Path, root: Path) -> Iterator[str]:
+    for node in _walk_runtime(_parse(file)):
+        match node:
+            case ast.Import(names=names):
+                yield from (alias.name for alias in names)
+            case ast.ImportFrom(module=module, names=names, level=level):
+                base = ".".join(filter(None, (_package(file, root, level), module)))
+                yield base
+                yield from (f"{base}.{alias.name}" for alias in names if alias.name != "*")
+            case ast.Call(func=ast.Name(id="import_module") | ast.Attribute(attr="import_module"), args=[argument, *_]):
+                if isinstance(argument, ast.Constant) and isinstance(argument.value, str):
+                    yield argument.value
+
+
+def _package(file: Path, root: Path, level: int) -> str:
+    """The dotted package that `level` dots mean in `file`; empty for an absolute import."""
+    if level == 0 or not file.is_relative_to(root):
+        return ""
+    parts = file.relative_to(root).parts[:-1]
+    return ".".join(parts[: len(parts) - (level - 1)])
+
+
+def _walk_runtime(node: ast.AST) -> Iterator[ast.AST]:
+    yield node
+    if isinstance(node, ast.If) and _is_type_checking(node.test):
+        children: Iterable[ast.AST] = node.orelse
+    else:
+        children = ast.iter_child_nodes(node)
+    for child in children:
+        yield from _walk_runtime(child)
+
+
+def _is_type_checking(test: ast.expr) -> bool:
+    return (isinstance(test, ast.Name) and test.id == "TYPE_CHECKING") or (
+        isinstance(test, ast.Attribute) and test.attr == "TYPE_CHECKING"
+    )
+
+
+def _parse(file: Path) -> ast.Module:
+    return _parse_version(file, file.stat().st_mtime_ns, file.stat().st_size)
+
+
+@cache
+def _parse_version(file: Path, _mtime_ns: int, _size: int) -> ast.Module:
+    return ast.parse(file.read_bytes(), filename=str(file))
+
+
+def _stripped(file: Path) -> ast.Module:
+    """The module's tree without docstrings."""
+    tree = ast.parse(file.read_bytes(), filename=str(file))  # a fresh one: it is changed below
+    for node in ast.walk(tree):
+        match node:
+            case ast.Module() | ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
+                node.body = node.body[ast.get_docstring(node, clean=False) is not None :]
+    return tree
+
+
+def _code(file: Path) -> str:
+    return ast.dump(_stripped(file))

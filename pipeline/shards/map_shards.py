@@ -1,0 +1,185 @@
+"""Computing a stage's shards: those that the store has not, then the output folder with its manifest."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from pipeline.errors import ShardError
+from pipeline.shards.arrays import write_arrays
+from pipeline.shards.dataset import ShardedDataset, open_shards
+from pipeline.shards.executor import RANK, WORLD_SIZE, SliceFinished, make_executor
+from pipeline.shards.keys import common_parts, shard_key
+from pipeline.shards.manifest import ARRAYS, Manifest, total_notes
+from pipeline.shards.opened_shard import OpenShard
+from pipeline.shards.output_folder import FilledShard, check_replaceable, write_output
+from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.store import Store, StoredShard, default_store
+from pipeline.shards.tables import write_table
+
+Compute = Callable[[Shard, Sequence[OpenShard], Mapping[str, Any]], ShardResult]
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One shard to compute, as it travels to a worker."""
+
+    shard: Shard
+    key: str
+    inputs: tuple[OpenShard, ...]
+    input_hashes: Mapping[str, str]
+    compute: Compute
+    parameters: Mapping[str, Any]
+    parts: Mapping[str, Any]
+    store: Path
+
+    def __str__(self) -> str:
+        return str(self.shard)
+
+
+def map_shards(
+    stage: str,
+    suite: str,
+    output_dir: Path | str,
+    compute: Compute,
+    *,
+    parameters: Mapping[str, Any],
+    clips: int | None = None,
+    shard_size: int | None = None,
+    inputs: Sequence[Path | str] = (),
+    files: Mapping[str, Path] | None = None,
+    versions: Sequence[str] = (),
+    executor: str = "local",
+    workers: int | None = None,
+    threads: int = 1,
+    store: Store | None = None,
+) -> Manifest:
+    """Compute a stage's shards, or take them from the store, and write them with their manifest to `output_dir`.
+
+    compute: a function of a module, pure: (shard, its input shards, parameters) -> ShardResult. What it gives
+        for a clip must depend on that clip alone, so that it is the same whatever the shard size.
+    clips, shard_size: shard k has the clips k·shard_size to (k+1)·shard_size - 1, the last one what is left.
+        With inputs both may be left out (all clips; the inputs' own shards); fewer clips, or a smaller
+        shard_size of which the inputs' is a multiple, may be given.
+    inputs: output folders of other stages, which `compute` gets as views of the shard's clips, checked by hash.
+    parameters: plain values, all that `compute` needs; in the key. So is the content of `files` (checkpoints;
+        their paths go into `parameters` only if they matter, or to `compute` through the file's own place).
+    versions: names of installed distributions whose versions are in the key.
+    executor, workers, threads: who computes; never in a key. `threads` numeric threads per worker.
+
+    Prints one line of outcome. Raises ShardError where inputs are missing, damaged or cut differently,
+    OutputError where the store or the output folder cannot be written to.
+    """
+    started = time.monotonic()
+    output_dir = Path(output_dir)
+    store = store or default_store()
+    datasets = [open_shards(folder) for folder in inputs]
+    shards = _cut(stage, suite, clips, shard_size, datasets)
+    common = common_parts(compute, parameters, versions, files or {})
+    tasks = [_task(shard, datasets, compute, parameters, common, store) for shard in shards]
+
+    check_replaceable(output_dir)
+    who = make_executor(executor, workers, threads)
+    mine = who.share(tasks)
+    stored = {task.key: found for task in mine if (found := store.lookup(task.key)) is not None}
+    missing = [task for task in mine if task.key not in stored]
+    if missing:
+        store.check_writable()
+    with tqdm(total=len(mine), initial=len(stored), desc=f"{stage} {suite}", unit="shard", disable=None) as progress:
+        for done in who.map(_compute_task, missing):
+            stored[done.key] = done
+            progress.update()
+
+    computed, reused = len(missing), len(mine) - len(missing)
+    outcome = f"{stage} {suite}: {_plural(len(mine), 'shard')}, {computed} computed, {reused} from the store, "
+    outcome += f"{_plural(sum(len(task.shard) for task in mine), 'clip')}, {time.monotonic() - started:.1f} s"
+    notes = total_notes(stored[task.key].notes for task in mine)
+    outcome += "; " * bool(notes) + ", ".join(f"{name} {value:g}" for name, value in notes.items())
+    if not who.collects:
+        raise SliceFinished(
+            f"{outcome}. The shards are in {store.folder}; when all ranks are done, a last call without {RANK} and "
+            f"{WORLD_SIZE} collects them in {output_dir}"
+        )
+    filled = [FilledShard(task.shard, task.input_hashes, stored[task.key]) for task in tasks]
+    manifest = write_output(output_dir, stage, suite, filled, common)
+    print(outcome, flush=True)
+    return manifest
+
+
+def _cut(
+    stage: str, suite: str, clips: int | None, shard_size: int | None, datasets: Sequence[ShardedDataset]
+) -> list[Shard]:
+    """The shards of a run. Raises ShardError where the inputs' clips or boundaries do not allow it."""
+    available = min((len(dataset) for dataset in datasets), default=None)
+    if clips is None:
+        if available is None:
+            raise TypeError("give `clips` where there are no inputs")
+        if any(len(dataset) != available for dataset in datasets):
+            counts = ", ".join(f"{dataset.folder} has {len(dataset)}" for dataset in datasets)
+            raise ShardError(f"{stage} {suite}: the inputs have different numbers of clips: {counts}; run `dvc repro`")
+        clips = available
+    if available is not None and clips > available:
+        names = ", ".join(str(dataset.folder) for dataset in datasets)
+        raise ShardError(f"{stage} {suite}: {clips} clips are wanted, the inputs ({names}) have {available}")
+    if shard_size is None:
+        if not datasets:
+            raise TypeError("give `shard_size` where there are no inputs")
+        starts = [shard.start for shard in datasets[0].shards if shard.start < clips]
+    else:
+        starts = list(range(0, clips, shard_size))
+    stops = [*starts[1:], clips] if starts else []
+    shards = [Shard(stage, suite, start, stop) for start, stop in zip(starts, stops, strict=True)]
+    for shard in shards:
+        for dataset in datasets:
+            if shard.stop > dataset[shard.start].shard.stop:
+                raise ShardError(
+                    f"{shard}: these clips are in more than one shard of {dataset.folder} ({_size(dataset)} clips a "
+                    f"shard); a stage's shards must each lie in one shard of every input. The inputs: "
+                    + ", ".join(f"{other.folder} ({_size(other)} a shard)" for other in datasets)
+                    + "; give them one shard_size, or this stage one that divides theirs"
+                )
+    return shards
+
+
+def _task(
+    shard: Shard,
+    datasets: Sequence[ShardedDataset],
+    compute: Compute,
+    parameters: Mapping[str, Any],
+    common: Mapping[str, Any],
+    store: Store,
+) -> _Task:
+    whole = [dataset[shard.start].shard for dataset in datasets]
+    names = [f"{dataset.manifest.stage}/{dataset.manifest.suite}" for dataset in datasets]
+    hashes = {name: part.entry.content for name, part in zip(names, whole, strict=True)}
+    assert len(hashes) == len(whole), f"{shard}: an input is given twice"
+    views = tuple(part.narrowed(shard.start, shard.stop) for part in whole)
+    key = shard_key(shard, hashes, common)
+    return _Task(shard, key, views, hashes, compute, parameters, common, store.folder)
+
+
+def _compute_task(task: _Task) -> StoredShard:
+    """Compute one shard and commit it to the store; runs in a worker."""
+    for opened in task.inputs:
+        opened.verify()  # else damaged input would be kept under the key of sound input
+    result = task.compute(task.shard, task.inputs, task.parameters)
+    result.check(task.shard)
+
+    def write(folder: Path) -> None:
+        for name, table in result.tables.items():
+            write_table(table, folder / f"{name}.parquet")
+        if result.arrays:
+            write_arrays(result.arrays, folder / ARRAYS)
+
+    return Store(task.store).commit(task.key, write, result.notes, {**task.parts, "shard": str(task.shard)})
+
+
+def _size(dataset: ShardedDataset) -> int:
+    return max((len(shard) for shard in dataset.shards), default=0)
+
+
+def _plural(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

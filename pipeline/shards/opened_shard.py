@@ -1,0 +1,124 @@
+"""A shard opened for reading: all clips of it, or a run of them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pyarrow as pa
+
+from pipeline.errors import ShardError
+from pipeline.shards.arrays import ArrayGroup, ShardArray, open_arrays
+from pipeline.shards.content_hash import hash_file
+from pipeline.shards.manifest import ARRAYS, ShardEntry, how_to_mend, placed_name
+from pipeline.shards.shard import MAIN_TABLE
+from pipeline.shards.tables import CLIP_COLUMN, read_table
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class OpenShard:
+    """A view of the clips `start` to `stop - 1` of one shard of a folder. Nothing is read before it is asked for.
+
+    Files that are missing or damaged raise ShardError, which names the file and what to run.
+    """
+
+    folder: Path
+    entry: ShardEntry
+    tables: tuple[str, ...]
+    arrays: tuple[str, ...]
+    start: int
+    stop: int
+
+    @property
+    def clips(self) -> range:
+        return range(self.start, self.stop)
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    def table(self, name: str = MAIN_TABLE) -> pa.Table:
+        """The rows of these clips."""
+        return self._rows_between(name, self.start, self.stop)
+
+    def rows(self, clip: int, name: str = MAIN_TABLE) -> list[dict[str, Any]]:
+        """The rows of one clip."""
+        self._check_clip(clip)
+        return self._rows_between(name, clip, clip + 1).to_pylist()
+
+    def row(self, clip: int, name: str = MAIN_TABLE) -> dict[str, Any]:
+        """The one row of a clip. Raises ShardError where there is not exactly one."""
+        rows = self.rows(clip, name)
+        if len(rows) != 1:
+            raise ShardError(f"{self.table_path(name)}: clip {clip} has {len(rows)} rows, not 1")
+        return rows[0]
+
+    def array(self, clip: int, name: str) -> np.ndarray:
+        """One clip's array; the others are not read."""
+        self._check_clip(clip)
+        path = self.array_path(name)
+        return self._guarded(path, lambda: self._array(name)[clip - self.entry.start])
+
+    def stacked(self, name: str) -> np.ndarray:
+        """The arrays of all these clips, (clips, ...)."""
+        path, first = self.array_path(name), self.entry.start
+        return self._guarded(path, lambda: self._array(name).slice(self.start - first, self.stop - first))
+
+    def narrowed(self, start: int, stop: int) -> "OpenShard":
+        """A view of fewer of its clips."""
+        assert self.start <= start <= stop <= self.stop
+        return OpenShard(self.folder, self.entry, self.tables, self.arrays, start, stop)
+
+    def verify(self) -> None:
+        """Hash every file. Raises ShardError for one that is missing or not what the manifest says."""
+        for name, expected in self.entry.files.items():
+            path = self.folder / name
+            if self._guarded(path, partial(hash_file, path)) != expected:
+                raise ShardError(f"{path} is damaged (its hash is not the manifest's); {how_to_mend(self.folder)}")
+
+    def table_path(self, name: str = MAIN_TABLE) -> Path:
+        if name not in self.tables:
+            raise ShardError(f"{self.folder} has no table `{name}`; it has {list(self.tables)}")
+        return self.folder / placed_name(f"{name}.parquet", self.entry.name)
+
+    def array_path(self, name: str) -> Path:
+        if name not in self.arrays:
+            raise ShardError(f"{self.folder} has no array `{name}`; it has {list(self.arrays)}")
+        return self.folder / placed_name(f"{ARRAYS}/{name}", self.entry.name)
+
+    def _rows_between(self, name: str, start: int, stop: int) -> pa.Table:
+        path = self.table_path(name)
+        table, clips = self._guarded(path, lambda: _table_and_clips(path, path.stat().st_mtime_ns))
+        first, last = np.searchsorted(clips, (start, stop))
+        return table.slice(first, last - first)
+
+    def _array(self, name: str) -> ShardArray:
+        for file in self.entry.files:
+            if file.startswith(placed_name(f"{ARRAYS}/{name}/", self.entry.name)):
+                (self.folder / file).stat()  # where a file is missing, Zarr reads zeros
+        return self._group[name]
+
+    @cached_property
+    def _group(self) -> ArrayGroup:
+        return open_arrays(self.folder / f"{self.entry.name}.zarr")
+
+    def _check_clip(self, clip: int) -> None:
+        if clip not in self.clips:
+            here = f"{self.entry.name} of {self.folder} ({self.start} to {self.stop - 1})"
+            raise IndexError(f"clip {clip} is not in {here}")
+
+    def _guarded(self, path: Path, read: Callable[[], T]) -> T:
+        try:
+            return read()
+        except (OSError, ValueError, RuntimeError, KeyError) as error:  # what pyarrow, zarr and numcodecs raise
+            state = "damaged" if path.exists() else "missing"
+            raise ShardError(f"{path} is {state} ({error}); {how_to_mend(self.folder)}") from error
+
+
+@lru_cache(maxsize=8)
+def _table_and_clips(path: Path, _mtime_ns: int) -> tuple[pa.Table, np.ndarray]:
+    table = read_table(path)
+    return table, table.column(CLIP_COLUMN).to_numpy()

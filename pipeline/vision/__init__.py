@@ -1,0 +1,1 @@
+"""What a camera sees: masks, depth, exact flow and RGB of a scene, measured flow, and video files."""

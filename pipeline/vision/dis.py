@@ -1,0 +1,49 @@
+"""OpenCV's dense inverse search (Kroeger et al., ECCV 2016) as a flow of the same shape as RAFT's."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from pipeline.vision.raft import check_frames
+
+PRESETS = {
+    "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
+    "fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
+    "medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
+}
+
+
+class DIS:
+    """Dense inverse search with one of OpenCV's PRESETS. It works on the frames' luminance."""
+
+    def __init__(self, preset: str = "medium") -> None:
+        if preset not in PRESETS:
+            raise ValueError(f"no preset {preset!r} of DIS: {', '.join(PRESETS)}")
+        self.preset = preset
+
+    def flow(
+        self,
+        frames_a: np.ndarray,
+        frames_b: np.ndarray,
+        iterations: int | None = None,
+        size: tuple[int, int] | None = None,
+        batch: int = 8,
+    ) -> np.ndarray:
+        """Flow of each pair, (B, H, W, 2) float32, px of the frames given, x right and y down.
+
+        frames_a, frames_b: (B, H, W, 3) uint8 RGB. size: (width, height) in px at which it works; None: the frames'
+        own. `iterations` and `batch` are RAFT's and change nothing here: the preset fixes its iterations.
+        """
+        count, height, width = check_frames(frames_a, frames_b)
+        search = cv2.DISOpticalFlow_create(PRESETS[self.preset])
+        out = np.empty((count, height, width, 2), np.float32)
+        for i in range(count):
+            a, b = (cv2.cvtColor(f[i], cv2.COLOR_RGB2GRAY) for f in (frames_a, frames_b))
+            if size is not None:
+                a, b = (cv2.resize(x, size, interpolation=cv2.INTER_AREA) for x in (a, b))
+            flow = search.calc(a, b, None)
+            if size is not None:
+                flow = cv2.resize(flow, (width, height)) * np.float32([width / size[0], height / size[1]])
+            out[i] = flow
+        return out

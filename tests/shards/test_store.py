@@ -1,0 +1,192 @@
+"""Laws of the store: complete or not there, sound or not used."""
+
+import errno
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import toy_stage
+from toy_stage import make
+
+from pipeline.errors import OutputError
+from pipeline.shards import output_folder
+from pipeline.shards.code_hash import ROOT
+from pipeline.shards.content_hash import hash_files
+from pipeline.shards.prune import main as prune_main
+from pipeline.shards.prune import prune
+from pipeline.shards.store import Store, default_store
+
+KEY = "ab" * 32
+
+
+def put(text: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / "clips.parquet").write_text(text) and None
+
+
+def files_under(folder: Path) -> list[str]:
+    return [path.name for path in folder.rglob("*") if path.is_file()]
+
+
+def test_what_was_committed_is_found_again(tmp_path: Path) -> None:
+    committed = Store(tmp_path).commit(KEY, put("rows"), {"rejected": 2}, {"parameters": {}})
+    assert Store(tmp_path).lookup(KEY) == committed
+    assert Store(tmp_path).lookup("cd" * 32) is None
+
+
+def test_the_same_shard_committed_twice_is_there_once(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    first, second = (store.commit(KEY, put("rows"), {}, {}) for _ in range(2))
+    assert first == second == store.lookup(KEY)
+    assert len(list(store.shards())) == 1
+    assert not list((tmp_path / "tmp").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (lambda folder: (folder / "clips.parquet").unlink(), "clips.parquet is missing"),
+        (lambda folder: (folder / "stray").touch(), "stray does not belong there"),
+        (lambda folder: os.truncate(folder / "clips.parquet", 1), "the bytes of clips.parquet are not those"),
+        (lambda folder: (folder / "shard.json").write_text("{"), "shard.json cannot be read"),
+        (lambda folder: (folder / "shard.json").unlink(), "shard.json cannot be read"),
+        (
+            lambda folder: (folder / "shard.json").write_text(
+                (folder / "shard.json").read_text().replace('"rejected": 2', '"rejected": 3')
+            ),
+            "shard.json was changed",
+        ),
+    ],
+)
+def test_a_damaged_shard_is_named_and_removed(tmp_path: Path, damage: Callable[[Path], None], told: str) -> None:
+    store, warnings = Store(tmp_path), list[str]()
+    folder = store.commit(KEY, put("rows"), {"rejected": 2}, {}).folder
+    for path in folder.iterdir():
+        path.chmod(0o644)
+    damage(folder)
+    assert store.lookup(KEY, warnings.append) is None
+    assert len(warnings) == 1
+    assert str(folder) in warnings[0]
+    assert told in warnings[0]
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize(
+    ("code", "told"),
+    [(errno.ENOSPC, "no space is left"), (errno.EROFS, "read-only"), (errno.EACCES, "not permitted")],
+)
+def test_what_the_system_refuses_is_an_output_error_and_leaves_nothing(tmp_path: Path, code: int, told: str) -> None:
+    def write_half(folder: Path) -> None:
+        (folder / "clips.parquet").write_text("half")
+        raise OSError(code, os.strerror(code))
+
+    with pytest.raises(OutputError, match=f"cannot write to {tmp_path}: .*{told}"):
+        Store(tmp_path).commit(KEY, write_half, {}, {})
+    assert files_under(tmp_path) == []
+
+
+def test_a_disk_that_fills_while_placing_leaves_the_output_that_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make(tmp_path, clips=8)
+    before = hash_files(tmp_path / "drop")
+
+    def full(source: Path, target: Path) -> None:
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr(output_folder, "place", full)
+    with pytest.raises(OutputError, match=r"cannot write to .*train: no space is left on the disk"):
+        make(tmp_path, clips=12)
+    assert hash_files(tmp_path / "drop") == before
+
+
+def run_toy(root: Path, setup: str) -> subprocess.CompletedProcess[str]:
+    """The toy stage in a process in which it was run once elsewhere, and then `setup`."""
+    environment = {
+        **os.environ,
+        "PYTHONPATH": f"{ROOT}:{Path(toy_stage.__file__).parent}",
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    program = f"""
+import os, resource, tempfile
+from pathlib import Path
+from stages.main import run
+from toy_stage import make
+with tempfile.TemporaryDirectory() as elsewhere:
+    make(Path(elsewhere), clips=4)
+{setup}
+run(lambda: make(Path({str(root)!r}), clips=4) and None, [])
+"""
+    return subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, cwd="/")
+
+
+def test_a_file_larger_than_allowed_is_one_error_with_exit_code_2(tmp_path: Path) -> None:
+    done = run_toy(tmp_path, "resource.setrlimit(resource.RLIMIT_FSIZE, (700, 700))")
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith(f"error: cannot write to {tmp_path}/store: the file would be larger")
+    assert done.stderr.count("\n") == 1
+    assert files_under(tmp_path) == []
+
+
+@pytest.fixture
+def everyones_folder() -> Iterator[Path]:
+    """A folder that other users may enter, which pytest's are not."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        yield Path(folder)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may become another user")
+@pytest.mark.parametrize("place", ["store", "drop"])
+def test_a_folder_one_may_not_write_to_is_one_error_with_exit_code_2(everyones_folder: Path, place: str) -> None:
+    nobody = 65534
+    root = everyones_folder / "root"
+    root.mkdir()
+    os.chown(root, nobody, nobody)
+    (root / place).mkdir(mode=0o555)
+    done = run_toy(root, f"os.setegid({nobody}); os.seteuid({nobody})")
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith(f"error: cannot write to {root / place}")
+    assert done.stderr.rstrip().endswith("writing is not permitted")
+    assert files_under(root / place) == []
+
+
+def test_the_store_s_place_is_the_environment_s_or_the_repository_s(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "dvc.yaml").touch()
+    monkeypatch.chdir(tmp_path / "a" / "b")
+    monkeypatch.delenv("DYNAMICS_STORE", raising=False)
+    assert default_store().folder == tmp_path / ".shards"
+    monkeypatch.setenv("DYNAMICS_STORE", str(tmp_path / "elsewhere"))
+    assert default_store().folder == tmp_path / "elsewhere"
+
+
+def test_pruning_by_days_keeps_what_was_used_lately(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    old, new = (store.commit(key * 32, put("rows"), {}, {}) for key in ("ab", "cd"))
+    os.utime(old.folder, (0, 0))
+    result = prune(store, keep_days=30)
+    assert (result.removed, result.kept) == (1, 1)
+    assert list(store.shards()) == [new.folder]
+
+
+def test_pruning_by_size_keeps_the_last_used_that_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store = Store(tmp_path)
+    shards = [store.commit(key * 32, put("x" * 1000), {}, {}) for key in ("ab", "cd", "ef")]
+    for age, shard in enumerate(shards):
+        os.utime(shard.folder, (1000 - age, 1000 - age))
+    assert prune_main(["--keep-gib", str(3000 / 2**30), "--store", str(tmp_path)]) == 0
+    assert list(store.shards()) == [shards[0].folder, shards[1].folder]
+    assert "1 shards removed" in capsys.readouterr().out
+
+
+def test_a_use_counts_for_pruning(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    os.utime(store.commit(KEY, put("rows"), {}, {}).folder, (0, 0))
+    store.lookup(KEY)
+    assert prune(store, keep_days=30).kept == 1

@@ -1,0 +1,198 @@
+"""Trains RAFT-small, with learned upsampling, from scratch on rendered pairs with exact flow.
+
+    python -m training.raft --minutes 100                          # one CPU core and one generator process
+    python -m training.raft --minutes 60 --device cuda --batch 64 --workers 14
+    python -m training.raft --export models/raft-small             # write the last checkpoint, train nothing
+
+It reads nothing: pairs are made on the fly (`training/flow_pairs.py`). Into --out go `checkpoint.pt` (every few
+minutes, replaced at once; a run that finds one goes on from it) and `log.csv` (error on 200 held-out pairs beside
+OpenCV DIS's). At the end, or by --export, it writes `model.safetensors`, `config.json` and a model card.
+The learning rate follows the clock: a one-cycle over --minutes of training, resumed runs included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from pipeline.vision.dis import DIS
+from pipeline.vision.raft import RAFT, sequence_loss
+from training.flow_scores import held_out, score
+from training.pair_stream import RENDER_SIZE, Batch, PairStream, Phase
+from training.raft_card import write_card
+
+HELD_OUT_SEED = 20_261_121  # of the pairs that the log is about; training uses others
+HELD_OUT_ITERATIONS = 8
+LONGEST_PX = 60.0  # flows longer than this teach nothing
+WARM_UP = 0.04  # share of the training
+WEIGHT_DECAY = 1e-4
+CLIP = 1.0
+
+
+@dataclass
+class Progress:
+    """How far a training has come: seconds of training, steps and pairs, over all its runs."""
+
+    seconds: float = 0.0
+    steps: int = 0
+    pairs: int = 0
+
+
+def one_cycle(progress: float) -> float:
+    """Factor of the learning rate at a share of the training: linear up, then half a cosine down."""
+    if progress < WARM_UP:
+        return 0.02 + 0.98 * progress / WARM_UP
+    return 0.5 * (1 + math.cos(math.pi * min(1.0, (progress - WARM_UP) / (1 - WARM_UP)))) + 1e-3
+
+
+def train_step(
+    model: RAFT, optimiser: torch.optim.Optimizer, batch: Batch, iterations: int, foreground_weight: float
+) -> float:
+    """One step on a batch; the loss, px."""
+    device = next(model.parameters()).device
+    a, b = (torch.from_numpy(f).to(device).permute(0, 3, 1, 2).float() for f in (batch.frames_a, batch.frames_b))
+    truth = torch.from_numpy(batch.flow_px).to(device).permute(0, 3, 1, 2)
+    foreground = torch.from_numpy(batch.foreground).to(device)
+    weight = (1 + foreground_weight * foreground.float()) * (truth.norm(dim=1) < LONGEST_PX)
+    loss = sequence_loss(model(a, b, iterations), truth, weight)
+    optimiser.zero_grad(set_to_none=True)
+    loss.backward()
+    norm = torch.nn.utils.clip_grad_norm_(model.parameters(), CLIP)
+    if torch.isfinite(norm):
+        optimiser.step()
+    return float(loss.detach())
+
+
+def save_checkpoint(path: Path, model: RAFT, optimiser: torch.optim.Optimizer, progress: Progress) -> None:
+    state = {"model": model.state_dict(), "optimiser": optimiser.state_dict(), "progress": vars(progress)}
+    temporary = path.with_suffix(".part")
+    torch.save(state, temporary)
+    temporary.replace(path)
+
+
+def append_row(path: Path, row: dict[str, float | int]) -> None:
+    new = not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(row))
+        if new:
+            writer.writeheader()
+        writer.writerow(row)
+
+
+def train(arguments: argparse.Namespace) -> RAFT:
+    torch.set_num_threads(arguments.threads)
+    torch.manual_seed(arguments.seed)
+    out: Path = arguments.out
+    out.mkdir(parents=True, exist_ok=True)
+    model = RAFT("small", convex_upsampling=True).to(arguments.device)
+    optimiser = torch.optim.AdamW(model.parameters(), lr=arguments.rate, weight_decay=WEIGHT_DECAY)
+    progress = Progress()
+    checkpoint = out / "checkpoint.pt"
+    if checkpoint.exists() and arguments.resume:
+        state = torch.load(checkpoint, map_location=arguments.device, weights_only=True)
+        model.load_state_dict(state["model"])
+        optimiser.load_state_dict(state["optimiser"])
+        progress = Progress(**state["progress"])
+        print(f"resumed at {progress.seconds / 60:.1f} min, step {progress.steps}", flush=True)
+    total = arguments.minutes * 60
+    phases = (
+        Phase(0.0, (96, 64), arguments.batch),
+        Phase(0.3, (128, 96), arguments.batch),
+        Phase(0.85, RENDER_SIZE, max(2, arguments.batch // 2)),
+    )
+    stream = PairStream(arguments.seed, progress.steps, phases, arguments.workers, arguments.mujoco_share)
+    stream.advance(progress.seconds / total)
+    validation = held_out(HELD_OUT_SEED)
+    dis = score(DIS("medium"), validation, HELD_OUT_ITERATIONS)
+    print(f"held-out pairs, DIS medium: foreground {dis.foreground:.3f} px, all {dis.frame:.3f} px", flush=True)
+    losses: list[float] = []
+    last = saved = validated = time.monotonic()
+    model.train()
+    for batch in stream:
+        share = progress.seconds / total
+        for group in optimiser.param_groups:
+            group["lr"] = arguments.rate * one_cycle(share)
+        losses.append(train_step(model, optimiser, batch, arguments.iterations, arguments.foreground_weight))
+        now = time.monotonic()
+        progress.seconds += now - last
+        last = now
+        progress.steps += 1
+        progress.pairs += len(batch.frames_a)
+        stream.advance(progress.seconds / total)
+        done = progress.seconds >= total
+        if done or now - saved > arguments.save_minutes * 60:
+            save_checkpoint(checkpoint, model, optimiser, progress)
+            saved = now
+        if done or now - validated > arguments.validate_minutes * 60:
+            raft = score(model, validation, HELD_OUT_ITERATIONS)
+            model.train()
+            row = {
+                "minutes": round(progress.seconds / 60, 2),
+                "step": progress.steps,
+                "pairs": progress.pairs,
+                "rate": f"{optimiser.param_groups[0]['lr']:.2e}",
+                "loss": round(float(np.mean(losses)), 4),
+                "raft_foreground_epe": round(raft.foreground, 4),
+                "dis_foreground_epe": round(dis.foreground, 4),
+                "raft_epe": round(raft.frame, 4),
+                "dis_epe": round(dis.frame, 4),
+            }
+            append_row(out / "log.csv", row)
+            print(" ".join(f"{k} {v}" for k, v in row.items()), flush=True)
+            losses.clear()
+            validated = last = time.monotonic()
+        if done:
+            break
+    stream.close()
+    return model
+
+
+def export(model: RAFT, folder: Path, log: Path) -> None:
+    """Write the weights and the model card with the errors measured now."""
+    model.eval().to("cpu")
+    model.save(folder)
+    write_card(folder, model, log)
+    print(f"wrote {folder}", flush=True)
+
+
+def parse() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=100, help="of training in all; the learning rate's clock")
+    parser.add_argument("--out", type=Path, default=Path(".train/raft"), help="checkpoints and log")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda")
+    parser.add_argument("--threads", type=int, default=1, help="of torch on the CPU")
+    parser.add_argument("--workers", type=int, default=1, help="processes that make pairs")
+    parser.add_argument("--batch", type=int, default=8, help="pairs a step (half as many in the last fifth)")
+    parser.add_argument("--iterations", type=int, default=4, help="of the recurrence in training")
+    parser.add_argument("--rate", type=float, default=6e-4, help="highest learning rate")
+    parser.add_argument("--foreground-weight", type=float, default=4.0, help="extra weight of moving bodies' pixels")
+    parser.add_argument("--mujoco-share", type=float, default=0.03, help="of pairs that MuJoCo renders where it can (30 times slower; the pictures are alike)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--save-minutes", type=float, default=3)
+    parser.add_argument("--validate-minutes", type=float, default=8)
+    parser.add_argument("--resume", action=argparse.BooleanOptionalAction, default=True, help="go on from --out")
+    parser.add_argument("--weights", type=Path, default=Path("models/raft-small"), help="where the end is written")
+    parser.add_argument("--export", type=Path, help="write the last checkpoint to this folder and stop")
+    return parser.parse_args()
+
+
+def main() -> None:
+    arguments = parse()
+    if arguments.export is None:
+        model = train(arguments)
+    else:
+        torch.set_num_threads(arguments.threads)
+        model = RAFT("small", convex_upsampling=True)
+        model.load_state_dict(torch.load(arguments.out / "checkpoint.pt", weights_only=True)["model"])
+    export(model, arguments.export or arguments.weights, arguments.out / "log.csv")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,241 @@
+"""Train the tiny model on clips made on the way: sample, simulate, exact flow with noise, events, tokens.
+
+    python -m training.tiny --minutes 90 --out models/tiny
+
+Generator processes stream clips into a pool from which batches are drawn; a clip is drawn a few times before a
+newer one takes its place. Stops at --minutes, with a learning rate that falls to nothing then; writes a checkpoint
+every few minutes and goes on from the last one. `log.csv` in --work has the losses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import queue
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import multiprocessing
+
+from pipeline.clips.draw import Filters, draw_clips
+from pipeline.clips.schedule import Schedule
+from pipeline.clips.view import areas_px, frame_masks, pair_view, trace_pairs
+from pipeline.language.codec import Codec, Tokens
+from pipeline.language.completion import write_completion
+from pipeline.language.events import Thresholds, find_events
+from pipeline.language.tokenizer import build_tokenizer
+from pipeline.model.base import Base
+from pipeline.model.loss import batch_loss, make_batch
+from pipeline.model.patches import PatchLayout
+from pipeline.model.tiny import TinySize, build_tiny
+from pipeline.physics.simulate import simulate
+from pipeline.scene.sample import Distribution
+from pipeline.scene.scene import BASIC_SHAPES
+from pipeline.shards.clip_rng import clip_rng
+from pipeline.vision.flow_noise import FlowNoise, noisy_flow
+from pipeline.vision.flow_picture import flow_picture, scaled_max_px
+from stages.params import PARAMS_FILE, Params
+from stages.params_file import read_params_file
+
+LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
+SUITE = "tiny-training"
+CHUNK = 16  # clips drawn together
+
+
+@dataclass(frozen=True)
+class Example:
+    """A clip's tokens and its pictures (T, H, W, 3) uint8."""
+
+    tokens: Tokens
+    picture: np.ndarray
+
+
+def make_examples(params: Params, codec: Codec, suite: str, indices: range, reasoning: bool) -> list[Example]:
+    """Training examples of the given clip indices."""
+    schedule = Schedule(**params.clip.model_dump())
+    distribution = Distribution(**params.sample.distribution.model_dump())
+    filters = Filters(**params.sample.filters.model_dump())
+    thresholds = Thresholds(**params.events.model_dump(), visible_px=filters.visible_px)
+    train = params.suites.train
+    drawn = draw_clips(params.seed, suite, indices, distribution, filters, schedule, train.objects, (), train.without)
+    examples = []
+    for index, scene in zip(indices, drawn.scenes, strict=True):
+        rng = clip_rng(params.seed, suite, index, "flow noise")
+        trace = simulate(scene, schedule.seconds)
+        areas = areas_px(frame_masks(scene, trace, schedule, 120, 80), len(scene.objects))
+        events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds) if reasoning else None
+        view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)
+        flow = noisy_flow(rng, view.flow, view.mask, FlowNoise())
+        picture = flow_picture(flow, params.flow.picture, scaled_max_px(LAYOUT.width, 1 / schedule.fps))
+        tokens = codec.encode(write_completion(scene, events, schedule.seconds), reasoning, schedule.seconds)
+        examples.append(Example(tokens, picture))
+    return examples
+
+
+def generate(params: Params, first: int, stride: int, out: multiprocessing.Queue) -> None:
+    """Endlessly make chunks number first, first + stride, …; a quarter of them without reasoning."""
+    torch.set_num_threads(1)
+    codec = Codec(build_tokenizer(), LAYOUT.tokens)
+    chunk = first
+    while True:
+        indices = range(chunk * CHUNK, (chunk + 1) * CHUNK)
+        out.put((chunk, make_examples(params, codec, SUITE, indices, reasoning=chunk % 4 != 3)))
+        chunk += stride
+
+
+@dataclass
+class Pool:
+    """The latest clips, from which batches are drawn: `reuse` draws a clip on average."""
+
+    capacity: int
+    reuse: float
+    source: multiprocessing.Queue
+    examples: list[Example]
+    drawn: float = 0.0
+    received: int = 0
+    last_chunk: int = -1
+
+    def fill(self, least: int) -> None:
+        """Take what has arrived; wait only for the first `least` examples or where draws run ahead of arrivals."""
+        while True:
+            wait = len(self.examples) < least or self.drawn > self.reuse * self.received
+            try:
+                chunk, examples = self.source.get(block=wait, timeout=600 if wait else None)
+            except queue.Empty:
+                return
+            self.last_chunk = max(self.last_chunk, chunk)
+            for example in examples:
+                if len(self.examples) < self.capacity:
+                    self.examples.append(example)
+                else:
+                    self.examples[self.received % self.capacity] = example
+                self.received += 1
+
+    def draw(self, rng: np.random.Generator, count: int) -> list[Example]:
+        self.drawn += count
+        return [self.examples[i] for i in rng.integers(len(self.examples), size=count)]
+
+
+@torch.no_grad()
+def validate(base: Base, examples: list[Example], batch_size: int) -> dict[str, float]:
+    """Mean loss of free tokens, and of the shapes and numbers among them, nats."""
+    base.model.eval()
+    shape_ids = [base.tokenizer.convert_tokens_to_ids(s) for s in BASIC_SHAPES]
+    sums = {"loss": [0.0, 0], "shape_loss": [0.0, 0], "number_loss": [0.0, 0]}
+    for start in range(0, len(examples), batch_size):
+        chosen = examples[start : start + batch_size]
+        batch = make_batch(base, [e.tokens for e in chosen], np.stack([e.picture for e in chosen]))
+        each = batch_loss(base, batch)[1].float().cpu()
+        prompt = len(base.codec.prompt_ids)
+        labels = batch.labels[:, prompt:]
+        numeric = torch.zeros_like(labels, dtype=torch.bool)
+        for i, e in enumerate(chosen):
+            numeric[i, : len(e.tokens.ids) - prompt] = torch.as_tensor(e.tokens.numeric[prompt:])
+        shapes = torch.isin(labels, torch.tensor(shape_ids))
+        for key, which in (("loss", labels != -100), ("shape_loss", shapes), ("number_loss", numeric)):
+            sums[key][0] += float(each[which].sum())
+            sums[key][1] += int(which.sum())
+    base.model.train()
+    return {key: total / max(count, 1) for key, (total, count) in sums.items()}
+
+
+def learning_rate(peak: float, step: int, done: float) -> float:
+    """Linear warm-up over 100 steps, then a half cosine down to 2 % over the share `done` of the time."""
+    return peak * min(1.0, (step + 1) / 100) * (0.02 + 0.98 * (1 + np.cos(np.pi * min(done, 1.0))) / 2)
+
+
+def save_checkpoint(path: Path, base: Base, optimizer: torch.optim.Optimizer, state: dict) -> None:
+    temporary = path.with_suffix(".tmp")
+    torch.save({"model": base.model.state_dict(), "optimizer": optimizer.state_dict(), **state}, temporary)
+    os.replace(temporary, path)
+
+
+def train(args: argparse.Namespace) -> None:
+    params = read_params_file(PARAMS_FILE, Params)
+    torch.set_num_threads(args.threads)
+    tokenizer = build_tokenizer()
+    model = build_tiny(tokenizer, TinySize(), seed=0).to(args.device)
+    base = Base(model, tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens))
+    optimizer = torch.optim.AdamW(model.parameters(), lr=args.lr, betas=(0.9, 0.95), weight_decay=0.05)
+    args.work.mkdir(parents=True, exist_ok=True)
+    checkpoint = args.work / "checkpoint.pt"
+    state = {"step": 0, "seconds": 0.0, "chunk": 0}
+    if checkpoint.is_file():
+        stored = torch.load(checkpoint, map_location=args.device, weights_only=True)
+        model.load_state_dict(stored.pop("model"))
+        optimizer.load_state_dict(stored.pop("optimizer"))
+        state = stored
+        print(f"goes on from step {state['step']}, {state['seconds'] / 60:.1f} min", flush=True)
+    context = multiprocessing.get_context("spawn")
+    source = context.Queue(maxsize=2 * args.generators + 2)
+    makers = [context.Process(target=generate, args=(params, state["chunk"] + i, args.generators, source), daemon=True)
+              for i in range(args.generators)]  # fmt: skip
+    for maker in makers:
+        maker.start()
+    held = make_examples(params, base.codec, SUITE + "-held", range(args.validation), reasoning=True)
+    pool = Pool(args.pool, args.reuse, source, [])
+    rng = np.random.default_rng(state["step"])
+    log = args.work / "log.csv"
+    began, last_save, last_log, recent = time.monotonic() - state["seconds"], time.monotonic(), 0.0, []
+    model.train()
+    while (elapsed := time.monotonic() - began) < 60 * args.minutes:
+        pool.fill(least=8 * args.batch)
+        chosen = pool.draw(rng, args.batch)
+        batch = make_batch(base, [e.tokens for e in chosen], np.stack([e.picture for e in chosen]))
+        for group in optimizer.param_groups:
+            group["lr"] = learning_rate(args.lr, state["step"], elapsed / (60 * args.minutes))
+        with torch.autocast(args.device, torch.bfloat16, enabled=args.device == "cuda"):
+            loss, _ = batch_loss(base, batch)
+        optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+        optimizer.step()
+        recent.append(loss.item())
+        state["step"] += 1
+        state["seconds"], state["chunk"] = elapsed, max(state["chunk"], pool.last_chunk + 1)
+        if elapsed - last_log > args.log_seconds:
+            last_log = elapsed
+            row = {"step": state["step"], "clips": state["step"] * args.batch, "fresh_clips": state["chunk"] * CHUNK,
+                   "minutes": round(elapsed / 60, 2), "lr": float(optimizer.param_groups[0]["lr"]),
+                   "train_loss": float(np.mean(recent)), **validate(base, held, args.batch)}  # fmt: skip
+            recent = []
+            print({k: round(v, 6) for k, v in row.items()}, flush=True)
+            with log.open("a", newline="") as file:
+                writer = csv.DictWriter(file, row)
+                if file.tell() == 0:
+                    writer.writeheader()
+                writer.writerow(row)
+        if time.monotonic() - last_save > args.save_seconds:
+            last_save = time.monotonic()
+            save_checkpoint(checkpoint, base, optimizer, state)
+    save_checkpoint(checkpoint, base, optimizer, state)
+    base.save(args.out)
+    print(f"saved to {args.out}", flush=True)
+    for maker in makers:
+        maker.terminate()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=90, help="whole training time, earlier runs counted in")
+    parser.add_argument("--out", type=Path, default=Path("models/tiny"), help="where the model is written at the end")
+    parser.add_argument("--work", type=Path, default=Path(".train/tiny"), help="checkpoint and log")
+    parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"))
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--generators", type=int, default=1, help="processes that make clips")
+    parser.add_argument("--batch", type=int, default=8)
+    parser.add_argument("--lr", type=float, default=1.5e-3)
+    parser.add_argument("--pool", type=int, default=4000, help="clips held in memory, 0.7 MB each")
+    parser.add_argument("--reuse", type=float, default=2.0, help="draws per clip")
+    parser.add_argument("--validation", type=int, default=64)
+    parser.add_argument("--log-seconds", type=float, default=120)
+    parser.add_argument("--save-seconds", type=float, default=180)
+    train(parser.parse_args())
+
+
+if __name__ == "__main__":
+    main()
