@@ -60,7 +60,7 @@ class FilterSettings(Section):
 
 class DistributionSettings(Section):
     camera_height: Range
-    camera_distance: Literal[2.0]
+    camera_distance: Positive
     camera_target_height: Range
     camera_fov: Range
     gravity: Range
@@ -113,6 +113,8 @@ class Flow(Section):
     source: Literal["raft", "exact", "dis"]
     train_source: Literal["raft", "exact", "dis"]
     raft: str
+    width: Annotated[int, Field(ge=64)]
+    height: Annotated[int, Field(ge=64)]
     iterations: Count
     noise: NonNegative
     picture: Literal["channels", "wheel"]
@@ -193,7 +195,18 @@ class Params(Section):
 
 READS: dict[str, tuple[str, ...]] = {
     "sample": ("seed", "sample", "clip", "suites.{suite}"),
+    "compile": (),
     "simulate": ("clip",),
+    "render": ("seed", "clip", "render", "model.input", "flow.train_source"),
+    "import_clips": ("clip", "suites.real", "sample.shard_size"),
+    "flow": ("seed", "clip", "flow"),
+    "events": ("clip", "events", "sample.filters.visible_px"),
+    "tokenize": ("clip", "model.base", "model.reasoning", "model.width", "model.height"),
+    "finetune": ("seed", "clip", "model", "finetune"),
+    "infer": ("seed", "clip", "model.input", "model.reasoning", "model.dtype", "infer"),
+    "best_of_k": ("clip", "search"),
+    "cmaes": ("seed", "clip", "search", "cmaes"),
+    "score": ("seed", "clip", "score", "model.input", "model.reasoning", "flow.source", "search.width"),
 }
 """Stage -> the keys it reads, as narrow as can be; `{suite}` is the suite that the stage runs for."""
 

@@ -45,7 +45,7 @@ def stages_of(root: Path) -> list[DvcStage]:
             for module, words in (match.groups() for command in commands for match in _COMMAND.finditer(command)):
                 files = tuple(dep.def_path for dep in stage.deps if not hasattr(dep, "params"))
                 params = frozenset(key for dep in stage.deps for key in getattr(dep, "params", None) or ())
-                stages.append(DvcStage(stage.addressing, module, tuple(words.split()), files, params))
+                stages.append(DvcStage(stage.name, module, tuple(words.split()), files, params))
     return stages
 
 

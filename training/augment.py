@@ -37,9 +37,7 @@ def sample_tone(rng: np.random.Generator, strength: float) -> tuple[float, float
     return contrast, 255 * rng.uniform(-strength, strength) / 2, np.exp(rng.normal(size=3) * strength / 3), saturation
 
 
-def tone(
-    frame: np.ndarray, contrast: float, brightness: float, gain: np.ndarray, saturation: float
-) -> np.ndarray:
+def tone(frame: np.ndarray, contrast: float, brightness: float, gain: np.ndarray, saturation: float) -> np.ndarray:
     """frame: (H, W, 3) float32, 0 to 255, may leave that range."""
     grey = frame.mean(axis=-1, keepdims=True)
     coloured = (grey + saturation * (frame - grey)) * gain.astype(np.float32)

@@ -19,7 +19,6 @@ from pipeline.scene.solid import bounding_radii
 from pipeline.vision.appearance import Appearance, plain_appearance, sample_appearance
 from pipeline.vision.camera import Pinhole, pinhole
 from pipeline.vision.exact_flow import exact_flow
-from pipeline.vision.mujoco_render import render_mujoco
 from pipeline.vision.rasteriser import rasterise
 from pipeline.vision.shade import shade
 
@@ -158,9 +157,7 @@ def sample_looks(rng: np.random.Generator, n_objects: int) -> Appearance:
     return sample_appearance(rng, n_objects, textures=textures, texture_scale=(0.03, 0.2), floor_scale=(0.04, 0.8))
 
 
-def render_pair(
-    rng: np.random.Generator, motion: Motion, width: int, height: int, mujoco_share: float
-) -> Pair:
+def render_pair(rng: np.random.Generator, motion: Motion, width: int, height: int, mujoco_share: float) -> Pair:
     """The motion's two frames, by MuJoCo or our ray caster, with a random appearance, and its exact flow."""
     poses = (motion.objects, motion.positions, motion.quaternions, motion.camera)
     rendering = rasterise(*poses, width, height)
@@ -169,6 +166,8 @@ def render_pair(
     appearance = sample_looks(rng, len(motion.objects))
     shadows = bool(rng.random() < 0.8)
     if rng.random() < mujoco_share:
+        from pipeline.vision.mujoco_render import render_mujoco  # MuJoCo looks for a display where it is imported
+
         frames = render_mujoco(as_scene(motion), *poses[1:3], appearance, width, height, shadows)
     else:
         antialias = bool(rng.random() < 0.8)
@@ -199,9 +198,7 @@ def aimed(rng: np.random.Generator, motion: Motion, share: float) -> Motion:
     right = np.cross(camera.rotation_world[:, 1], back)
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(back, right), back], axis=1)
-    return replace(
-        motion, camera=Pinhole(camera.position_world, rotation, 2 * math.degrees(math.atan(tangent)))
-    )
+    return replace(motion, camera=Pinhole(camera.position_world, rotation, 2 * math.degrees(math.atan(tangent))))
 
 
 def sample_pair(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import queue
+import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -22,11 +23,13 @@ POOL_LEAST, POOL_MOST = 32, 500  # pairs
 
 @dataclass(frozen=True)
 class Phase:
-    """From `start`, a share of the training, on: windows of `size` (width, height) px, `batch` to a step."""
+    """From `start`, a share of the training, on: windows of `size` (width, height) px, `batch` to a step, and
+    `iterations` of the recurrence."""
 
     start: float
     size: tuple[int, int]
     batch: int
+    iterations: int
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,7 @@ def phase_at(phases: tuple[Phase, ...], progress: float) -> Phase:
 def generate(seed: tuple[int, ...], phases: tuple[Phase, ...], mujoco_share: float, progress, batches) -> None:
     """A generator process: fills `batches` until the trainer is gone."""
     cv2.setNumThreads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the trainer ends it
     batches.cancel_join_thread()  # a trainer that was killed reads no more
     parent = os.getppid()
     rng = np.random.default_rng(np.random.SeedSequence(seed))

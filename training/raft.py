@@ -15,6 +15,8 @@ from __future__ import annotations
 import argparse
 import csv
 import math
+import signal
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,11 +27,12 @@ import torch
 from pipeline.vision.dis import DIS
 from pipeline.vision.raft import RAFT, sequence_loss
 from training.flow_scores import held_out, score
-from training.pair_stream import RENDER_SIZE, Batch, PairStream, Phase
+from training.matching_loss import matching_loss
+from training.pair_stream import RENDER_SIZE, Batch, PairStream, Phase, phase_at
 from training.raft_card import write_card
 
 HELD_OUT_SEED = 20_261_121  # of the pairs that the log is about; training uses others
-HELD_OUT_ITERATIONS = 8
+HELD_OUT_ITERATIONS = 6
 LONGEST_PX = 60.0  # flows longer than this teach nothing
 WARM_UP = 0.04  # share of the training
 WEIGHT_DECAY = 1e-4
@@ -53,21 +56,28 @@ def one_cycle(progress: float) -> float:
 
 
 def train_step(
-    model: RAFT, optimiser: torch.optim.Optimizer, batch: Batch, iterations: int, foreground_weight: float
-) -> float:
-    """One step on a batch; the loss, px."""
+    model: RAFT,
+    optimiser: torch.optim.Optimizer,
+    batch: Batch,
+    iterations: int,
+    foreground_weight: float,
+    matching_weight: float,
+) -> tuple[float, float]:
+    """One step on a batch; the losses of the flow, px, and of the matching, nats."""
     device = next(model.parameters()).device
     a, b = (torch.from_numpy(f).to(device).permute(0, 3, 1, 2).float() for f in (batch.frames_a, batch.frames_b))
     truth = torch.from_numpy(batch.flow_px).to(device).permute(0, 3, 1, 2)
     foreground = torch.from_numpy(batch.foreground).to(device)
     weight = (1 + foreground_weight * foreground.float()) * (truth.norm(dim=1) < LONGEST_PX)
-    loss = sequence_loss(model(a, b, iterations), truth, weight)
+    correlation = model.correlate(a, b)
+    loss = sequence_loss(model(a, b, iterations, draft=True, correlation=correlation), truth, weight)
+    matching = matching_loss(correlation, truth, foreground, foreground_weight)
     optimiser.zero_grad(set_to_none=True)
-    loss.backward()
+    (loss + matching_weight * matching).backward()
     norm = torch.nn.utils.clip_grad_norm_(model.parameters(), CLIP)
     if torch.isfinite(norm):
         optimiser.step()
-    return float(loss.detach())
+    return float(loss.detach()), float(matching.detach())
 
 
 def save_checkpoint(path: Path, model: RAFT, optimiser: torch.optim.Optimizer, progress: Progress) -> None:
@@ -103,30 +113,42 @@ def train(arguments: argparse.Namespace) -> RAFT:
         print(f"resumed at {progress.seconds / 60:.1f} min, step {progress.steps}", flush=True)
     total = arguments.minutes * 60
     phases = (
-        Phase(0.0, (96, 64), arguments.batch),
-        Phase(0.3, (128, 96), arguments.batch),
-        Phase(0.85, RENDER_SIZE, max(2, arguments.batch // 2)),
+        Phase(0.0, (96, 64), arguments.batch, arguments.iterations - 1),
+        Phase(0.4, (128, 96), arguments.batch, arguments.iterations),
+        Phase(0.9, RENDER_SIZE, max(2, arguments.batch // 2), arguments.iterations),
     )
     stream = PairStream(arguments.seed, progress.steps, phases, arguments.workers, arguments.mujoco_share)
     stream.advance(progress.seconds / total)
     validation = held_out(HELD_OUT_SEED)
     dis = score(DIS("medium"), validation, HELD_OUT_ITERATIONS)
     print(f"held-out pairs, DIS medium: foreground {dis.foreground:.3f} px, all {dis.frame:.3f} px", flush=True)
-    losses: list[float] = []
+    stopped = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopped.set())  # save, then stop
+    losses: list[tuple[float, float]] = []
     last = saved = validated = time.monotonic()
     model.train()
     for batch in stream:
         share = progress.seconds / total
         for group in optimiser.param_groups:
             group["lr"] = arguments.rate * one_cycle(share)
-        losses.append(train_step(model, optimiser, batch, arguments.iterations, arguments.foreground_weight))
+        # The lesson of the features fades out with the rate: at the end the flow alone counts.
+        weights = (arguments.foreground_weight, arguments.matching_weight * one_cycle(share))
+        iterations = phase_at(phases, share).iterations
+        losses.append(train_step(model, optimiser, batch, iterations, *weights))
         now = time.monotonic()
         progress.seconds += now - last
         last = now
         progress.steps += 1
         progress.pairs += len(batch.frames_a)
         stream.advance(progress.seconds / total)
-        done = progress.seconds >= total
+        done = progress.seconds >= total or stopped.is_set()
+        if progress.steps % 250 == 0:
+            recent = np.mean(losses[-250:], axis=0)
+            print(
+                f"{progress.seconds / 60:.1f} min, step {progress.steps}: loss {recent[0]:.3f}, {recent[1]:.3f}",
+                flush=True,
+            )
         if done or now - saved > arguments.save_minutes * 60:
             save_checkpoint(checkpoint, model, optimiser, progress)
             saved = now
@@ -138,7 +160,8 @@ def train(arguments: argparse.Namespace) -> RAFT:
                 "step": progress.steps,
                 "pairs": progress.pairs,
                 "rate": f"{optimiser.param_groups[0]['lr']:.2e}",
-                "loss": round(float(np.mean(losses)), 4),
+                "loss": round(float(np.mean(losses, axis=0)[0]), 4),
+                "matching": round(float(np.mean(losses, axis=0)[1]), 4),
                 "raft_foreground_epe": round(raft.foreground, 4),
                 "dis_foreground_epe": round(dis.foreground, 4),
                 "raft_epe": round(raft.frame, 4),
@@ -169,11 +192,17 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--device", default="cpu", help="cpu or cuda")
     parser.add_argument("--threads", type=int, default=1, help="of torch on the CPU")
     parser.add_argument("--workers", type=int, default=1, help="processes that make pairs")
-    parser.add_argument("--batch", type=int, default=8, help="pairs a step (half as many in the last fifth)")
-    parser.add_argument("--iterations", type=int, default=4, help="of the recurrence in training")
+    parser.add_argument("--batch", type=int, default=8, help="pairs a step (half as many in the last tenth)")
+    parser.add_argument("--iterations", type=int, default=4, help="of the recurrence in training (one less at first)")
     parser.add_argument("--rate", type=float, default=6e-4, help="highest learning rate")
     parser.add_argument("--foreground-weight", type=float, default=4.0, help="extra weight of moving bodies' pixels")
-    parser.add_argument("--mujoco-share", type=float, default=0.03, help="of pairs that MuJoCo renders where it can (30 times slower; the pictures are alike)")
+    parser.add_argument("--matching-weight", type=float, default=1.0, help="of the features' own loss, at the start")
+    parser.add_argument(
+        "--mujoco-share",
+        type=float,
+        default=0.03,
+        help="of pairs that MuJoCo renders where it can (30 times slower; the pictures are alike)",
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--save-minutes", type=float, default=3)
     parser.add_argument("--validate-minutes", type=float, default=8)

@@ -175,6 +175,11 @@ def write_completion(scene: Scene, events: list[Event] | None, seconds: float) -
     return spell(completion_grammar(events is not None, seconds), values)
 
 
+def think_text(scene: Scene, events: list[Event], seconds: float) -> str:
+    """The words between the tags of `<think>`."""
+    return read_completion(write_completion(scene, events, seconds)).think
+
+
 @dataclass(frozen=True)
 class Completion:
     """A parsed completion: the words of `<think>`, empty where there are none, and the scene."""

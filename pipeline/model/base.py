@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 from torch.nn import functional
-from transformers import AutoTokenizer, PreTrainedTokenizerBase, Qwen2_5_VLForConditionalGeneration
+from transformers import PreTrainedTokenizerBase, Qwen2_5_VLForConditionalGeneration
+from transformers.utils import logging
 
-from pipeline.errors import ModelError
 from pipeline.language.codec import Codec
+from pipeline.model.checkpoint import load_tokenizer, read_layout, unavailable, write_layout
 from pipeline.model.patches import PatchLayout
 
-LAYOUT_FILE = "clip_layout.json"
+logging.disable_progress_bar()
 
 
 @dataclass
@@ -36,34 +36,21 @@ class Base:
         """Weights (safetensors), configuration, tokenizer and clip layout, in the form that `load_base` reads."""
         self.model.save_pretrained(folder)
         self.tokenizer.save_pretrained(folder)
-        (folder / LAYOUT_FILE).write_text(json.dumps(asdict(self.layout), indent=1) + "\n")
+        write_layout(folder, self.layout)
 
 
 def load_base(name: str, width: int = 336, height: int = 224, frames: int = 10, dtype: str = "float32") -> Base:
     """The model in a folder, or of that name in the local hub cache.
 
-    width, height, frames: clip layout for a model that does not bring its own. Raises `ModelError` that says what
+    width, height: px of the frames for a model that does not bring its own layout. Raises `ModelError` that says what
     to fetch where the weights are not at hand; nothing is downloaded here.
     """
+    layout = read_layout(name, width, height, frames)
+    tokenizer = load_tokenizer(name)
     try:
-        tokenizer = AutoTokenizer.from_pretrained(name, local_files_only=True)
         model = Qwen2_5_VLForConditionalGeneration.from_pretrained(
             name, local_files_only=True, dtype=getattr(torch, dtype)
         )
     except (OSError, ValueError, KeyError) as error:
-        reason = str(error).splitlines()[0]
-        raise ModelError(
-            f"model.base: {name!r} is neither a folder with a Qwen2.5-VL checkpoint (config.json, model.safetensors, "
-            f"tokenizer.json) nor in the local hub cache. Valid: models/tiny, or fetch the weights first: "
-            f"hf download {name if '/' in name else 'Qwen/Qwen2.5-VL-3B-Instruct'}. ({reason})"
-        ) from None
-    layout = _layout(Path(name), model, width, height, frames)
+        raise unavailable(name, error) from None
     return Base(model, tokenizer, layout, Codec(tokenizer, layout.tokens))
-
-
-def _layout(folder: Path, model: Qwen2_5_VLForConditionalGeneration, width: int, height: int, frames: int) -> PatchLayout:
-    if (folder / LAYOUT_FILE).is_file():
-        stored = json.loads((folder / LAYOUT_FILE).read_text())
-        return PatchLayout(**{k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()})
-    vision = model.config.vision_config
-    return PatchLayout(width, height, frames, vision.patch_size, vision.temporal_patch_size, vision.spatial_merge_size)

@@ -15,12 +15,13 @@ import numpy as np
 from mujoco import batch as mjbatch
 
 from pipeline.physics.simulate import compile_xml
-from pipeline.scene.mjcf import CONTACT_TIME_CONSTANT, STEPS_PER_SECOND, scene_xml
+from pipeline.scene.mjcf import CONTACT_TIME_CONSTANT, STEPS_PER_SECOND, camera_quaternion, scene_xml
 from pipeline.scene.rotation import matrix_from_quaternion
-from pipeline.scene.scene import SIZE_KEYS, Scene, SceneObject, half_extents
+from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject, half_extents
 from pipeline.scene.solid import bounding_radii, geom_sizes, unit_inertia
 
 
+NO_CAMERA = Camera((0.0, -2.0, 1.0), fov=45.0, pitch=-25.0)  # stands in where a scene has none to look through
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
 
 
@@ -30,7 +31,7 @@ class SceneBatch:
 
     shapes (N,) names. half_size (B, N, 3) m; mass, sliding_friction, rolling_friction, damping (B, N);
     position, velocity, angular_velocity (B, N, 3) world; quaternion (B, N, 4); gravity (B, 3); ground (B,), NaN
-    for none.
+    for none. camera_position (B, 3), camera_rotation (B, 3, 3) columns right, up, back; fov (B,) deg.
     """
 
     shapes: tuple[str, ...]
@@ -45,14 +46,12 @@ class SceneBatch:
     quaternion: np.ndarray
     gravity: np.ndarray
     ground: np.ndarray
+    camera_position: np.ndarray
+    camera_rotation: np.ndarray
+    fov: np.ndarray
 
     def __len__(self) -> int:
         return len(self.mass)
-
-    @property
-    def ground_height(self) -> float | None:
-        """The ground all scenes share, or None."""
-        return None if np.isnan(self.ground[0]) else float(self.ground[0])
 
 
 def stack_scenes(scenes: list[Scene]) -> SceneBatch:
@@ -60,6 +59,8 @@ def stack_scenes(scenes: list[Scene]) -> SceneBatch:
     shapes = scenes[0].shapes
     assert all(s.shapes == shapes for s in scenes), "scenes of one batch share their composition"
     assert len({s.ground is None for s in scenes}) == 1, "scenes of one batch all have a ground, or none has"
+
+    cameras = [s.camera or NO_CAMERA for s in scenes]
 
     def column(key: str) -> np.ndarray:
         return np.array([[getattr(o, key) for o in s.objects] for s in scenes], float)
@@ -77,6 +78,9 @@ def stack_scenes(scenes: list[Scene]) -> SceneBatch:
         quaternion=column("orientation"),
         gravity=np.array([s.gravity for s in scenes], float),
         ground=np.array([np.nan if s.ground is None else s.ground for s in scenes], float),
+        camera_position=np.array([c.position for c in cameras], float),
+        camera_rotation=matrix_from_quaternion(np.array([camera_quaternion(c) for c in cameras])),
+        fov=np.array([c.fov for c in cameras], float),
     )
 
 

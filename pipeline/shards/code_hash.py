@@ -14,7 +14,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("pipeline", "stages", "training")
 
-PLUMBING = ("pipeline.shards", "pipeline.errors", "stages.main", "stages.params")
+PLUMBING = ("pipeline.shards", "pipeline.errors", "stages.main", "stages.params", "stages.run_shards")
 """Modules that decide when and where something is computed, not what. They are in no key and no stage's deps:
 else a new section in stages/params.py would train the model again. The exceptions are in CONTENT."""
 

@@ -27,4 +27,6 @@ def writing_to(place: Path | str) -> Iterator[None]:
     except OSError as error:
         if error.errno not in _REASONS:
             raise
-        raise OutputError(f"cannot write to {os.fspath(place)}: {_REASONS[error.errno]}") from error
+        file = str(error.filename or "")
+        where = f" ({file})" if file and not Path(file).is_relative_to(place) else ""
+        raise OutputError(f"cannot write to {os.fspath(place)}: {_REASONS[error.errno]}{where}") from error

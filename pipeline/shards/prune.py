@@ -40,7 +40,14 @@ def prune(store: Store, *, keep_days: float | None = None, keep_bytes: int | Non
             removed, removed_bytes = removed + 1, removed_bytes + size
         else:
             kept, kept_bytes = kept + 1, kept_bytes + size
+    for path in store.scratches():
+        if keep_days is not None and now - _last_written(path) > keep_days * _DAY_S:
+            store.discard(path)
     return Pruned(removed, removed_bytes, kept, kept_bytes)
+
+
+def _last_written(folder: Path) -> float:
+    return max(path.stat().st_mtime for path in (folder, *folder.rglob("*")))
 
 
 def _size_bytes(folder: Path) -> int:

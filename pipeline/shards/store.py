@@ -22,6 +22,7 @@ from pipeline.shards.output_errors import writing_to
 ENVIRONMENT = "DYNAMICS_STORE"
 _RECORD = "shard.json"
 _TEMPORARY = "tmp"
+_SCRATCH = "scratch"
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,16 @@ class Store:
                     raise
             _sync_folder(target.parent)
         return StoredShard(key, target, files, dict(notes))
+
+    def scratch(self, key: str) -> Path:
+        """A folder for what is half done under a key; it stays until it is removed."""
+        folder = self.folder / _SCRATCH / key
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+
+    def scratches(self) -> Iterator[Path]:
+        """The scratch folders of runs that were stopped, or are still going on."""
+        return iter(sorted((self.folder / _SCRATCH).glob("*")))
 
     def shards(self) -> Iterator[Path]:
         """The folders of all shards."""

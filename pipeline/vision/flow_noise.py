@@ -8,7 +8,7 @@ parameters on pairs of exact and estimated flow.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import cv2
 import numpy as np
@@ -44,13 +44,17 @@ class FlowNoise:
         if self.dropout > 1 or self.leak > 1:
             raise ValueError("dropout and leak are shares, at most 1")
 
+    def scaled(self, strength: float) -> FlowNoise:
+        """Every error `strength` times as large or as frequent; their scales of length stay."""
+        sizes = ("edge_px", "waver_px", "waver_share", "still_px")
+        shares = {name: min(1.0, strength * getattr(self, name)) for name in ("dropout", "leak")}
+        return replace(self, **shares, **{name: strength * getattr(self, name) for name in sizes})
+
 
 NO_NOISE = FlowNoise(0, 0, 0, 0, 0, 0, 0, 0)
 
 
-def noisy_flow(
-    rng: np.random.Generator, flow_px: np.ndarray, masks: np.ndarray, noise: FlowNoise
-) -> np.ndarray:
+def noisy_flow(rng: np.random.Generator, flow_px: np.ndarray, masks: np.ndarray, noise: FlowNoise) -> np.ndarray:
     """flow_px (T, H, W, 2) of objects in masks (T, H, W), 0 is background, with `noise`; the same shape, float32."""
     scale = flow_px.shape[2] / REFERENCE_WIDTH
     out = np.empty(flow_px.shape, np.float32)
@@ -117,7 +121,8 @@ def smooth_noise(rng: np.random.Generator, shape: tuple[int, ...], sigma: float)
     if sigma < 0.3:
         return field
     # White noise smoothed by a Gaussian keeps 1 / (2 sigma sqrt(pi)) of its standard deviation.
-    return cv2.GaussianBlur(field, (0, 0), sigma, borderType=cv2.BORDER_REFLECT) * np.float32(2 * sigma * np.sqrt(np.pi))
+    gain = np.float32(2 * sigma * np.sqrt(np.pi))
+    return gain * cv2.GaussianBlur(field, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
 
 
 def fit_noise(exact_px: np.ndarray, estimated_px: np.ndarray, masks: np.ndarray) -> FlowNoise:
@@ -165,8 +170,7 @@ def spread_by_length(error: np.ndarray, length: np.ndarray) -> tuple[float, floa
     bins = np.clip(np.searchsorted(np.quantile(length, [0.2, 0.4, 0.6, 0.8]), length), 0, 4)
     x = np.array([length[bins == k].mean() for k in range(5) if (bins == k).any()])
     y = np.array([robust_deviation(error[bins == k]) for k in range(5) if (bins == k).any()])
-    slope, offset = np.polyfit(x, y, 1) if np.ptp(x) > 1e-3 else (0.0, y.mean())
-    slope = float(np.clip(slope, 0, None))
+    slope = max(float(np.polyfit(x, y, 1)[0]), 0.0) if np.ptp(x) > 1e-3 else 0.0
     return max(float(y.mean() - slope * x.mean()), 0.0), slope
 
 

@@ -13,7 +13,10 @@ REFERENCE_WIDTH = 480
 KINDS = ("wheel", "channels")
 
 # Lengths of the six sectors of the Middlebury colour wheel (Baker et al., IJCV 2011).
-SECTORS = (("red", "yellow", 15), ("yellow", "green", 6), ("green", "cyan", 4)) + (
+SECTORS = (
+    ("red", "yellow", 15),
+    ("yellow", "green", 6),
+    ("green", "cyan", 4),
     ("cyan", "blue", 11),
     ("blue", "magenta", 13),
     ("magenta", "red", 6),
@@ -62,9 +65,7 @@ def decode_channels(picture: np.ndarray, max_px: float = MAX_PX) -> np.ndarray:
 
 def wheel() -> np.ndarray:
     """The 55 colours of the wheel, (55, 3) in 0 to 255, counted clockwise as seen (y down) from motion to the left."""
-    arcs = [
-        np.linspace(COLOURS[a], COLOURS[b], length, endpoint=False, dtype=np.float64) for a, b, length in SECTORS
-    ]
+    arcs = [np.linspace(COLOURS[a], COLOURS[b], length, endpoint=False, dtype=np.float64) for a, b, length in SECTORS]
     return np.floor(np.concatenate(arcs))
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.compiled import kernel
+from pipeline.compiled import inlined_kernel, kernel
 from pipeline.vision.appearance import Appearance, Backdrop, Material
 from pipeline.vision.texture import TEXTURES, value_noise
 
@@ -45,7 +45,7 @@ def look_tables(appearance: Appearance, ground: float, shadows: bool) -> Look:
     )
 
 
-@kernel
+@inlined_kernel
 def sky(world: np.ndarray, dx: float, dy: float, dz: float) -> RGB:
     """The backdrop's colour in a unit direction."""
     height = math.sqrt(max(dz, 0.0)) if dz > 0 else 0.3 * math.sqrt(-dz)
@@ -62,7 +62,7 @@ def sky(world: np.ndarray, dx: float, dy: float, dz: float) -> RGB:
     )
 
 
-@kernel
+@inlined_kernel
 def store(out: np.ndarray, row: int, col: int, red: float, green: float, blue: float) -> None:
     out[row, col, 0] = np.uint8(min(max(red, 0.0), 1.0) * 255.0 + 0.5)
     out[row, col, 1] = np.uint8(min(max(green, 0.0), 1.0) * 255.0 + 0.5)

@@ -15,9 +15,7 @@ from pipeline.vision.video import Fit
 KEY = "masks"
 
 
-def read_masks(
-    path: Path | str, size: tuple[int, int], count: int | None = None, fit: Fit | None = None
-) -> np.ndarray:
+def read_masks(path: Path | str, size: tuple[int, int], count: int | None = None, fit: Fit | None = None) -> np.ndarray:
     """Ids (T, H, W) uint8 at `size` (width, height), 0 for the background, else 1 to N in the order of their values.
 
     A folder's PNGs are taken in the order of their names; grey values, palette indices or colours are ids, black is

@@ -157,8 +157,8 @@ def track(foreground: np.ndarray, flow: np.ndarray) -> np.ndarray:
         carried = carry(ids[t - 1], flow[t - 1]) if t else ids[0].copy()
         claims: dict[int, tuple[int, np.ndarray]] = {}
         for part in components(foreground[t], flow[t]):
-            here, counts = np.unique(carried[part], return_counts=True)
-            found = [(int(i), int(n)) for i, n in zip(here, counts, strict=True) if i and n > 0.15 * (carried == i).sum()]
+            here = [(int(i), int(n)) for i, n in zip(*np.unique(carried[part], return_counts=True), strict=True)]
+            found = [(i, n) for i, n in here if i and n > 0.15 * (carried == i).sum()]
             pieces = nearest_of([part & (carried == i) for i, _ in found], part) if found else [part]
             for piece, (i, n) in zip(pieces, found or [(0, 0)], strict=True):
                 if i and i in claims and claims[i][0] >= n:

@@ -224,30 +224,39 @@ class RAFT(nn.Module):
         self.cnet = Encoder(self.hidden + context, "none" if small else "batch", planes, bottleneck=small)
         self.update_block = UpdateBlock(small, self.hidden, context, self.radius, self.convex_upsampling)
 
-    def forward(self, a: Tensor, b: Tensor, iterations: int = 12, every: bool = True) -> list[Tensor]:
+    def correlate(self, a: Tensor, b: Tensor) -> Correlation:
+        """The correlation pyramid of two images (B, 3, H, W) in 0 to 255."""
+        return Correlation(*self.fnet(torch.cat([a, b]) / 127.5 - 1).chunk(2), self.radius)
+
+    def forward(
+        self,
+        a: Tensor,
+        b: Tensor,
+        iterations: int = 12,
+        every: bool = True,
+        draft: bool = False,
+        correlation: Correlation | None = None,
+    ) -> list[Tensor]:
         """Flow (B, 2, H, W) in px after each iteration, or the last alone where not `every`.
 
-        a, b: (B, 3, H, W) in 0 to 255; H and W multiples of 8 and at least 64.
+        a, b: (B, 3, H, W) in 0 to 255; H and W multiples of 8 and at least 64. draft: all but the last are upsampled
+        bilinearly, which saves a quarter of a training step. correlation: `correlate(a, b)`, where it is at hand.
         """
-        a, b = a / 127.5 - 1, b / 127.5 - 1
-        features_a, features_b = self.fnet(torch.cat([a, b])).float().chunk(2)
-        correlation = Correlation(features_a, features_b, self.radius)
-        h, context = self.cnet(a).split([self.hidden, self.update_block_context], dim=1)
-        h, context = torch.tanh(h), F.relu(context)
-        start = cell_grid(features_a)
+        correlation = correlation or self.correlate(a, b)
+        state = self.cnet(a / 127.5 - 1)
+        h, context = torch.tanh(state[:, : self.hidden]), F.relu(state[:, self.hidden :])
+        start = cell_grid(h)
         position = start
         flows = []
         for i in range(iterations):
             position = position.detach()
             h, change = self.update_block(h, context, correlation.lookup(position), position - start)
             position = position + change
-            if every or i == iterations - 1:
+            if i == iterations - 1 or (every and not draft):
                 flows.append(self.upsample(position - start, h))
+            elif every:
+                flows.append(CELL * F.interpolate(position - start, scale_factor=CELL, mode="bilinear"))
         return flows
-
-    @property
-    def update_block_context(self) -> int:
-        return self.cnet.conv2.out_channels - self.hidden
 
     def upsample(self, flow: Tensor, h: Tensor) -> Tensor:
         """(B, 2, h, w) in cells to (B, 2, 8h, 8w) in px."""
@@ -305,13 +314,11 @@ class RAFT(nn.Module):
         (folder / (CONFIG + ".part")).replace(folder / CONFIG)
 
 
-def cell_grid(features: Tensor) -> Tensor:
+def cell_grid(state: Tensor) -> Tensor:
     """(B, 2, h, w): each cell's own x and y."""
-    b, _, h, w = features.shape
-    y, x = torch.meshgrid(
-        torch.arange(h, device=features.device), torch.arange(w, device=features.device), indexing="ij"
-    )
-    return torch.stack([x, y]).to(features.dtype).expand(b, 2, h, w)
+    b, _, h, w = state.shape
+    y, x = torch.meshgrid(torch.arange(h, device=state.device), torch.arange(w, device=state.device), indexing="ij")
+    return torch.stack([x, y]).to(state.dtype).expand(b, 2, h, w)
 
 
 def convex_upsample(flow: Tensor, mask: Tensor) -> Tensor:

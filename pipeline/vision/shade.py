@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.compiled import kernel
+from pipeline.compiled import inlined_kernel, kernel
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import SceneObject
 from pipeline.scene.solid import bounding_radii
@@ -65,7 +65,7 @@ _DISC = np.array(
 )
 
 
-@kernel
+@inlined_kernel
 def _meets(body: np.ndarray, i: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
     """t of the ray o + t d (world) on body i; inf where it misses."""
     x, y, z = ox - body[i, CENTRE], oy - body[i, CENTRE + 1], oz - body[i, CENTRE + 2]
@@ -83,7 +83,7 @@ def _meets(body: np.ndarray, i: int, ox: float, oy: float, oz: float, dx: float,
     )
 
 
-@kernel
+@inlined_kernel
 def _nearest(
     body: np.ndarray, ground: float, skip: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> tuple[int, float]:
@@ -104,7 +104,7 @@ def _nearest(
     return found, best
 
 
-@kernel
+@inlined_kernel
 def _lit_share(body: np.ndarray, light: np.ndarray, k: int, skip: int, px: float, py: float, pz: float) -> float:
     """Share of a light's disc that a point sees. The shapes are convex: body `skip`, the point's own, never hides
     what its normal faces."""
@@ -149,7 +149,7 @@ def _lit_share(body: np.ndarray, light: np.ndarray, k: int, skip: int, px: float
     return free / samples
 
 
-@kernel
+@inlined_kernel
 def _openness(body: np.ndarray, skip: int, px: float, py: float, pz: float, nx: float, ny: float, nz: float) -> float:
     """Share of the light from everywhere that is left near other body, each taken as a sphere."""
     open_share = 1.0
@@ -167,7 +167,7 @@ def _openness(body: np.ndarray, skip: int, px: float, py: float, pz: float, nx: 
     return max(open_share, 0.2)
 
 
-@kernel
+@inlined_kernel
 def _surface(
     body: np.ndarray,
     material: np.ndarray,
@@ -248,7 +248,7 @@ def _surface(
     return sum_r, sum_g, sum_b, nx, ny, nz, lit
 
 
-@kernel
+@inlined_kernel
 def _haze(world: np.ndarray, t: float, dx: float, dy: float, red: float, green: float, blue: float) -> RGB:
     """A floor's colour, faded into the horizon's with distance."""
     ratio = t / world[HAZE]
@@ -259,7 +259,7 @@ def _haze(world: np.ndarray, t: float, dx: float, dy: float, red: float, green: 
     return sr + kept * (red - sr), sg + kept * (green - sg), sb + kept * (blue - sb)
 
 
-@kernel
+@inlined_kernel
 def _colour(
     body: np.ndarray,
     material: np.ndarray,

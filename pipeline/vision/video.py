@@ -135,7 +135,8 @@ def read_clip(
             break
     decoder.close()
     check_decoded(path, decoder, start)
-    assert before is not None and fit is not None
+    assert before is not None
+    assert fit is not None
     slack = 0.5 * max(1 / fps, decoder.interval) + 1e-6
     while len(frames) < count and wanted[len(frames)] <= before[0] + slack:
         frames.append(fit.apply(before[1]))
@@ -259,7 +260,7 @@ class Decoder:
         picture = frame.to_ndarray(format="rgb24")
         if abs(self.aspect - 1) > 0.005:
             picture = cv2.resize(picture, (round(picture.shape[1] * self.aspect), picture.shape[0]))
-        self.rotation = int(round(frame.rotation / 90)) * 90 % 360
+        self.rotation = round(frame.rotation / 90) * 90 % 360
         return np.rot90(picture, self.rotation // 90)  # both count anticlockwise
 
     def notes(self, assume_fps: float | None) -> list[str]:

@@ -1,0 +1,101 @@
+"""Intersection over union of instances over a sequence, as docs/formats.md defines it.
+
+Everything starts from counts: per frame, the pixels that predicted instance i shares with true instance j, and the
+area of each. So the same rules serve a search's inner loop and the tables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.optimize import linear_sum_assignment
+
+
+@dataclass(frozen=True)
+class Counts:
+    """shared (F, N, M) pixels of predicted instance i and true instance j together; predicted (F, N), true (F, M)
+    areas; foreground (F, 2): pixels in both unions of objects, in either."""
+
+    shared: np.ndarray
+    predicted: np.ndarray
+    true: np.ndarray
+    foreground: np.ndarray
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def count_frame(
+    mask: np.ndarray, target: np.ndarray, shared: np.ndarray, predicted: np.ndarray, true: np.ndarray,
+    foreground: np.ndarray,
+) -> None:  # fmt: skip
+    """Fill the counts of one frame from two masks (H, W) uint8 (0 background): shared (N, M), …, foreground (2,)."""
+    shared[:] = 0
+    predicted[:] = 0
+    true[:] = 0
+    foreground[:] = 0
+    for row in range(mask.shape[0]):
+        for col in range(mask.shape[1]):
+            i, j = mask[row, col], target[row, col]
+            if i:
+                predicted[i - 1] += 1
+                if j:
+                    shared[i - 1, j - 1] += 1
+                    foreground[0] += 1
+                foreground[1] += 1
+            if j:
+                true[j - 1] += 1
+                if not i:
+                    foreground[1] += 1
+
+
+def count(masks: np.ndarray, targets: np.ndarray, objects: int, target_objects: int) -> Counts:
+    """Counts of predicted masks (F, H, W) against true ones of the same size."""
+    frames = len(masks)
+    out = Counts(np.zeros((frames, objects, target_objects), np.int64), np.zeros((frames, objects), np.int64),
+                 np.zeros((frames, target_objects), np.int64), np.zeros((frames, 2), np.int64))  # fmt: skip
+    for k in range(frames):
+        count_frame(masks[k], targets[k], out.shared[k], out.predicted[k], out.true[k], out.foreground[k])
+    return out
+
+
+def pair_iou(counts: Counts) -> np.ndarray:
+    """(F, N, M) IoU of every pair in every frame, NaN where both are empty."""
+    union = counts.predicted[:, :, None] + counts.true[:, None] - counts.shared
+    return np.where(union > 0, counts.shared / np.maximum(union, 1), np.nan)
+
+
+def assign(iou: np.ndarray) -> np.ndarray:
+    """(P, 2) pairs of predicted and true instances, one assignment for the clip, that maximise the summed IoU."""
+    rows, columns = linear_sum_assignment(-np.nansum(iou, axis=0))
+    return np.stack([rows, columns], 1)
+
+
+def sequence_iou(counts: Counts, pairs: np.ndarray) -> float:
+    """Mean over pairs of the mean IoU over the frames in which either of the pair is seen.
+
+    An instance without a partner counts 0; one that is never seen, alone or with its partner, is left out.
+    """
+    iou = pair_iou(counts)
+    scores = []
+    for i, j in pairs:
+        seen = iou[:, i, j][~np.isnan(iou[:, i, j])]
+        if len(seen):
+            scores.append(float(seen.mean()))
+    lone_predicted = np.setdiff1d(np.arange(counts.predicted.shape[1]), pairs[:, 0])
+    lone_true = np.setdiff1d(np.arange(counts.true.shape[1]), pairs[:, 1])
+    unmatched = int(counts.predicted[:, lone_predicted].any(0).sum() + counts.true[:, lone_true].any(0).sum())
+    scores += [0.0] * unmatched
+    return float(np.mean(scores)) if scores else 0.0
+
+
+def first_frame(counts: Counts) -> Counts:
+    """The counts of the first frame alone."""
+    return Counts(counts.shared[:1], counts.predicted[:1], counts.true[:1], counts.foreground[:1])
+
+
+def foreground_iou(counts: Counts) -> float:
+    """Mean over frames of the IoU of the unions of all objects; frames with neither are left out."""
+    both, either = counts.foreground[:, 0], counts.foreground[:, 1]
+    seen = either > 0
+    return float((both[seen] / either[seen]).mean()) if seen.any() else 0.0

@@ -1,0 +1,57 @@
+"""What stands beside the weights of a checkpoint: tokenizer and clip layout, by folder or name in the local cache."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from transformers import AutoConfig, AutoTokenizer, PreTrainedTokenizerBase
+
+from pipeline.errors import ModelError
+from pipeline.model.patches import PatchLayout
+
+LAYOUT_FILE = "clip_layout.json"
+
+
+def unavailable(name: str, error: Exception) -> ModelError:
+    """The one sentence for a checkpoint that cannot be had; nothing is downloaded here."""
+    fetch = name if "/" in name and not Path(name).exists() else "Qwen/Qwen2.5-VL-3B-Instruct"
+    return ModelError(
+        f"model.base: {name!r} is neither a folder with a Qwen2.5-VL checkpoint (config.json, model.safetensors, "
+        f"tokenizer.json) nor in the local hub cache. Valid: models/tiny, or fetch it first on a machine with a "
+        f"network: hf download {fetch}. ({str(error).splitlines()[0]})"
+    )
+
+
+def load_tokenizer(name: str) -> PreTrainedTokenizerBase:
+    """The checkpoint's tokenizer. Raises `ModelError`."""
+    try:
+        return AutoTokenizer.from_pretrained(name, local_files_only=True)
+    except (OSError, ValueError, KeyError) as error:
+        raise unavailable(name, error) from None
+
+
+def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
+    """How clips are cut for the checkpoint: its own layout, else frames of width x height in its patches.
+
+    Raises `ModelError` where the checkpoint is missing or its layout has another number of frames.
+    """
+    file = Path(name) / LAYOUT_FILE
+    try:
+        if file.is_file():
+            stored = json.loads(file.read_text())
+            layout = PatchLayout(**{k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()})
+        else:
+            vision = AutoConfig.from_pretrained(name, local_files_only=True).vision_config
+            layout = PatchLayout(width, height, frames, vision.patch_size, vision.temporal_patch_size,
+                                 vision.spatial_merge_size)  # fmt: skip
+    except (OSError, ValueError, KeyError, AttributeError) as error:
+        raise unavailable(name, error) from None
+    if layout.frames != frames:
+        raise ModelError(f"model.base: {name} was trained on {layout.frames} frames a clip; clip.model_frames is {frames}")
+    return layout
+
+
+def write_layout(folder: Path, layout: PatchLayout) -> None:
+    (folder / LAYOUT_FILE).write_text(json.dumps(asdict(layout), indent=1) + "\n")

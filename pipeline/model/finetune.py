@@ -1,0 +1,123 @@
+"""Fine-tuning on tokenized clips with the Hugging Face Trainer: all weights, or low-rank adapters (LoRA)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from peft import LoraConfig, get_peft_model
+from torch.utils.data import Dataset
+from transformers import Trainer, TrainerCallback, TrainingArguments
+
+from pipeline.language.codec import Tokens
+from pipeline.model.base import Base
+from pipeline.model.loss import batch_loss, make_batch
+
+LORA_TARGETS = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj", "qkv", "proj")
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """steps: None for what `epochs` take. lora_rank 0 trains all weights. checkpoint_steps between checkpoints."""
+
+    steps: int | None
+    epochs: float
+    batch_size: int
+    learning_rate: float
+    lora_rank: int
+    checkpoint_steps: int
+    seed: int
+
+
+class ClipDataset(Dataset):
+    """Clips as (tokens, pictures (T, H, W, 3) uint8), read when asked for."""
+
+    def __init__(self, length: int, read: Callable[[int], tuple[Tokens, np.ndarray]]) -> None:
+        self._length, self._read = length, read
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __getitem__(self, index: int) -> dict[str, Any]:
+        tokens, picture = self._read(index)
+        return {"tokens": tokens, "picture": picture}
+
+
+class _Trainer(Trainer):
+    """The Trainer with our loss, which computes logits for the completion alone."""
+
+    base: Base
+
+    def compute_loss(self, model: Any, inputs: dict, return_outputs: bool = False, **_: Any) -> Any:
+        loss, _each = batch_loss(self.base, inputs["batch"])
+        return (loss, {"loss": loss.detach()}) if return_outputs else loss
+
+    def prediction_step(self, model: Any, inputs: dict, prediction_loss_only: bool, ignore_keys: Any = None) -> Any:
+        with torch.no_grad():
+            loss, _ = batch_loss(self.base, inputs["batch"])
+        return loss.detach(), None, None
+
+
+class _Report(TrainerCallback):
+    def __init__(self, report: Callable[[dict[str, float]], None]) -> None:
+        self._report = report
+
+    def on_log(self, args: Any, state: Any, control: Any, logs: dict | None = None, **_: Any) -> None:
+        self._report({"step": state.global_step, **(logs or {})})
+
+
+def finetune(
+    base: Base, train: ClipDataset, val: ClipDataset, plan: TrainingPlan, work: Path, report: Callable[[dict], None]
+) -> None:
+    """Train `base` in place. Checkpoints go to `work`, from the last of which an interrupted run goes on.
+
+    report: called with each row of the loss curves (step, loss or eval_loss, learning_rate).
+    """
+    whole = base.model
+    if plan.lora_rank:
+        config = LoraConfig(r=plan.lora_rank, lora_alpha=2 * plan.lora_rank, target_modules=list(LORA_TARGETS))
+        adapted = get_peft_model(whole, config)
+    arguments = TrainingArguments(
+        output_dir=str(work),
+        max_steps=plan.steps if plan.steps is not None else -1,
+        num_train_epochs=plan.epochs,
+        per_device_train_batch_size=plan.batch_size,
+        per_device_eval_batch_size=plan.batch_size,
+        learning_rate=plan.learning_rate,
+        lr_scheduler_type="cosine",
+        warmup_steps=0.05,
+        weight_decay=0.01,
+        logging_steps=max(1, plan.checkpoint_steps // 4),
+        eval_strategy="steps",
+        eval_steps=plan.checkpoint_steps,
+        eval_on_start=True,
+        save_strategy="steps",
+        save_steps=plan.checkpoint_steps,
+        save_total_limit=1,
+        remove_unused_columns=False,
+        label_names=[],
+        seed=plan.seed,
+        data_seed=plan.seed,
+        report_to=[],
+        disable_tqdm=None,
+        bf16=base.model.dtype == torch.bfloat16 and torch.cuda.is_available(),
+        use_cpu=not torch.cuda.is_available(),
+        dataloader_pin_memory=torch.cuda.is_available(),
+    )
+
+    def collate(rows: list[dict]) -> dict:
+        return {"batch": make_batch(base, [r["tokens"] for r in rows], np.stack([r["picture"] for r in rows]))}
+
+    trainer = _Trainer(
+        model=adapted if plan.lora_rank else whole, args=arguments, train_dataset=train, eval_dataset=val,
+        data_collator=collate, callbacks=[_Report(report)],
+    )  # fmt: skip
+    trainer.base = base
+    trainer.train(resume_from_checkpoint=any(work.glob("checkpoint-*")))
+    if plan.lora_rank:
+        base.model = adapted.merge_and_unload()
+    base.model.eval()

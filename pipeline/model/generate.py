@@ -1,0 +1,117 @@
+"""Completions of clips, greedy or sampled, in batches with a key-value cache, under the grammar: all of them parse.
+
+The prompt of a clip is run once; its samples share the cache. Rows advance together: what the grammar forces is
+fed in one go, as far as it reaches in every row, so that most forward passes end in a choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from transformers import DynamicCache
+
+from pipeline.language.completion import completion_grammar
+from pipeline.model.base import Base
+from pipeline.model.inputs import prompt_positions
+from pipeline.model.patches import pack_video
+from pipeline.model.walker import Tries, Walker
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """samples a clip; temperature 0 is greedy (one sample); top_p: nucleus; reasoning; seconds of the clip."""
+
+    samples: int = 1
+    temperature: float = 0.0
+    top_p: float = 0.9
+    reasoning: bool = True
+    seconds: float = 1.0
+    most_tokens: int = 1200
+
+
+@dataclass(frozen=True)
+class Completed:
+    """A completion and the log-probability, nats, that the model gave to its free choices."""
+
+    text: str
+    log_probability: float
+
+
+@torch.no_grad()
+def generate(
+    base: Base, clips: np.ndarray, sampling: Sampling, seeds: list[int], tries: Tries | None = None
+) -> list[list[Completed]]:
+    """`sampling.samples` completions of each clip (B, T, H, W, 3) uint8; one seed a clip makes them repeatable."""
+    model, device = base.model.eval(), base.model.device
+    tries = tries or Tries(base.codec)
+    each = sampling.samples
+    rows = len(clips) * each
+    cache, logits = _prefill(base, clips)
+    cache.batch_repeat_interleave(each)
+    logits = logits.repeat_interleave(each, 0)
+    walkers = [Walker(completion_grammar(sampling.reasoning, sampling.seconds), base.codec, tries) for _ in range(rows)]
+    rngs = [np.random.default_rng((seeds[i // each], i % each)) for i in range(rows)]
+    log_probability = np.zeros(rows)
+    waiting: list[list[int]] = [w.forced() for w in walkers]  # tokens that are settled but not yet fed
+    next_position = int(prompt_positions(base).max()) + 1
+    fed = 0
+    while True:
+        for i, walker in enumerate(walkers):
+            if not waiting[i] and not walker.finished:
+                token, log_p = _choose(logits[i], walker.allowed, sampling, rngs[i])
+                log_probability[i] += log_p
+                walker.take(token)
+                waiting[i] = [token, *walker.forced()]
+        if not any(waiting):
+            break
+        # rows that are done are fed padding, which nothing of theirs looks at again
+        step = min(len(w) for w in waiting if w)
+        ids = [(w[:step] or [base.codec.pad_id] * step) for w in waiting]
+        waiting = [w[step:] for w in waiting]
+        where = torch.arange(next_position + fed, next_position + fed + step, device=device).expand(3, rows, -1)
+        out = model(input_ids=torch.tensor(ids, device=device), position_ids=where, past_key_values=cache, use_cache=True,
+                    logits_to_keep=1)  # fmt: skip
+        logits = out.logits[:, -1].float().cpu()
+        fed += step
+        assert fed < sampling.most_tokens, "the grammar's texts are finite"
+    done = [Completed(w.text, float(p)) for w, p in zip(walkers, log_probability, strict=True)]
+    return [done[i * each : (i + 1) * each] for i in range(len(clips))]
+
+
+def _prefill(base: Base, clips: np.ndarray) -> tuple[DynamicCache, torch.Tensor]:
+    """Cache and last logits after the prompt of each clip."""
+    device = base.model.device
+    ids = torch.tensor([base.codec.prompt_ids] * len(clips), device=device)
+    where = prompt_positions(base)[:, None].expand(-1, len(clips), -1).to(device)
+    patches = pack_video(torch.as_tensor(clips).to(device), base.layout).to(base.model.dtype)
+    grid = torch.tensor([base.layout.grid] * len(clips), device=device)
+    cache = DynamicCache(config=base.model.config.get_text_config())
+    out = base.model(input_ids=ids, pixel_values_videos=patches, video_grid_thw=grid, position_ids=where,
+                     past_key_values=cache, use_cache=True, logits_to_keep=1)  # fmt: skip
+    return cache, out.logits[:, -1].float().cpu()
+
+
+def _choose(logits: torch.Tensor, allowed: list[int], sampling: Sampling, rng: np.random.Generator) -> tuple[int, float]:
+    """A token among the allowed ones and its log-probability among them."""
+    scores = logits[allowed].double().numpy()
+    log_p = scores - scores.max()
+    log_p -= np.log(np.exp(log_p).sum())
+    if sampling.temperature == 0:
+        best = int(np.argmax(log_p))
+        return allowed[best], float(log_p[best])
+    p = np.exp((scores - scores.max()) / sampling.temperature)
+    p /= p.sum()
+    order = np.argsort(-p, kind="stable")
+    kept = order[: int(np.searchsorted(np.cumsum(p[order]), sampling.top_p)) + 1]
+    pick = int(rng.choice(kept, p=p[kept] / p[kept].sum()))
+    return allowed[pick], float(log_p[pick])
+
+
+def batches(clips: int, samples: int, batch_size: int) -> Iterator[range]:
+    """Runs of clips whose samples together fill a batch of `batch_size` sequences."""
+    size = max(1, batch_size // samples)
+    for start in range(0, clips, size):
+        yield range(start, min(start + size, clips))

@@ -1,0 +1,88 @@
+"""One sequence being written under the grammar, token by token."""
+
+from __future__ import annotations
+
+import functools
+
+from pipeline.language.codec import Codec
+from pipeline.language.grammar import Element, Grammar, Literal, Number
+
+Trie = dict[int, "Trie | str"]  # token -> what may follow, or the whole text where the element ends
+
+
+class Tries:
+    """For each choice and number of the grammar, its texts as a tree of token ids; built once and kept."""
+
+    def __init__(self, codec: Codec) -> None:
+        self._codec = codec
+        self.of = functools.cache(self._build)
+
+    def _build(self, element: Element) -> Trie:
+        assert not isinstance(element, Literal)
+        root: Trie = {}
+        for text in element.options:
+            node = root
+            *path, last = self._codec.segment_ids(element, text)
+            for token in path:
+                child = node.setdefault(token, {})
+                assert isinstance(child, dict), "no option's tokens begin another's"
+                node = child
+            node[last] = text
+        return root
+
+
+class Walker:
+    """Steers one sequence. `forced()` gives tokens to append unasked; `allowed` the tokens among which the model then
+    chooses; `take(token)` appends its choice. `text` is what has been written."""
+
+    def __init__(self, grammar: Grammar, codec: Codec, tries: Tries) -> None:
+        self._grammar, self._codec, self._tries = grammar, codec, tries
+        self._element: Element | None = next(grammar)
+        self._node: Trie = {}
+        self.text = ""
+        self.numeric = False
+        self._enter()
+
+    @property
+    def finished(self) -> bool:
+        return self._element is None
+
+    @property
+    def allowed(self) -> list[int]:
+        return list(self._node)
+
+    def forced(self) -> list[int]:
+        """Tokens that follow without a choice: fixed texts, and places where one token alone is allowed."""
+        ids: list[int] = []
+        while self._element is not None:
+            if isinstance(self._element, Literal):
+                ids += self._codec.segment_ids(self._element, self._element.text)
+                self._advance(self._element.text)
+            elif len(self._node) == 1:
+                token = next(iter(self._node))
+                ids.append(token)
+                self.take(token)
+            else:
+                break
+        return ids
+
+    def take(self, token: int) -> None:
+        """Append one of the `allowed` tokens."""
+        following = self._node[token]
+        if isinstance(following, str):
+            self._advance(following)
+        else:
+            self._node = following
+
+    def _advance(self, text: str) -> None:
+        self.text += text
+        try:
+            self._element = self._grammar.send(text)
+        except StopIteration:
+            self._element = None
+        self._enter()
+
+    def _enter(self) -> None:
+        self.numeric = isinstance(self._element, Number)
+        if self._element is not None and not isinstance(self._element, Literal):
+            self._node = self._tries.of(self._element)

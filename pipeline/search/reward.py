@@ -1,0 +1,68 @@
+"""The reward of candidates, compiled: masks and exact flow of every frame against the target's, in parallel.
+
+Reward = IoU - EPE over the whole frame (px of 480x320 per frame interval). See docs/formats.md, "Metrics".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+
+from pipeline.evaluation.overlap_scores import Counts, count_frame
+from pipeline.vision.exact_flow import exact_flow_frame
+from pipeline.vision.rasteriser import fill_background, rasterise_frame
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Counts of B candidates, with a leading axis B each, and epe_frame, epe (B,): mean flow errors over all pixels
+    and over the pixels that are foreground in either, px of the target's size."""
+
+    shared: np.ndarray
+    predicted: np.ndarray
+    true: np.ndarray
+    foreground: np.ndarray
+    epe_frame: np.ndarray
+    epe: np.ndarray
+
+    def counts(self, candidate: int) -> Counts:
+        return Counts(self.shared[candidate], self.predicted[candidate], self.true[candidate], self.foreground[candidate])
+
+
+@njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+def measure_kernel(
+    kinds: np.ndarray, half_size: np.ndarray, position: np.ndarray, quaternion: np.ndarray,
+    camera_position: np.ndarray, camera_rotation: np.ndarray, fov: np.ndarray, ground: np.ndarray,
+    target_masks: np.ndarray, target_flow: np.ndarray,
+    shared: np.ndarray, predicted: np.ndarray, true: np.ndarray, foreground: np.ndarray,
+    epe_frame: np.ndarray, epe: np.ndarray,
+) -> None:  # fmt: skip
+    """Fill the fields of `Measured`. position (B, F, 2, N, 3), quaternion (B, F, 2, N, 4): poses in each frame and in
+    the frame its flow leads to; the rest as `SceneBatch` and `Target`."""
+    frames, height, width = target_masks.shape
+    for b in prange(position.shape[0]):
+        background = np.empty((height, width), np.float32)
+        mask = np.empty((height, width), np.uint8)
+        depth = np.empty((height, width), np.float32)
+        flow = np.empty((height, width, 2), np.float32)
+        fill_background(camera_position[b], camera_rotation[b], fov[b], ground[b], background)
+        total, front, pixels = 0.0, 0.0, 0
+        for k in range(frames):
+            rasterise_frame(kinds, half_size[b], position[b, k, 0], quaternion[b, k, 0], camera_position[b],
+                            camera_rotation[b], fov[b], background, mask, depth)  # fmt: skip
+            exact_flow_frame(position[b, k, 0], quaternion[b, k, 0], position[b, k, 1], quaternion[b, k, 1],
+                             camera_position[b], camera_rotation[b], fov[b], mask, depth, flow)  # fmt: skip
+            count_frame(mask, target_masks[k], shared[b, k], predicted[b, k], true[b, k], foreground[b, k])
+            for row in range(height):
+                for col in range(width):
+                    u = flow[row, col, 0] - target_flow[k, row, col, 0]
+                    v = flow[row, col, 1] - target_flow[k, row, col, 1]
+                    length = np.sqrt(u * u + v * v)
+                    total += length
+                    if mask[row, col] or target_masks[k, row, col]:
+                        front += length
+                        pixels += 1
+        epe_frame[b] = total / (frames * height * width)
+        epe[b] = front / max(pixels, 1)

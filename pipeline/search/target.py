@@ -1,0 +1,43 @@
+"""What a search has to match: instance masks and flow of the frames that the model sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+REFERENCE_WIDTH = 480
+
+
+@dataclass(frozen=True)
+class Target:
+    """masks (F, H, W) uint8, 0 background, j + 1 instance j; flow (F, H, W, 2) float32 px of this size per frame
+    interval; instances: how many."""
+
+    masks: np.ndarray
+    flow: np.ndarray
+    instances: int
+
+    @property
+    def height(self) -> int:
+        return self.masks.shape[1]
+
+    @property
+    def width(self) -> int:
+        return self.masks.shape[2]
+
+
+def make_target(masks: np.ndarray, flow: np.ndarray, width: int, height: int) -> Target:
+    """A target of width x height px from masks (F, H, W) and flow (F, h, w, 2) in px of their own sizes."""
+    small = np.stack([cv2.resize(m, (width, height), interpolation=cv2.INTER_NEAREST) for m in masks])
+    return Target(small, resize_flow(flow, width, height), int(masks.max(initial=0)))
+
+
+def resize_flow(flow: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Flow (F, h, w, 2) at another size, its lengths scaled along."""
+    if flow.shape[1:3] == (height, width):
+        return np.ascontiguousarray(flow, np.float32)
+    mode = cv2.INTER_AREA if flow.shape[2] > width else cv2.INTER_LINEAR
+    scale = np.array([width / flow.shape[2], height / flow.shape[1]], np.float32)
+    return np.stack([cv2.resize(f.astype(np.float32), (width, height), interpolation=mode) for f in flow]) * scale

@@ -1,0 +1,64 @@
+"""CMA-ES from the best samples: types fixed, everything else free and bounded.
+
+Reads data/best_of_k/<suite>, data/render/<suite> (masks), data/flow/<suite>. Writes data/cmaes/<suite>: clip, scene,
+reward, iou, simulations, history (best reward after each iteration). Parameters: seed, clip, search, cmaes.
+Run: python -m stages.cmaes SUITE
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pyarrow as pa
+from tqdm import tqdm
+
+from pipeline.clips.schedule import Schedule
+from pipeline.scene.text import read_scene, write_scene
+from pipeline.search.cmaes import Budget, search
+from pipeline.search.evaluator import Evaluator
+from pipeline.shards.clip_rng import clip_rng
+from pipeline.shards.opened_shard import OpenShard
+from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.tables import table_from_rows
+from stages.main import run
+from stages.params import load
+from stages.run_shards import run_shards
+from stages.search_target import search_target
+
+SCHEMA = pa.schema(
+    {
+        "clip": pa.int64(),
+        "scene": pa.string(),
+        "reward": pa.float64(),
+        "iou": pa.float64(),
+        "simulations": pa.int32(),
+        "history": pa.list_(pa.float64()),
+    }
+)
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+    ranked, rendered, flow = inputs
+    rows, invalid = [], 0
+    for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
+        best = [row["scene"] for row in ranked.rows(clip)]
+        starts = [read_scene(text) for text in list(dict.fromkeys(best))[: p["starts"]]]
+        evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
+        found = search(evaluator, starts, Budget(p["population"], p["iterations"], p["sigma"]),
+                       clip_rng(p["seed"], shard.suite, clip, "cmaes"))  # fmt: skip
+        rows.append({"clip": clip, "scene": write_scene(found.scene), "reward": found.reward, "iou": found.iou,
+                     "simulations": found.simulations, "history": found.history.tolist()})  # fmt: skip
+        invalid += found.invalid
+    notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
+    return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)
+
+
+def main(suite: str) -> None:
+    params = load("cmaes", suite)
+    parameters = {"seed": params.seed, "clip": params.clip.model_dump(), **params.search.model_dump(),
+                  **params.cmaes.model_dump()}  # fmt: skip
+    run_shards("cmaes", suite, compute, parameters, ["best_of_k", "render", "flow"],
+               versions=["mujoco", "numba", "cma"])  # fmt: skip
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,58 @@
+"""Events of clips from their traces, and the sentences that tell them.
+
+Reads data/sample/<suite> and data/simulate/<suite>. Writes data/events/<suite>: table events (clip, time, kind,
+first, second: object indices, -1 for none), table clips (clip, think). Parameters: clip, events,
+sample.filters.visible_px. Run: python -m stages.events SUITE
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pyarrow as pa
+
+from pipeline.clips.schedule import Schedule
+from pipeline.clips.view import areas_px, frame_masks
+from pipeline.language.completion import think_text
+from pipeline.language.events import Thresholds, find_events
+from pipeline.physics.trace_shards import read_trace
+from pipeline.scene.text import read_scene
+from pipeline.shards.opened_shard import OpenShard
+from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.tables import table_from_rows
+from stages.main import run
+from stages.params import load
+from stages.run_shards import run_shards
+
+EVENT_SCHEMA = pa.schema(
+    {"clip": pa.int64(), "time": pa.float64(), "kind": pa.string(), "first": pa.int8(), "second": pa.int8()}
+)
+CLIP_SCHEMA = pa.schema({"clip": pa.int64(), "think": pa.string()})
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+    sample, simulated = inputs
+    schedule = Schedule(**p["clip"])
+    events, clips, kinds = [], [], Counter[str]()
+    for row in sample.table().to_pylist():
+        scene, trace = read_scene(row["scene"]), read_trace(simulated, row["clip"])
+        areas = areas_px(frame_masks(scene, trace, schedule, 240, 160), len(scene.objects))
+        found = find_events(trace, scene.shapes, areas, schedule.frame_steps, Thresholds(**p["events"]))
+        clips.append({"clip": row["clip"], "think": think_text(scene, found, schedule.seconds)})
+        for e in found:
+            second = -1 if e.second is None else e.second
+            events.append({"clip": row["clip"], "time": e.time, "kind": e.kind, "first": e.first, "second": second})
+            kinds[e.kind] += 1
+    tables = {"clips": table_from_rows(clips, CLIP_SCHEMA), "events": table_from_rows(events, EVENT_SCHEMA)}
+    return ShardResult(tables, notes=dict(kinds))
+
+
+def main(suite: str) -> None:
+    params = load("events", suite)
+    thresholds = params.events.model_dump() | {"visible_px": params.sample.filters.visible_px}
+    run_shards("events", suite, compute, {"clip": params.clip.model_dump(), "events": thresholds}, ["sample", "simulate"],
+               versions=["numba"])  # fmt: skip
+
+
+if __name__ == "__main__":
+    run(main)

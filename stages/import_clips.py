@@ -1,0 +1,61 @@
+"""Take in the user's clips as the suite `real`: decode, resample, and find masks.
+
+Reads the folder suites.real.path: videos, or folders that each have a video and masks (masks.npz, or a folder masks/ of
+PNGs). Writes data/render/real: table clips (clip, name, source_fps, masks_from, notes), arrays rgb and mask.
+Parameters: clip, suites.real, sample.shard_size. Run: python -m stages.import_clips
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from pipeline.errors import ParamsError
+from pipeline.shards.opened_shard import OpenShard
+from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.tables import table_from_rows
+from pipeline.vision.user_clip import find_clips, read_user_clip
+from stages.main import run
+from stages.params import load
+from stages.run_shards import run_shards
+
+SCHEMA = pa.schema(
+    {
+        "clip": pa.int64(),
+        "name": pa.string(),
+        "source_fps": pa.float64(),
+        "masks_from": pa.string(),
+        "notes": pa.list_(pa.string()),
+    }
+)
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+    rows, frames, masks = [], [], []
+    for clip in shard.clips:
+        place = Path(p["clips"][clip])
+        taken = read_user_clip(place, p["start"], p["seconds"], p["frames_per_second"], p["assume_fps"])
+        rows.append({"clip": clip, "name": place.stem, "source_fps": taken.clip.source_fps,
+                     "masks_from": taken.masks_from, "notes": taken.clip.notes})  # fmt: skip
+        frames.append(taken.clip.frames)
+        masks.append(taken.masks)
+    return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, {"rgb": np.stack(frames), "mask": np.stack(masks)})
+
+
+def main() -> None:
+    params = load("import_clips", "real")
+    own = params.suites.real
+    if own.path is not None and round(own.seconds * params.clip.fps) != round(params.clip.seconds * params.clip.fps):
+        raise ParamsError(f"suites.real.seconds is {own.seconds}, clip.seconds is {params.clip.seconds}: give both the same")
+    clips = find_clips(Path(own.path)) if own.path is not None else []
+    parameters = {"clips": [str(c) for c in clips], "start": own.start, "seconds": own.seconds, "assume_fps": own.fps,
+                  "frames_per_second": params.clip.fps}  # fmt: skip
+    files = {str(c): c for c in clips}
+    run_shards("import_clips", "real", compute, parameters, output="render", clips=len(clips),
+               shard_size=params.sample.shard_size, files=files, versions=["opencv-python-headless", "av"])  # fmt: skip
+
+
+if __name__ == "__main__":
+    run(main)

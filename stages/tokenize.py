@@ -1,0 +1,71 @@
+"""Prompts, <think> and <answer> as token ids of the base model's own tokenizer.
+
+Reads data/sample/<suite>, data/events/<suite>, model.base's tokenizer. Writes data/tokenize/<suite>: clip, completion
+(text), ids, prompt_length, free (the model's to choose), numeric. Parameters: clip, model.base, model.reasoning,
+model.width, model.height. Run: python -m stages.tokenize SUITE
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from pipeline.language.codec import Codec
+from pipeline.language.completion import write_completion
+from pipeline.language.events import Event
+from pipeline.model.checkpoint import load_tokenizer, read_layout
+from pipeline.scene.text import read_scene
+from pipeline.shards.opened_shard import OpenShard
+from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.tables import table_from_rows
+from stages.main import run
+from stages.params import load
+from stages.run_shards import run_shards
+
+SCHEMA = pa.schema(
+    {
+        "clip": pa.int64(),
+        "completion": pa.string(),
+        "ids": pa.list_(pa.int32()),
+        "prompt_length": pa.int32(),
+        "free": pa.list_(pa.bool_()),
+        "numeric": pa.list_(pa.bool_()),
+    }
+)
+
+
+@lru_cache(maxsize=1)
+def codec(base: str, width: int, height: int, frames: int) -> Codec:
+    return Codec(load_tokenizer(base), read_layout(base, width, height, frames).tokens)
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+    sample, told = inputs
+    writer = codec(p["base"], p["width"], p["height"], p["frames"])
+    rows = []
+    for row in sample.table().to_pylist():
+        events = [Event(e["time"], e["kind"], e["first"], None if e["second"] < 0 else e["second"])
+                  for e in told.rows(row["clip"], "events")]  # fmt: skip
+        completion = write_completion(read_scene(row["scene"]), events if p["reasoning"] else None, p["seconds"])
+        tokens = writer.encode(completion, p["reasoning"], p["seconds"])
+        rows.append({"clip": row["clip"], "completion": completion, "ids": tokens.ids.tolist(),
+                     "prompt_length": tokens.prompt_length, "free": tokens.free.tolist(),
+                     "numeric": tokens.numeric.tolist()})  # fmt: skip
+    return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes={"tokens": sum(len(r["ids"]) for r in rows)})
+
+
+def main(suite: str) -> None:
+    params = load("tokenize", suite)
+    m = params.model
+    parameters = {"base": m.base, "reasoning": m.reasoning, "width": m.width, "height": m.height,
+                  "frames": params.clip.model_frames, "seconds": params.clip.seconds}  # fmt: skip
+    names = ("tokenizer.json", "tokenizer_config.json", "clip_layout.json")
+    files = {name: Path(m.base) / name for name in names if (Path(m.base) / name).is_file()}
+    run_shards("tokenize", suite, compute, parameters, ["sample", "events"], files=files,
+               versions=["tokenizers", "transformers"])  # fmt: skip
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,97 @@
+"""Laws of the noise on exact flow."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.vision.flow_noise import NO_NOISE, FlowNoise, fit_noise, nearest_foreground, noisy_flow, smooth_noise
+
+
+def moving_discs(rng, count=12, height=160, width=240):
+    """Exact flow (T, H, W, 2) and masks (T, H, W) of two discs that move differently."""
+    y, x = np.mgrid[:height, :width]
+    flow, masks = np.zeros((count, height, width, 2), np.float32), np.zeros((count, height, width), np.uint8)
+    for t in range(count):
+        for i in (1, 2):
+            cx, cy = rng.uniform(40, 200), rng.uniform(40, 120)
+            disc = np.hypot(x - cx, y - cy) < rng.uniform(15, 30)
+            masks[t][disc] = i
+            angle = rng.uniform(0, 2 * np.pi)
+            flow[t][disc] = rng.uniform(3, 9) * np.array([np.cos(angle), np.sin(angle)])
+    return flow, masks
+
+
+def test_without_noise_the_flow_is_exact(rng):
+    flow, masks = moving_discs(rng, 3)
+    assert np.array_equal(noisy_flow(rng, flow, masks, NO_NOISE), flow)
+
+
+def test_the_same_generator_gives_the_same_noise_and_another_another():
+    flow, masks = moving_discs(np.random.default_rng(0), 3)
+    first, again, other = (noisy_flow(np.random.default_rng(s), flow, masks, FlowNoise()) for s in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_drop_outs_have_their_share_and_lie_in_objects(rng):
+    flow, masks = moving_discs(rng)
+    noisy = noisy_flow(rng, flow, masks, replace(NO_NOISE, dropout=0.2, dropout_px=6))
+    lost = (noisy != flow).any(-1)
+    assert lost[masks > 0].mean() == pytest.approx(0.2, abs=0.02)
+    assert not lost[masks == 0].any()
+    assert (noisy[lost] == 0).all()
+
+
+def test_leaks_lie_beside_objects_and_take_their_motion(rng):
+    flow, masks = moving_discs(rng)
+    noisy = noisy_flow(rng, flow, masks, replace(NO_NOISE, leak=0.4))
+    for t in range(len(flow)):
+        near, nearest = nearest_foreground(masks[t] > 0, 3.0)
+        leaked = (noisy[t] != flow[t]).any(-1)
+        assert not (leaked & ~near).any()
+        assert leaked.sum() == pytest.approx(0.4 * near.sum(), rel=0.1)
+        assert np.array_equal(noisy[t][leaked], flow[t][nearest[leaked][:, 0], nearest[leaked][:, 1]])
+
+
+def test_smooth_noise_keeps_its_deviation(rng):
+    for sigma in (0.0, 1.0, 4.0):
+        assert smooth_noise(rng, (300, 300), sigma).std() == pytest.approx(1, abs=0.15)
+
+
+def test_the_flow_outside_is_still(rng):
+    flow, masks = moving_discs(rng, 4)
+    noisy = noisy_flow(rng, flow, masks, FlowNoise(still_px=0.05))
+    far = np.stack([cv2.dilate(m, np.ones((25, 25), np.uint8)) == 0 for m in (masks > 0).astype(np.uint8)])
+    assert noisy[far].std() == pytest.approx(0.05 / 2, rel=0.25)  # 240 px wide: half of 480
+
+
+def test_the_fit_finds_the_parameters_that_made_the_noise(rng):
+    flow, masks = moving_discs(rng, 40)
+    true = FlowNoise(
+        edge_px=2.0, waver_px=0.3, waver_share=0.0, correlation_px=8.0, still_px=0.04, dropout=0.05, leak=0.2
+    )
+    found = fit_noise(flow, noisy_flow(rng, flow, masks, true), masks)
+    assert found.still_px == pytest.approx(true.still_px, rel=0.25)
+    assert found.waver_px + found.waver_share * 12 == pytest.approx(true.waver_px, rel=0.4)
+    assert found.correlation_px == pytest.approx(true.correlation_px, rel=0.4)
+    assert found.dropout == pytest.approx(true.dropout, abs=0.04)
+    assert found.edge_px == pytest.approx(true.edge_px, abs=1.5)
+    assert 0.05 < found.leak < 0.5
+
+
+def test_a_fit_to_exact_flow_finds_no_noise(rng):
+    flow, masks = moving_discs(rng, 5)
+    found = fit_noise(flow, flow, masks)
+    assert (found.edge_px, found.waver_px, found.still_px, found.dropout, found.leak) == (0, 0, 0, 0, 0)
+
+
+def test_nothing_to_fit_is_an_error():
+    with pytest.raises(ValueError, match="no object moves"):
+        fit_noise(np.zeros((1, 20, 30, 2)), np.zeros((1, 20, 30, 2)), np.zeros((1, 20, 30), np.uint8))
+
+
+def test_negative_parameters_are_refused():
+    with pytest.raises(ValueError, match="edge_px"):
+        FlowNoise(edge_px=-1)

@@ -1,0 +1,40 @@
+"""A direct lesson for the features: each cell's correlation is to peak where the cell moves to.
+
+RAFT's own loss reaches the features only through the recurrence, which learns nothing before they mean something.
+The cross-entropy between the softmax of a cell's correlation and the bilinear weights of its true target (as in
+supervised matching, e.g. LoFTR, Sun et al. 2021) starts at once, and teaches positions finer than a cell.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from pipeline.vision.raft import CELL, Correlation
+
+LEAST_SHARE = 0.3  # of a cell's pixels that must be of moving bodies for the cell to count as one
+
+
+def matching_loss(correlation: Correlation, flow_px: Tensor, foreground: Tensor, foreground_weight: float) -> Tensor:
+    """Mean cross-entropy, nats. flow_px: (B, 2, H, W). foreground: (B, H, W) bool, of moving bodies."""
+    volume = correlation.pyramid[0]
+    h, w = volume.shape[-2:]
+    logits = volume.flatten(1).log_softmax(dim=-1)  # (B h w, h w)
+    share = F.avg_pool2d(foreground[:, None].float(), CELL)  # (B, 1, h, w)
+    flow = F.avg_pool2d(flow_px * foreground[:, None], CELL) / share.clamp(min=1e-6)
+    moves = share > LEAST_SHARE
+    flow = torch.where(moves, flow, torch.zeros_like(flow)) / CELL
+    y, x = torch.meshgrid(torch.arange(h, device=flow.device), torch.arange(w, device=flow.device), indexing="ij")
+    target_x, target_y = (x + flow[:, 0]).flatten(), (y + flow[:, 1]).flatten()  # (B h w,), in cells
+    left, top = target_x.floor(), target_y.floor()
+    total = torch.zeros_like(target_x)
+    known = torch.zeros_like(target_x)
+    for column, row in ((left, top), (left + 1, top), (left, top + 1), (left + 1, top + 1)):
+        weight = (1 - (target_x - column).abs()) * (1 - (target_y - row).abs())
+        inside = (column >= 0) & (column < w) & (row >= 0) & (row < h)
+        index = (row.clamp(0, h - 1) * w + column.clamp(0, w - 1)).long()
+        total = total - weight * inside * logits.gather(1, index[:, None])[:, 0]
+        known = known + weight * inside
+    weight = (1 + foreground_weight * moves.flatten()) * known
+    return (total * (1 + foreground_weight * moves.flatten())).sum() / weight.sum().clamp(min=1e-6)
