@@ -17,14 +17,14 @@ import torch
 from pipeline.vision.dis import DIS
 from pipeline.vision.raft import load_raft
 from pipeline.vision.render_backend import choose_backend
-from training.flow_scores import HELD_OUT_PAIRS, cross_engine, cross_engine_folder, held_out, score
+from training.flow_scores import HELD_OUT_PAIRS, Estimator, cross_engine, cross_engine_folder, held_out, score
 from training.pair_stream import Batch
 
 
-def compare(name: str, batch: Batch, estimators: dict[str, object], iterations: int) -> None:
+def compare(name: str, batch: Batch, estimators: dict[str, Estimator], iterations: int) -> None:
     size = f"{batch.frames_a.shape[2]}x{batch.frames_a.shape[1]}"
     print(f"\n{name}: {len(batch.frames_a)} pairs, px of {size}")
-    rows = {label: score(e, batch, iterations) for label, e in estimators.items()}  # type: ignore[arg-type]
+    rows = {label: score(e, batch, iterations) for label, e in estimators.items()}
     rival = rows["DIS medium"].foreground
     for label, row in rows.items():
         print(
@@ -42,7 +42,11 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     seed = secrets.randbits(32) if arguments.seed is None else arguments.seed
-    estimators = {"RAFT": load_raft(arguments.weights), "DIS fast": DIS("fast"), "DIS medium": DIS("medium")}
+    estimators: dict[str, Estimator] = {
+        "RAFT": load_raft(arguments.weights),
+        "DIS fast": DIS("fast"),
+        "DIS medium": DIS("medium"),
+    }
     print(f"seed {seed}, RAFT with {arguments.iterations} iterations on {arguments.threads} threads")
     backend, why = choose_backend("auto")
     if backend == "mujoco":

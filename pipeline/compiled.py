@@ -34,10 +34,12 @@ def _kernel_folder() -> Path:
     return Path(tempfile.mkdtemp(prefix="dynamics-kernels-"))
 
 
-numba.config.CACHE_DIR = str(_kernel_folder())
+numba.config.CACHE_DIR = str(_kernel_folder())  # type: ignore[attr-defined]
 
 #: Compiles a function at its first call; without the interpreter's lock, and x / 0 is inf or nan, as in NumPy.
 kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
-#: The same for a function that is called for each pixel and takes arrays: put into its callers, for otherwise each
+#: The same with `numba.prange` in threads.
+parallel_kernel = numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+#: The same as `kernel` for a function that is called for each pixel and takes arrays: put into its callers, for otherwise each
 #: call counts references to its arrays, which doubles the time.
 inlined_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -206,7 +206,7 @@ READS: dict[str, tuple[str, ...]] = {
     "infer": ("seed", "clip", "model.input", "model.reasoning", "model.dtype", "infer"),
     "best_of_k": ("clip", "search"),
     "cmaes": ("seed", "clip", "search", "cmaes"),
-    "score": ("seed", "clip", "score", "model.input", "model.reasoning", "flow.source", "search.width"),
+    "score": ("seed", "clip", "score", "model", "flow.source"),
 }
 """Stage -> the keys it reads, as narrow as can be; `{suite}` is the suite that the stage runs for."""
 

@@ -14,7 +14,7 @@ def augment(rng: np.random.Generator, pair: Pair) -> Pair:
     """The pair as another camera would have recorded it; the flow changes by mirroring alone."""
     if rng.random() < 0.5:
         pair = pair.mirrored()
-    frames = [pair.frame_a.astype(np.float32), pair.frame_b.astype(np.float32)]
+    frames: list[np.ndarray] = [f.astype(np.float32) for f in (pair.frame_a, pair.frame_b)]
     both = sample_tone(rng, 0.3)
     each = [sample_tone(rng, 0.04) for _ in frames] if rng.random() < 0.2 else [(1.0, 0.0, np.ones(3), 1.0)] * 2
     frames = [tone(tone(f, *both), *own) for f, own in zip(frames, each, strict=True)]
@@ -47,4 +47,4 @@ def tone(frame: np.ndarray, contrast: float, brightness: float, gain: np.ndarray
 def compressed(picture: np.ndarray, quality: int) -> np.ndarray:
     """Through JPEG and back."""
     _, code = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return cv2.imdecode(code, cv2.IMREAD_COLOR)
+    return np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR))

@@ -25,7 +25,8 @@ from pipeline.vision.shade import shade
 SECONDS = 1 / 30
 SHAPES = ("sphere", "sphere", "cylinder", "cylinder", "box", "box", "capsule", "ellipsoid")
 MOTIONS = ("slide", "roll", "roll", "fly", "fly", "spin", "rest")
-FASTEST = 2.5  # m/s
+ZOOM = 1.4
+FASTEST = 2.2  # m/s; half of the bodies are slower than a third of it
 
 
 @dataclass(frozen=True)
@@ -40,13 +41,13 @@ class Pair:
 
     def mirrored(self) -> Pair:
         """Left and right exchanged."""
-        flow = self.flow_px[:, ::-1] * np.float32([-1, 1])
+        flow = self.flow_px[:, ::-1] * np.array([-1, 1], np.float32)
         return Pair(self.frame_a[:, ::-1], self.frame_b[:, ::-1], flow, self.foreground[:, ::-1])
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Bodies before and after 1/30 s: positions (2, N, 3) m, quaternions (2, N, 4); the camera rests."""
+    """Bodies before and after: positions (2, N, 3) m, quaternions (2, N, 4); the camera rests."""
 
     objects: tuple[SceneObject, ...]
     positions: np.ndarray
@@ -93,17 +94,19 @@ def sample_object(rng: np.random.Generator) -> SceneObject:
 
 
 def sample_place(rng: np.random.Generator, camera: Pinhole, aspect: float) -> np.ndarray:
-    """A point in view, m: on a ray through the middle nine tenths of the picture, at 1 to 4 m."""
+    """A point in view, m: on a ray through the middle nine tenths of the picture, at a depth of 1.2 to 3.6 m."""
     tangent = 0.9 * math.tan(math.radians(camera.fov_y_deg) / 2)
     ray = np.array([rng.uniform(-1, 1) * tangent * aspect, rng.uniform(-1, 1) * tangent, -1.0])
-    return camera.position_world + camera.rotation_world @ ray * rng.uniform(1.0, 3.6)
+    return camera.position_world + camera.rotation_world @ ray * rng.uniform(1.2, 3.6)
 
 
-def sample_motion(rng: np.random.Generator, aspect: float = 1.5) -> Motion:
-    """One to six bodies in view that do not overlap, each with a random motion."""
+def sample_motion(rng: np.random.Generator, seconds: float = SECONDS, aspect: float = 1.5) -> Motion:
+    """One to six bodies in view that do not overlap, each with a random motion over `seconds`."""
     camera = sample_camera(rng)
     objects: list[SceneObject] = []
-    positions, quaternions, radii = [], [], []
+    positions: list[np.ndarray] = []
+    quaternions: list[np.ndarray] = []
+    radii: list[float] = []
     for _ in range(rng.integers(1, 7)):
         obj = sample_object(rng)
         half = half_extents(obj)
@@ -123,15 +126,15 @@ def sample_motion(rng: np.random.Generator, aspect: float = 1.5) -> Motion:
         q = quaternion_from_rotation_vector(turn)
         objects.append(obj)
         radii.append(radius)
-        positions.append(np.stack([place, place + velocity * SECONDS]))
-        quaternions.append(np.stack([q, integrate(q, spin, SECONDS)]))
+        positions.append(np.stack([place, place + velocity * seconds]))
+        quaternions.append(np.stack([q, integrate(q, spin, seconds)]))
     return Motion(tuple(objects), np.stack(positions, axis=1), np.stack(quaternions, axis=1), camera)
 
 
 def sample_velocity(rng: np.random.Generator, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Velocity, m/s, and angular velocity, rad/s, both (3,) in the world's frame."""
     kind = MOTIONS[rng.integers(len(MOTIONS))]
-    heading, speed = rng.uniform(0, 2 * math.pi), rng.uniform(0, FASTEST)
+    heading, speed = rng.uniform(0, 2 * math.pi), FASTEST * rng.random() ** 1.5
     level = speed * np.array([math.cos(heading), math.sin(heading), 0.0])
     if kind == "slide":
         return level, np.array([0.0, 0.0, rng.normal() * 3])
@@ -201,12 +204,16 @@ def aimed(rng: np.random.Generator, motion: Motion, share: float) -> Motion:
     return replace(motion, camera=Pinhole(camera.position_world, rotation, 2 * math.degrees(math.atan(tangent))))
 
 
-def sample_pair(
-    rng: np.random.Generator, width: int, height: int, full_height: int | None = None, mujoco_share: float = 0.0
+def sample_pair(rng: np.random.Generator, width: int, height: int, mujoco_share: float = 0.0) -> Pair:
+    """A random pair of whole pictures, 1/30 s apart. MuJoCo renders `mujoco_share` of the pairs."""
+    return render_pair(rng, sample_motion(rng), width, height, mujoco_share)
+
+
+def sample_window(
+    rng: np.random.Generator, width: int, height: int, full_height: int, mujoco_share: float = 0.0
 ) -> Pair:
-    """A random pair. full_height: px; where given, the picture is a window into one that is so high, about a moving
-    body. MuJoCo renders `mujoco_share` of the pairs."""
-    motion = sample_motion(rng)
-    if full_height is not None and full_height != height:
-        motion = aimed(rng, motion, height / full_height)
+    """A random pair seen through a window, about a moving body, into a picture `full_height` px high, which is
+    enlarged by up to ZOOM; the time between the frames is then as much shorter."""
+    zoom = math.exp(rng.uniform(-0.15, math.log(ZOOM)))
+    motion = aimed(rng, sample_motion(rng, SECONDS / zoom), height / full_height / zoom)
     return render_pair(rng, motion, width, height, mujoco_share)

@@ -16,8 +16,8 @@ from pipeline.vision.raft import CELL, Correlation
 LEAST_SHARE = 0.3  # of a cell's pixels that must be of moving bodies for the cell to count as one
 
 
-def matching_loss(correlation: Correlation, flow_px: Tensor, foreground: Tensor, foreground_weight: float) -> Tensor:
-    """Mean cross-entropy, nats. flow_px: (B, 2, H, W). foreground: (B, H, W) bool, of moving bodies."""
+def matching_loss(correlation: Correlation, flow_px: Tensor, foreground: Tensor) -> Tensor:
+    """Mean cross-entropy of the cells of moving bodies, nats. flow_px: (B, 2, H, W). foreground: (B, H, W) bool, of moving bodies."""
     volume = correlation.pyramid[0]
     h, w = volume.shape[-2:]
     logits = volume.flatten(1).log_softmax(dim=-1)  # (B h w, h w)
@@ -36,5 +36,5 @@ def matching_loss(correlation: Correlation, flow_px: Tensor, foreground: Tensor,
         index = (row.clamp(0, h - 1) * w + column.clamp(0, w - 1)).long()
         total = total - weight * inside * logits.gather(1, index[:, None])[:, 0]
         known = known + weight * inside
-    weight = (1 + foreground_weight * moves.flatten()) * known
-    return (total * (1 + foreground_weight * moves.flatten())).sum() / weight.sum().clamp(min=1e-6)
+    moving = moves.flatten().float()
+    return (total * moving).sum() / (known * moving).sum().clamp(min=1e-6)

@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.vision.render_backend import choose_backend
 from training.augment import augment
-from training.flow_pairs import Pair, sample_pair
+from training.flow_pairs import Pair, sample_pair, sample_window
 
 RENDER_SIZE = (240, 160)  # px, width and height of the whole picture
 REUSE = 2
@@ -62,7 +62,10 @@ class Pool:
     def draw(self, rng: np.random.Generator) -> Pair:
         if len(self.pairs) >= POOL_LEAST and rng.random() > 1 / REUSE:
             return self.pairs[rng.integers(len(self.pairs))]
-        pair = sample_pair(rng, *self.phase.size, RENDER_SIZE[1], self.mujoco_share)
+        if self.phase.size == RENDER_SIZE:
+            pair = sample_pair(rng, *RENDER_SIZE, self.mujoco_share)
+        else:
+            pair = sample_window(rng, *self.phase.size, RENDER_SIZE[1], self.mujoco_share)
         if len(self.pairs) < POOL_MOST:
             self.pairs.append(pair)
         else:

@@ -33,7 +33,7 @@ from training.raft_card import write_card
 
 HELD_OUT_SEED = 20_261_121  # of the pairs that the log is about; training uses others
 HELD_OUT_ITERATIONS = 6
-LONGEST_PX = 60.0  # flows longer than this teach nothing
+OUTSIDE_PX = 2.0  # what moves further out of the window than this teaches nothing
 WARM_UP = 0.04  # share of the training
 WEIGHT_DECAY = 1e-4
 CLIP = 1.0
@@ -68,16 +68,24 @@ def train_step(
     a, b = (torch.from_numpy(f).to(device).permute(0, 3, 1, 2).float() for f in (batch.frames_a, batch.frames_b))
     truth = torch.from_numpy(batch.flow_px).to(device).permute(0, 3, 1, 2)
     foreground = torch.from_numpy(batch.foreground).to(device)
-    weight = (1 + foreground_weight * foreground.float()) * (truth.norm(dim=1) < LONGEST_PX)
+    weight = (1 + foreground_weight * foreground.float()) * stays_inside(truth)
     correlation = model.correlate(a, b)
     loss = sequence_loss(model(a, b, iterations, draft=True, correlation=correlation), truth, weight)
-    matching = matching_loss(correlation, truth, foreground, foreground_weight)
+    matching = matching_loss(correlation, truth, foreground)
     optimiser.zero_grad(set_to_none=True)
     (loss + matching_weight * matching).backward()
     norm = torch.nn.utils.clip_grad_norm_(model.parameters(), CLIP)
     if torch.isfinite(norm):
         optimiser.step()
     return float(loss.detach()), float(matching.detach())
+
+
+def stays_inside(flow: torch.Tensor) -> torch.Tensor:
+    """(B, H, W) bool: pixels whose flow (B, 2, H, W), px, does not lead out of the picture by more than a little."""
+    _, _, h, w = flow.shape
+    y, x = torch.meshgrid(torch.arange(h, device=flow.device), torch.arange(w, device=flow.device), indexing="ij")
+    tx, ty = x + flow[:, 0], y + flow[:, 1]
+    return (tx > -OUTSIDE_PX) & (tx < w - 1 + OUTSIDE_PX) & (ty > -OUTSIDE_PX) & (ty < h - 1 + OUTSIDE_PX)
 
 
 def save_checkpoint(path: Path, model: RAFT, optimiser: torch.optim.Optimizer, progress: Progress) -> None:
@@ -87,7 +95,7 @@ def save_checkpoint(path: Path, model: RAFT, optimiser: torch.optim.Optimizer, p
     temporary.replace(path)
 
 
-def append_row(path: Path, row: dict[str, float | int]) -> None:
+def append_row(path: Path, row: dict[str, float | str]) -> None:
     new = not path.exists()
     with path.open("a", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(row))
@@ -113,9 +121,10 @@ def train(arguments: argparse.Namespace) -> RAFT:
         print(f"resumed at {progress.seconds / 60:.1f} min, step {progress.steps}", flush=True)
     total = arguments.minutes * 60
     phases = (
-        Phase(0.0, (96, 64), arguments.batch, arguments.iterations - 1),
-        Phase(0.4, (128, 96), arguments.batch, arguments.iterations),
-        Phase(0.9, RENDER_SIZE, max(2, arguments.batch // 2), arguments.iterations),
+        Phase(0.0, (64, 64), arguments.batch, arguments.iterations - 1),
+        Phase(0.5, (96, 64), arguments.batch, arguments.iterations),
+        Phase(0.75, (128, 96), arguments.batch, arguments.iterations),
+        Phase(0.93, RENDER_SIZE, max(2, arguments.batch // 3), arguments.iterations),
     )
     stream = PairStream(arguments.seed, progress.steps, phases, arguments.workers, arguments.mujoco_share)
     stream.advance(progress.seconds / total)
@@ -152,10 +161,10 @@ def train(arguments: argparse.Namespace) -> RAFT:
         if done or now - saved > arguments.save_minutes * 60:
             save_checkpoint(checkpoint, model, optimiser, progress)
             saved = now
-        if done or now - validated > arguments.validate_minutes * 60:
+        if not stopped.is_set() and (done or now - validated > arguments.validate_minutes * 60):
             raft = score(model, validation, HELD_OUT_ITERATIONS)
             model.train()
-            row = {
+            row: dict[str, float | str] = {
                 "minutes": round(progress.seconds / 60, 2),
                 "step": progress.steps,
                 "pairs": progress.pairs,
@@ -174,6 +183,9 @@ def train(arguments: argparse.Namespace) -> RAFT:
         if done:
             break
     stream.close()
+    if stopped.is_set():
+        print(f"stopped and saved at {progress.seconds / 60:.1f} min; the same command goes on from there", flush=True)
+        raise SystemExit(1)
     return model
 
 
@@ -192,7 +204,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--device", default="cpu", help="cpu or cuda")
     parser.add_argument("--threads", type=int, default=1, help="of torch on the CPU")
     parser.add_argument("--workers", type=int, default=1, help="processes that make pairs")
-    parser.add_argument("--batch", type=int, default=8, help="pairs a step (half as many in the last tenth)")
+    parser.add_argument("--batch", type=int, default=8, help="pairs a step (a third in the last phase)")
     parser.add_argument("--iterations", type=int, default=4, help="of the recurrence in training (one less at first)")
     parser.add_argument("--rate", type=float, default=6e-4, help="highest learning rate")
     parser.add_argument("--foreground-weight", type=float, default=4.0, help="extra weight of moving bodies' pixels")

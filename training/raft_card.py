@@ -10,7 +10,7 @@ import torch
 from pipeline.vision.dis import DIS
 from pipeline.vision.raft import RAFT
 from pipeline.vision.render_backend import choose_backend
-from training.flow_scores import Score, cross_engine, cross_engine_folder, held_out, score
+from training.flow_scores import Estimator, Score, cross_engine, cross_engine_folder, held_out, score
 from training.pair_stream import Batch
 
 SEED = 77_000_001  # of the card's pairs, neither training's nor the log's
@@ -63,7 +63,7 @@ def write_card(folder: Path, model: RAFT, log: Path) -> None:
     clips = cross_engine_folder()
     if clips is not None:
         sets["another engine's clips"] = cross_engine(clips)
-    estimators = {"raft": model, "fast": DIS("fast"), "medium": DIS("medium")}
+    estimators: dict[str, Estimator] = {"raft": model, "fast": DIS("fast"), "medium": DIS("medium")}
     rows = [
         row(name, batch, {k: score(e, batch, ITERATIONS) for k, e in estimators.items()})
         for name, batch in sets.items()

@@ -16,6 +16,7 @@ import queue
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -163,7 +164,7 @@ def train(args: argparse.Namespace) -> None:
     optimizer = torch.optim.AdamW(model.parameters(), lr=args.lr, betas=(0.9, 0.95), weight_decay=0.05)
     args.work.mkdir(parents=True, exist_ok=True)
     checkpoint = args.work / "checkpoint.pt"
-    state = {"step": 0, "seconds": 0.0, "chunk": 0}
+    state: dict[str, Any] = {"step": 0, "seconds": 0.0, "chunk": 0}
     if checkpoint.is_file():
         stored = torch.load(checkpoint, map_location=args.device, weights_only=True)
         model.load_state_dict(stored.pop("model"))

@@ -9,8 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.optimize import linear_sum_assignment
+
+from pipeline.compiled import kernel
+
+from pipeline.compiled import kernel
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,7 @@ class Counts:
     foreground: np.ndarray
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def count_frame(
     mask: np.ndarray, target: np.ndarray, shared: np.ndarray, predicted: np.ndarray, true: np.ndarray,
     foreground: np.ndarray,

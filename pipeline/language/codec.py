@@ -40,7 +40,7 @@ class Codec:
         self.prompt_ids = self._prompt(video_tokens)
 
     def _prompt(self, video_tokens: int) -> list[int]:
-        message = {"role": "user", "content": [{"type": "video"}, {"type": "text", "text": PROMPT}]}
+        message: dict = {"role": "user", "content": [{"type": "video"}, {"type": "text", "text": PROMPT}]}
         text = self.tokenizer.apply_chat_template([message], tokenize=False, add_generation_prompt=True)
         ids = self.tokenizer(text, add_special_tokens=False)["input_ids"]
         place = ids.index(self.video_token_id)
@@ -68,4 +68,4 @@ class Codec:
                       np.array([*numeric, False]))  # fmt: skip
 
     def decode(self, ids: list[int]) -> str:
-        return self.tokenizer.decode(ids, skip_special_tokens=True)
+        return str(self.tokenizer.decode(ids, skip_special_tokens=True))

@@ -26,7 +26,8 @@ def _number(key: str, low: float, high: float) -> Number:
     return Number(DECIMALS[key], low, high)
 
 
-HEIGHT, PITCH, FOV = _number("camera.height", 0.05, 9.99), _number("camera.pitch", -89, 89), _number("camera.fov", 5, 99)
+HEIGHT = _number("camera.height", 0.05, 9.99)
+PITCH, FOV = _number("camera.pitch", -89, 89), _number("camera.fov", 5, 99)
 GRAVITY = _number("gravity", 0, 50)
 SIZE = _number("size", 0.01, 3)
 MATERIAL: dict[str, Number] = {
@@ -156,7 +157,8 @@ def _object_values(obj: SceneObject) -> list[float]:
 
 def write_completion(scene: Scene, events: list[Event] | None, seconds: float) -> str:
     """The completion for a scene of basic shapes in canonical form; events=None leaves reasoning out."""
-    assert scene.camera is not None and scene.camera.pitch is not None
+    assert scene.camera is not None
+    assert scene.camera.pitch is not None
     values: list[str | float] = []
     if events is not None:
         values += [_COUNTS[len(scene.objects) - 1], *scene.shapes]

@@ -1,20 +1,28 @@
 """What happens in a clip, from its trace and masks: who comes into view, slides, rolls, stops, hits whom, when.
 
-Thresholds are physical (m/s, s, px of 480x320). Regimes of contact with the ground, at every step: an object
-that touches it slides where the contact point moves faster than `slip_speed`, rolls (round bodies) where it does
-not but the centre moves, and rests where nothing moves; else it flies.
+Thresholds are physical (m/s, s, px of 480x320). Regimes of contact with the ground, at every step: an object on
+it rests where nothing moves, slides where the contact points move faster than `slip_speed`, rolls (round bodies,
+cylinders on their side) where they do not but the centre moves, and else tumbles; off the ground it flies. What
+happens out of view is not told.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.physics.trace import GROUND, Trace
+from pipeline.scene.rotation import matrix_from_quaternion
 
 ROUND_SHAPES = ("sphere", "cylinder", "capsule", "ellipsoid")
 AIR, SLIDE, ROLL, REST, TUMBLE = range(5)
+#: Slip over the speed of the centre: 1 of a body that slides, 0 of one that rolls. Above the one share it slides,
+#: however slow it is; below the other it rolls, however fast: soft contacts creep.
+SLIDING_SHARE, ROLLING_SHARE = 0.5, 0.1
+LYING = 0.35  # sine of how far a cylinder's axis may be from level where it lies on its side
+LEVER = 0.1  # m; turning is rest where points at this distance move slower than `moving_speed`
 
 KINDS = (
     "hits_object", "hits_ground", "enters", "leaves",
@@ -35,14 +43,14 @@ class Event:
 @dataclass(frozen=True)
 class Thresholds:
     """impact_speed: approach along the normal, m/s, below which a touch is no hit. separation: s without contact
-    before a touch counts as new. slip_speed, moving_speed: m/s. duration: s that a regime has to last.
-    visible_px: area, px of 480x320, from which an object is in view. most: events kept, the earliest first."""
+    before a touch counts as new and the body as having flown. slip_speed, moving_speed: m/s. duration: s that a regime
+    has to last. visible_px: area, px of 480x320, from which an object is in view. most: events kept, the earliest first."""
 
     impact_speed: float = 0.2
-    separation: float = 0.05
+    separation: float = 0.1
     slip_speed: float = 0.05
     moving_speed: float = 0.03
-    duration: float = 0.05
+    duration: float = 0.1
     visible_px: float = 32.0
     most: int = 12
 
@@ -54,13 +62,19 @@ def find_events(
 
     areas_px: (F, N) area of each object in each frame, px of 480x320. frame_steps: (F,) step of each frame.
     """
-    events = [
-        *collisions(trace, thresholds),
-        *visibility(areas_px, frame_steps / trace.rate, thresholds),
-        *motion_changes(trace, shapes, thresholds),
-    ]
+    times = frame_steps / trace.rate
+    seen = areas_px >= thresholds.visible_px
+    physical = [*collisions(trace, thresholds), *motion_changes(trace, shapes, thresholds)]
+    events = [*visibility(areas_px, times, thresholds), *(e for e in physical if _in_view(e, seen, times))]
     events.sort(key=lambda e: (round(e.time, 2), e.first, KINDS.index(e.kind), -1 if e.second is None else e.second))
     return events[: thresholds.most]
+
+
+def _in_view(event: Event, seen: np.ndarray, times: np.ndarray) -> bool:
+    """Whether one of the event's objects is seen in the frame before it or the frame after; seen: (F, N)."""
+    after = np.searchsorted(times, event.time)
+    around = seen[max(after - 1, 0) : after + 1]
+    return bool(around[:, [i for i in (event.first, event.second) if i is not None]].any())
 
 
 def collisions(trace: Trace, thresholds: Thresholds) -> list[Event]:
@@ -85,7 +99,7 @@ def collisions(trace: Trace, thresholds: Thresholds) -> list[Event]:
 
 
 def point_velocity(trace: Trace, step: np.ndarray, body: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Velocity (C, 3), m/s, of the points (C, 3) that move with the bodies (C,) at the steps (C,); the ground's is 0."""
+    """Velocity (C, 3), m/s, of points (C, 3) that move with the bodies (C,) at the steps (C,); the ground's is 0."""
     arm = point - trace.position[step, body]
     velocity = trace.velocity[step, body] + np.cross(trace.angular_velocity[step, body], arm)
     return np.where((body == GROUND)[:, None], 0.0, velocity)
@@ -103,23 +117,55 @@ def visibility(areas_px: np.ndarray, times: np.ndarray, thresholds: Thresholds) 
 
 def regimes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds) -> np.ndarray:
     """(S, N) regime of each object from each step to the next, brief ones merged into what came before."""
-    c, steps = trace.contacts, len(trace.position) - 1
-    speed = np.linalg.norm(trace.velocity[:-1], axis=-1)
-    turning = np.linalg.norm(trace.angular_velocity[:-1], axis=-1)
-    slip = np.full((steps, len(shapes)), np.inf)
-    ground = c.second == GROUND
-    moving = point_velocity(trace, c.step, c.first, c.position)
-    along = moving - np.sum(moving * c.normal, 1, keepdims=True) * c.normal
-    np.minimum.at(slip, (c.step[ground], c.first[ground]), np.linalg.norm(along[ground], axis=1))
-    touching = np.isfinite(slip)
+    steps, duration = len(trace.position) - 1, round(thresholds.duration * trace.rate)
+    along = np.linalg.norm(trace.velocity[:-1, :, :2], axis=-1)  # the ground
+    speed, turning = (np.linalg.norm(v[:-1], axis=-1) for v in (trace.velocity, trace.angular_velocity))
+    still = (speed < thresholds.moving_speed) & (turning < thresholds.moving_speed / LEVER)
     out = np.full((steps, len(shapes)), AIR)
     for i, shape in enumerate(shapes):
-        still = (speed[:, i] < thresholds.moving_speed) & (turning[:, i] < 10 * thresholds.moving_speed)
-        without_slip = ROLL if shape in ROUND_SHAPES else TUMBLE
-        regime = np.where(slip[:, i] > thresholds.slip_speed, SLIDE, np.where(still, REST, without_slip))
-        regime = np.where(touching[:, i], regime, AIR)
-        out[:, i] = _settled(regime, round(thresholds.duration * trace.rate))
+        grounded, slip = ground_contact(trace, i, thresholds)
+        creep = np.maximum(thresholds.slip_speed, ROLLING_SHARE * along[:, i])
+        slides = (slip > creep) | (slip > SLIDING_SHARE * np.maximum(along[:, i], thresholds.moving_speed))
+        without_slip = np.where(may_roll(trace, i, shape) & (along[:, i] >= thresholds.moving_speed), ROLL, TUMBLE)
+        regime = np.where(still[:, i], REST, np.where(slides, SLIDE, without_slip))
+        out[:, i] = _settled(np.where(grounded, regime, AIR), duration)
     return out
+
+
+def ground_contact(trace: Trace, index: int, thresholds: Thresholds) -> tuple[np.ndarray, np.ndarray]:
+    """(S,) whether the object is on the ground, hops shorter than `separation` included, and (S,) its slip, m/s.
+
+    The slip is that of its contact points in the mean over half of `duration`, weighted by what they press:
+    friction's work over friction's impulse. So a body that chatters over the ground slides as one that glides does.
+    """
+    c, steps = trace.contacts, len(trace.position) - 1
+    rows = np.flatnonzero((c.second == GROUND) & (c.first == index))
+    if not len(rows):
+        return np.zeros(steps, bool), np.zeros(steps)
+    moving = point_velocity(trace, c.step[rows], c.first[rows], c.position[rows])
+    along = moving - np.sum(moving * c.normal[rows], 1, keepdims=True) * c.normal[rows]
+    press = np.sum(c.force[rows] * c.normal[rows], 1) + 1e-9  # N; what touches without pressing counts a little
+    window = np.ones(round(thresholds.duration / 2 * trace.rate) | 1)
+    impulse, work = (np.convolve(np.bincount(c.step[rows], weights, steps), window, "same")[:steps]
+                     for weights in (press, press * np.linalg.norm(along, axis=1)))  # fmt: skip
+    near = np.flatnonzero(impulse > 0)
+    slip = np.interp(np.arange(steps), near, work[near] / impulse[near])
+    touched = np.unique(c.step[rows])
+    gap = round(thresholds.separation * trace.rate)
+    grounded = np.zeros(steps, bool)
+    for before, after in itertools.pairwise([-1, *touched, steps]):
+        grounded[after : after + 1] = True
+        if after - before - 1 <= gap:
+            grounded[before + 1 : after] = True
+    return grounded, slip
+
+
+def may_roll(trace: Trace, index: int, shape: str) -> np.ndarray | bool:
+    """Whether the object is such as rolls, (S,) for a cylinder: it does where it lies on its side."""
+    if shape == "cylinder":
+        axis = matrix_from_quaternion(trace.quaternion[:-1, index])[..., 2]
+        return np.abs(axis[:, 2]) < LYING
+    return shape in ROUND_SHAPES
 
 
 def motion_changes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds) -> list[Event]:
@@ -140,11 +186,20 @@ def motion_changes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds
 
 
 def _settled(states: np.ndarray, length: int) -> np.ndarray:
-    """(T,) the states with every run shorter than `length` replaced by the state before it (the first run stays)."""
+    """(T,) the states; runs shorter than `length`, the shortest first, become what was before them (the first stays)."""
+    cuts = [0, *(np.flatnonzero(np.diff(states)) + 1)] if len(states) else []
+    runs = [[int(a), int(b), states[a]] for a, b in itertools.pairwise([*cuts, len(states)])]
+    while True:
+        short = [k for k in range(1, len(runs)) if runs[k][1] - runs[k][0] < length]
+        if not short:
+            break
+        k = min(short, key=lambda k: runs[k][1] - runs[k][0])
+        runs[k - 1][1] = runs[k][1]
+        del runs[k]
+        if k < len(runs) and runs[k][2] == runs[k - 1][2]:
+            runs[k - 1][1] = runs[k][1]
+            del runs[k]
     out = states.copy()
-    starts = np.flatnonzero(np.diff(states, prepend=states[:1])) if len(states) else []
-    bounds = [0, *[s for s in starts if s], len(states)]
-    for a, b in zip(bounds[1:-1], bounds[2:], strict=True):
-        if b - a < length:
-            out[a:b] = out[a - 1]
+    for a, b, state in runs:
+        out[a:b] = state
     return out

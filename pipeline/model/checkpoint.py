@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from transformers import AutoConfig, AutoTokenizer, PreTrainedTokenizerBase
 
@@ -40,8 +41,9 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
     file = Path(name) / LAYOUT_FILE
     try:
         if file.is_file():
-            stored = json.loads(file.read_text())
-            layout = PatchLayout(**{k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()})
+            stored: dict[str, Any] = json.loads(file.read_text())
+            stored |= {key: tuple(stored[key]) for key in ("mean", "std")}
+            layout = PatchLayout(**stored)
         else:
             vision = AutoConfig.from_pretrained(name, local_files_only=True).vision_config
             layout = PatchLayout(width, height, frames, vision.patch_size, vision.temporal_patch_size,
@@ -49,7 +51,7 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
     except (OSError, ValueError, KeyError, AttributeError) as error:
         raise unavailable(name, error) from None
     if layout.frames != frames:
-        raise ModelError(f"model.base: {name} was trained on {layout.frames} frames a clip; clip.model_frames is {frames}")
+        raise ModelError(f"clip.model_frames is {frames}; valid: {layout.frames}, on which {name} was trained")
     return layout
 
 

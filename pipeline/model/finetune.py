@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
 from peft import LoraConfig, get_peft_model
 from torch.utils.data import Dataset
-from transformers import Trainer, TrainerCallback, TrainingArguments
+from transformers import Qwen2_5_VLForConditionalGeneration, Trainer, TrainerCallback, TrainingArguments
 
 from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
 from pipeline.model.loss import batch_loss, make_batch
 
+STATE_FILE = "trainer_state.json"  # the Trainer writes it into a checkpoint last
 LORA_TARGETS = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj", "qkv", "proj")
 
 
@@ -52,11 +54,15 @@ class _Trainer(Trainer):
 
     base: Base
 
-    def compute_loss(self, model: Any, inputs: dict, return_outputs: bool = False, **_: Any) -> Any:
+    def compute_loss(
+        self, model: Any, inputs: dict, return_outputs: bool = False, num_items_in_batch: Any = None
+    ) -> Any:
         loss, _each = batch_loss(self.base, inputs["batch"])
         return (loss, {"loss": loss.detach()}) if return_outputs else loss
 
-    def prediction_step(self, model: Any, inputs: dict, prediction_loss_only: bool, ignore_keys: Any = None) -> Any:
+    def prediction_step(
+        self, model: Any, inputs: dict[str, Any], prediction_loss_only: bool, ignore_keys: list[str] | None = None
+    ) -> Any:
         with torch.no_grad():
             loss, _ = batch_loss(self.base, inputs["batch"])
         return loss.detach(), None, None
@@ -75,8 +81,10 @@ def finetune(
 ) -> None:
     """Train `base` in place. Checkpoints go to `work`, from the last of which an interrupted run goes on.
 
-    report: called with each row of the loss curves (step, loss or eval_loss, learning_rate).
+    report: called with each row of the loss curves (step, loss or eval_loss, learning_rate), those from before an
+    interruption too.
     """
+    last = last_checkpoint(work)
     whole = base.model
     if plan.lora_rank:
         config = LoraConfig(r=plan.lora_rank, lora_alpha=2 * plan.lora_rank, target_modules=list(LORA_TARGETS))
@@ -94,7 +102,7 @@ def finetune(
         logging_steps=max(1, plan.checkpoint_steps // 4),
         eval_strategy="steps",
         eval_steps=plan.checkpoint_steps,
-        eval_on_start=True,
+        eval_on_start=last is None,
         save_strategy="steps",
         save_steps=plan.checkpoint_steps,
         save_total_limit=1,
@@ -117,7 +125,16 @@ def finetune(
         data_collator=collate, callbacks=[_Report(report)],
     )  # fmt: skip
     trainer.base = base
-    trainer.train(resume_from_checkpoint=any(work.glob("checkpoint-*")))
+    if last is not None:
+        for row in json.loads((last / STATE_FILE).read_text())["log_history"]:
+            report(row)
+    trainer.train(resume_from_checkpoint=None if last is None else str(last))
     if plan.lora_rank:
-        base.model = adapted.merge_and_unload()
+        base.model = cast(Qwen2_5_VLForConditionalGeneration, adapted.merge_and_unload())
     base.model.eval()
+
+
+def last_checkpoint(work: Path) -> Path | None:
+    """The newest checkpoint in `work` that was written to its end."""
+    complete = [folder for folder in work.glob("checkpoint-*") if (folder / STATE_FILE).is_file()]
+    return max(complete, key=lambda folder: int(folder.name.split("-")[1]), default=None)

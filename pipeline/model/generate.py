@@ -72,8 +72,8 @@ def generate(
         ids = [(w[:step] or [base.codec.pad_id] * step) for w in waiting]
         waiting = [w[step:] for w in waiting]
         where = torch.arange(next_position + fed, next_position + fed + step, device=device).expand(3, rows, -1)
-        out = model(input_ids=torch.tensor(ids, device=device), position_ids=where, past_key_values=cache, use_cache=True,
-                    logits_to_keep=1)  # fmt: skip
+        out = model(input_ids=torch.tensor(ids, device=device), position_ids=where, past_key_values=cache,
+                    use_cache=True, logits_to_keep=1)  # fmt: skip
         logits = out.logits[:, -1].float().cpu()
         fed += step
         assert fed < sampling.most_tokens, "the grammar's texts are finite"
@@ -94,7 +94,9 @@ def _prefill(base: Base, clips: np.ndarray) -> tuple[DynamicCache, torch.Tensor]
     return cache, out.logits[:, -1].float().cpu()
 
 
-def _choose(logits: torch.Tensor, allowed: list[int], sampling: Sampling, rng: np.random.Generator) -> tuple[int, float]:
+def _choose(
+    logits: torch.Tensor, allowed: list[int], sampling: Sampling, rng: np.random.Generator
+) -> tuple[int, float]:
     """A token among the allowed ones and its log-probability among them."""
     scores = logits[allowed].double().numpy()
     log_p = scores - scores.max()

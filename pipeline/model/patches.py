@@ -29,7 +29,7 @@ class PatchLayout:
 
     def __post_init__(self) -> None:
         unit = self.patch * self.merge
-        assert self.width % unit == 0 and self.height % unit == 0, f"frame sides are multiples of {unit} px"
+        assert self.width % unit == self.height % unit == 0, f"frame sides are multiples of {unit} px"
         assert self.frames % self.temporal == 0, f"the number of frames is a multiple of {self.temporal}"
 
     @property

@@ -27,7 +27,9 @@ def tiny_config(tokenizer: PreTrainedTokenizerBase, size: TinySize) -> Qwen2_5_V
     """The configuration of a tiny model for the tokenizer; all vision blocks attend over the whole frame."""
 
     def token(text: str) -> int:
-        return tokenizer.convert_tokens_to_ids(text)
+        id_ = tokenizer.convert_tokens_to_ids(text)
+        assert isinstance(id_, int)
+        return id_
 
     head_dim = size.hidden // size.heads
     section = head_dim // 2 // 3

@@ -20,7 +20,6 @@ from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject, half_extents
 from pipeline.scene.solid import bounding_radii, geom_sizes, unit_inertia
 
-
 NO_CAMERA = Camera((0.0, -2.0, 1.0), fov=45.0, pitch=-25.0)  # stands in where a scene has none to look through
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
 
@@ -95,7 +94,7 @@ def composition_model(shapes: tuple[str, ...], ground: bool) -> mujoco.MjModel:
 @dataclass(frozen=True)
 class States:
     """What a batch run leaves: position (B, T, N, 3), quaternion (B, T, N, 4); valid (B,), False where the
-    numbers went bad (its states then repeat the last good one)."""
+    numbers went bad (its states are then all the initial one)."""
 
     position: np.ndarray
     quaternion: np.ndarray
@@ -162,5 +161,6 @@ class BatchSimulator:
             qpos = np.concatenate([start[:, None], record["qpos"]], 1)[:, steps]
             valid = np.isclose(record[_TIME][:, -1].reshape(n), last / STEPS_PER_SECOND, rtol=0, atol=1e-9)
             valid &= np.isfinite(record["qpos"]).all((1, 2))
+            qpos[~valid] = start[~valid, None]
         qpos = qpos.reshape(n, len(steps), -1, 7)
         return States(np.ascontiguousarray(qpos[..., :3]), np.ascontiguousarray(qpos[..., 3:]), valid)

@@ -8,11 +8,15 @@ priority over the ground, so their own friction and damping count on it.
 from __future__ import annotations
 
 import functools
+import warnings
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from dm_control import mjcf
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # dm_control looks for a display, which is not needed here
+    from dm_control import mjcf
 
 from pipeline.errors import SceneError
 from pipeline.scene.rotation import matrix_from_quaternion
@@ -54,6 +58,7 @@ def camera_quaternion(camera: Camera) -> np.ndarray:
     """Unit quaternion of the camera's frame (x right, y up, looking along -z)."""
     if camera.orientation is not None:
         return np.array(camera.orientation)
+    assert camera.pitch is not None
     half = np.radians(90 + camera.pitch) / 2  # a turn about x: at -90° the camera looks straight down
     return np.array([np.cos(half), np.sin(half), 0.0, 0.0])
 

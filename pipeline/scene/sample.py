@@ -68,12 +68,12 @@ def draw_composition(
     only: compositions (`box+box+sphere`) to choose from instead. without: compositions never drawn.
     """
     if only:
-        return tuple(sorted(only[rng.integers(len(only))].split("+")))
+        return tuple(sorted(only[int(rng.integers(len(only)))].split("+")))
     numbers = sorted(counts)
     weights = np.array([counts[n] for n in numbers], float)
     count = numbers[rng.choice(len(numbers), p=weights / weights.sum())]
     allowed = [c for c in compositions(count) if "+".join(c) not in without]
-    return allowed[rng.integers(len(allowed))]
+    return allowed[int(rng.integers(len(allowed)))]
 
 
 def draw_scene(rng: np.random.Generator, shapes: Sequence[str], d: Distribution) -> Scene:

@@ -41,12 +41,14 @@ def unit_quaternion(values: Any) -> tuple[float, float, float, float]:
 
     A quaternion that is of unit length within those digits is left as it is, so that the rule is idempotent.
     """
-    w, x, y, z = (float(v) for v in values)
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    if norm == 0 or not math.isfinite(norm):
-        raise ValueError("a quaternion of length zero")
-    scale = 1.0 if abs(norm - 1) < 1e-5 else 1 / norm
-    rounded = canonical_vector((w * scale, x * scale, y * scale, z * scale))
+    parts = [float(v) for v in values]
+    largest = max(map(abs, parts))
+    if largest == 0 or not all(map(math.isfinite, parts)):
+        raise ValueError(f"no turn has the quaternion {parts}")
+    if abs(math.hypot(*parts) - 1) >= 1e-5:
+        parts = [v / largest for v in parts]  # first, lest squares of huge or tiny numbers leave the range of floats
+        parts = [v / math.hypot(*parts) for v in parts]
+    rounded = canonical_vector(parts)
     if next((v for v in rounded if v), 1.0) < 0:
         rounded = tuple(-v + 0.0 for v in rounded)
     return rounded  # type: ignore[return-value]

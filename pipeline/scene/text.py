@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -36,7 +37,7 @@ class _Strict(BaseModel):
 
 def _no_zero_quaternion(value: list[float] | None) -> list[float] | None:
     if value is not None and math.hypot(*value) == 0:
-        raise PydanticCustomError("quaternion", "a quaternion of length zero; valid: four numbers w, x, y, z, not all 0")
+        raise PydanticCustomError("quaternion", "a quaternion of length zero; valid: w, x, y, z that are not all 0")
     return value
 
 
@@ -64,7 +65,7 @@ class _ObjectText(_Strict):
     mass: Positive
     sliding_friction: NonNegative
     rolling_friction: NonNegative
-    damping: NonNegative
+    damping: Positive  # MuJoCo divides by it
     position: Vector
     velocity: Vector
     angular_velocity: Vector
@@ -99,7 +100,7 @@ class _Capsule(_ObjectText):
     @model_validator(mode="after")
     def _caps_fit(self) -> _Capsule:
         if self.height <= 2 * self.radius:
-            raise PydanticCustomError("capsule", "a capsule's height includes its caps and must exceed twice its radius")
+            raise PydanticCustomError("capsule", "height includes both caps; valid: more than twice the radius")
         return self
 
 
@@ -127,7 +128,7 @@ class _SceneText(_Strict):
     @classmethod
     def _none_is_said(cls, data: Any) -> Any:
         for key, form in (("camera", "{position, pitch, fov}"), ("ground", "{height: 0.0}")):
-            if isinstance(data, dict) and key not in data:
+            if isinstance(data, dict) and key not in data and data.keys() <= cls.model_fields.keys():
                 message = f"{key}: missing key; valid: {form}, or null for none"
                 raise PydanticCustomError("none_unsaid", "{message}", {"message": message})
         return data
@@ -142,22 +143,26 @@ def read_scene(text: str, source: str = "scene") -> Scene:
     """The scene that `text` describes. Raises `SceneError` naming the place (`objects[1].mass`)."""
     try:
         data = YAML(typ="safe", pure=True).load(text)
-    except YAMLError as error:
+    except (YAMLError, ValueError, LookupError, RecursionError) as error:  # all but the first from scalars and depth
         mark = getattr(error, "problem_mark", None)
         place = f" at line {mark.line + 1}" if mark else ""
-        raise SceneError(f"{source}: not YAML{place}: {getattr(error, 'problem', error)}") from None
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise SceneError(f"{source}: not YAML{place}: {problem}") from None
     if not isinstance(data, dict):
         raise SceneError(f"{source}: a mapping with the keys {', '.join(_SceneText.model_fields)} is expected")
     return scene_from_dict(data, source)
 
 
 def load_scene(path: Path | str) -> Scene:
-    """`read_scene` of a file."""
+    """`read_scene` of a file. Mesh files are looked for from the scene's folder."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"{path}: cannot be read as text: {error}") from None
-    return read_scene(text, str(path))
+    scene = read_scene(text, str(path))
+    folder = Path(path).resolve().parent
+    return replace(scene, objects=tuple(o if o.file is None else replace(o, file=str(folder / o.file))
+                                        for o in scene.objects))  # fmt: skip
 
 
 def scene_from_dict(data: dict[str, Any], source: str = "scene") -> Scene:
@@ -173,24 +178,27 @@ def scene_from_dict(data: dict[str, Any], source: str = "scene") -> Scene:
         if name in ("world", "camera", "ground"):
             raise SceneError(f"{source}: objects[{i}].name: {name!r} is reserved")
     gravity = parsed.gravity if isinstance(parsed.gravity, list) else (0.0, 0.0, -parsed.gravity)
-    camera = parsed.camera
     return Scene(
         objects=tuple(_object(o) for o in parsed.objects),
-        camera=camera and Camera(tuple(camera.position), camera.fov, camera.pitch,
-                                 camera.orientation and tuple(camera.orientation)),
+        camera=None if parsed.camera is None else _camera(parsed.camera),
         gravity=tuple(gravity),
         ground=parsed.ground.height if parsed.ground else None,
         effects=tuple(_effect(e, i, names, source) for i, e in enumerate(parsed.effects)),
-    )  # fmt: skip
+    )
+
+
+def _camera(c: _CameraText) -> Camera:
+    return Camera(tuple(c.position), c.fov, c.pitch, None if c.orientation is None else tuple(c.orientation))
 
 
 def _object(o: Any) -> SceneObject:
+    values: dict[str, Any] = {key: getattr(o, key) for key in OBJECT_KEYS}
     return SceneObject(
         shape=o.shape,
         size=tuple(getattr(o, key) for key in SIZE_KEYS[o.shape]),
         name=o.name or "",
         file=getattr(o, "file", None),
-        **{key: tuple(v) if isinstance(v := getattr(o, key), list) else v for key in OBJECT_KEYS},
+        **{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()},
     )
 
 
@@ -198,40 +206,76 @@ def _effect(entry: dict[str, Any], index: int, names: list[str], source: str) ->
     raise SceneError(f"{source}: effects[{index}].name: unknown effect {entry.get('name')!r}; valid: none yet")
 
 
+#: What is said of each kind of fault that pydantic finds, by its type; in braces its context.
+_FAULTS: dict[str, str] = {
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "finite_number": "must be a finite number",
+    "float_type": "must be a number",
+    "string_type": "must be a text",
+    "string_pattern_mismatch": "must be a letter and then letters, digits, - or _",
+    "list_type": "must be a list",
+    "dict_type": "must be a mapping",
+    "model_type": "must be a mapping with the keys {keys}",
+    "model_attributes_type": "must be a mapping with a shape and its keys",
+}
+_NEEDED_OF_CAMERA = "position, pitch (or orientation), fov"
+
+
 def _sentence(error: ValidationError, data: dict[str, Any]) -> str:
     """The first fault of `error` as one sentence that names its place and what is valid."""
-    first = error.errors()[0]
-    location = [p for p in first["loc"] if p not in _SHAPE_MODELS and p not in ("float", "constrained-float")
-                and not str(p).startswith(("list[", "function-"))]  # fmt: skip
-    place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in location).lstrip(".")
-    kind = first["type"]
-    if kind in ("extra_forbidden", "missing"):
+    faults = error.errors()
+    # a misspelt key is the cause of a missing one
+    first = next((f for f in faults if f["type"] in ("extra_forbidden", "invalid_key")), faults[0])
+    location = list(first["loc"])
+    if location[:1] == ["objects"]:
+        del location[2:3]  # the shape, by which pydantic names the member of its union
+    place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in location).removeprefix(".")
+    kind, shown = first["type"], f", not {_shown(first['input'])}"
+    if location[:1] == ["gravity"] and kind != "missing":
+        return f"gravity: valid: a number (m/s², along -z) or a vector [x, y, z]{shown}"
+    if kind in ("extra_forbidden", "invalid_key", "missing"):
         parent, key = location[:-1], str(location[-1])
         model = _model_at(parent, data)
-        valid = [k for k in model.model_fields] if model else []
+        valid = sorted(model.model_fields, key=lambda k: k in _ObjectText.model_fields)  # shape and sizes first
         if kind == "missing":
-            return f"{place}: missing key; needed: {', '.join(k for k in valid if k not in ('name', 'effects'))}"
+            needed = ", ".join(k for k in valid if model.model_fields[k].is_required())
+            return f"{place}: missing key; needed: {_NEEDED_OF_CAMERA if model is _CameraText else needed}"
         close = difflib.get_close_matches(key, valid, 1)
         hint = f" (did you mean {close[0]!r}?)" if close else ""
-        owner = f" of a {data['objects'][parent[1]]['shape']}" if len(parent) == 2 and parent[0] == "objects" else ""
+        owner = f" of a {data['objects'][parent[1]]['shape']}" if parent[:1] == ["objects"] else ""
         return f"{place}: unknown key{hint}; valid keys{owner}: {', '.join(valid)}"
     if kind == "none_unsaid":
         return first["msg"]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         return f"{place}.shape: unknown or missing shape; valid: {', '.join(_SHAPE_MODELS)}"
-    if place == "gravity":
-        return "gravity: valid: a number (m/s², along -z) or a vector [x, y, z]"
-    return f"{place}: {first['msg']}" + (f", not {first['input']!r}" if not isinstance(first["input"], dict) else "")
+    length = _LENGTHS.get(str(location[-1])) if location else None
+    if length and kind in ("too_short", "too_long", "list_type"):
+        return f"{place}: valid: a list of {length} numbers{shown}"
+    if kind in _FAULTS:
+        keys = ", ".join(_model_at(location, data).model_fields) if kind == "model_type" else ""
+        return f"{place}: {_FAULTS[kind].format(**first.get('ctx', {}), keys=keys)}{shown}"
+    return f"{place}: {first['msg']}"
 
 
-def _model_at(parent: list[Any], data: dict[str, Any]) -> type[BaseModel] | None:
-    if len(parent) == 2 and parent[0] == "objects":
-        return _SHAPE_MODELS.get(data["objects"][parent[1]].get("shape"))
-    return _PLACES.get(".".join(map(str, parent)))
+_LENGTHS = {"position": 3, "velocity": 3, "angular_velocity": 3, "orientation": 4}
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _model_at(parent: list[Any], data: dict[str, Any]) -> type[BaseModel]:
+    if parent[:1] == ["objects"]:
+        return _SHAPE_MODELS[data["objects"][parent[1]]["shape"]]
+    return _PLACES[".".join(map(str, parent))]
 
 
 def number_text(value: float) -> str:
-    """`value` as written in a scene: the shortest text that reads back as it, never with a bare exponent."""
+    """`value` as written in a scene: the shortest text that reads back as it."""
     text = repr(float(value))
     return text[:-2] if text.endswith(".0") and abs(value) >= 1e6 else text
 
@@ -240,23 +284,35 @@ def _vector_text(values: tuple[float, ...]) -> str:
     return "[" + ", ".join(number_text(v) for v in values) + "]"
 
 
+def _name_text(name: str) -> str:
+    return _quoted(name) if name.lower() in ("null", "true", "false") else name
+
+
+def _quoted(text: str) -> str:
+    """`text` as a double-quoted scalar of YAML, on one line whatever it holds."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
+
+
 def write_scene(scene: Scene) -> str:
     """`scene` as canonical YAML text."""
     lines = []
-    if scene.camera is not None:
+    if scene.camera is None:
+        lines.append("camera: null")
+    else:
         c = scene.camera
-        direction = (f"pitch: {number_text(c.pitch)}" if c.pitch is not None
-                     else f"orientation: {_vector_text(c.orientation)}")  # fmt: skip
-        lines.append(f"camera: {{position: {_vector_text(c.position)}, {direction}, fov: {number_text(c.fov)}}}")
+        pitch = "" if c.pitch is None else f"pitch: {number_text(c.pitch)}, "
+        turn = "" if c.orientation is None else f"orientation: {_vector_text(c.orientation)}, "
+        lines.append(f"camera: {{position: {_vector_text(c.position)}, {pitch}{turn}fov: {number_text(c.fov)}}}")
     down = scene.gravity[0] == scene.gravity[1] == 0
     lines.append("gravity: " + (number_text(-scene.gravity[2] + 0.0) if down else _vector_text(scene.gravity)))
     lines.append("ground: " + ("null" if scene.ground is None else f"{{height: {number_text(scene.ground)}}}"))
     lines.append("objects:" if scene.objects else "objects: []")
     for o in scene.objects:
-        lines.append(f"- name: {o.name}")
+        lines.append(f"- name: {_name_text(o.name)}")
         lines.append(f"  shape: {o.shape}")
         if o.file is not None:
-            lines.append(f'  file: "{o.file}"')
+            lines.append(f"  file: {_quoted(o.file)}")
         lines += [f"  {key}: {number_text(v)}" for key, v in zip(SIZE_KEYS[o.shape], o.size, strict=True)]
         for key in OBJECT_KEYS:
             value = getattr(o, key)

@@ -45,7 +45,7 @@ class _Run:
     def __init__(self, evaluator: Evaluator, start: Scene, budget: Budget, rng: np.random.Generator) -> None:
         self._evaluator = evaluator
         self._space: Space = search_space(start)
-        measured, valid = evaluator.measure(stack_scenes([start]))
+        measured, _ = evaluator.measure(stack_scenes([start]))
         self._pairs = assign(pair_iou(measured.counts(0)))
         first = evaluator.rewards(stack_scenes([start]), self._pairs)
         self.best, self.reward, self.iou = start, float(first.reward[0]), float(first.iou[0])

@@ -63,7 +63,7 @@ class Evaluator:
             np.zeros(count),
         )
         kinds = np.array([KINDS[s] for s in scenes.shapes])
-        numba.set_num_threads(min(self.threads, numba.config.NUMBA_NUM_THREADS))
+        numba.set_num_threads(min(self.threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
         measure_kernel(
             kinds, scenes.half_size,
             np.ascontiguousarray(states.position[:, self._inverse]),
@@ -75,7 +75,7 @@ class Evaluator:
         return out, states.valid
 
     def rewards(self, scenes: SceneBatch, pairs: np.ndarray | None = None) -> Rewards:
-        """Rewards of the candidates; pairs (P, 2): a fixed assignment of objects to instances, else the best of each."""
+        """Rewards of the candidates; pairs (P, 2): the same objects to instances for all, else the best for each."""
         measured, valid = self.measure(scenes)
         iou = np.empty(len(scenes))
         for b in range(len(scenes)):

@@ -7,6 +7,7 @@ start's, without the turns that a shape's symmetry hides.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,8 @@ class Space:
 
     def _value(self, bound: str, index: int, name: str, part: int) -> float:
         camera = self.start.camera
-        assert camera is not None and camera.pitch is not None
+        assert camera is not None
+        assert camera.pitch is not None
         if index < 0:
             scene = {"camera_height": camera.position[2], "camera_pitch": camera.pitch, "fov": camera.fov,
                      "gravity": -self.start.gravity[2]}  # fmt: skip
@@ -77,13 +79,16 @@ class Space:
     def _scene(self, values: np.ndarray) -> Scene:
         camera = self.start.camera
         assert camera is not None
-        own: list[dict] = [{} for _ in self.start.objects]
+        own: list[dict[str, dict[int, float]]] = [{} for _ in self.start.objects]
         scene: dict[str, float] = {}
         for value, (_, index, name, part) in zip(values, self.keys, strict=True):
-            (scene if index < 0 else own[index].setdefault(name, {}))[name if index < 0 else part] = float(value)
+            if index < 0:
+                scene[name] = float(value)
+            else:
+                own[index].setdefault(name, {})[part] = float(value)
         objects = []
         for obj, fields in zip(self.start.objects, own, strict=True):
-            changed = {}
+            changed: dict[str, Any] = {}
             for name, parts in fields.items():
                 if name == "turn":
                     changed["orientation"] = tuple(_turned(obj.orientation, parts))
@@ -91,7 +96,8 @@ class Space:
                     changed["mass"] = float(np.exp(parts[0]))
                 else:
                     old = getattr(obj, name)
-                    changed[name] = tuple(parts.get(i, v) for i, v in enumerate(old)) if isinstance(old, tuple) else parts[0]
+                    vector = isinstance(old, tuple)
+                    changed[name] = tuple(parts.get(i, v) for i, v in enumerate(old)) if vector else parts[0]
             objects.append(_above_ground(replace(obj, **changed), self.start.ground))
         x, y, _ = camera.position
         return Scene(

@@ -8,8 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from pipeline.compiled import parallel_kernel
 from pipeline.evaluation.overlap_scores import Counts, count_frame
 from pipeline.vision.exact_flow import exact_flow_frame
 from pipeline.vision.rasteriser import fill_background, rasterise_frame
@@ -28,10 +29,11 @@ class Measured:
     epe: np.ndarray
 
     def counts(self, candidate: int) -> Counts:
-        return Counts(self.shared[candidate], self.predicted[candidate], self.true[candidate], self.foreground[candidate])
+        b = candidate
+        return Counts(self.shared[b], self.predicted[b], self.true[b], self.foreground[b])
 
 
-@njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+@parallel_kernel
 def measure_kernel(
     kinds: np.ndarray, half_size: np.ndarray, position: np.ndarray, quaternion: np.ndarray,
     camera_position: np.ndarray, camera_rotation: np.ndarray, fov: np.ndarray, ground: np.ndarray,

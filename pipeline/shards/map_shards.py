@@ -17,6 +17,7 @@ from pipeline.shards.manifest import ARRAYS, Manifest, total_notes
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.output_folder import FilledShard, check_replaceable, write_output
 from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.cost import SECONDS
 from pipeline.shards.store import Store, StoredShard, default_store
 from pipeline.shards.tables import write_table
 
@@ -165,7 +166,9 @@ def _compute_task(task: _Task) -> StoredShard:
     """Compute one shard and commit it to the store; runs in a worker."""
     for opened in task.inputs:
         opened.verify()  # else damaged input would be kept under the key of sound input
+    began = time.monotonic()
     result = task.compute(task.shard, task.inputs, task.parameters)
+    seconds = round(time.monotonic() - began, 3)
     result.check(task.shard)
 
     def write(folder: Path) -> None:
@@ -174,7 +177,7 @@ def _compute_task(task: _Task) -> StoredShard:
         if result.arrays:
             write_arrays(result.arrays, folder / ARRAYS)
 
-    return Store(task.store).commit(task.key, write, result.notes, {**task.parts, "shard": str(task.shard)})
+    return Store(task.store).commit(task.key, write, result.notes, {**task.parts, "shard": str(task.shard), SECONDS: seconds})
 
 
 def _size(dataset: ShardedDataset) -> int:

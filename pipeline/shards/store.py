@@ -60,6 +60,13 @@ class Store:
             os.utime(folder)  # its last use, for prune
         return shard
 
+    def record_of(self, key: str) -> dict[str, Any] | None:
+        """What is written beside the shard of that key, unchecked; None where there is none."""
+        try:
+            return json.loads((self._folder_of(key) / _RECORD).read_bytes())
+        except (OSError, ValueError):
+            return None
+
     def commit(
         self, key: str, write: Callable[[Path], None], notes: Mapping[str, int | float], parts: Mapping[str, Any]
     ) -> StoredShard:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import colorsys
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -17,6 +17,7 @@ from pipeline.vision.texture import TEXTURES
 
 Colour = tuple[float, float, float]
 BACKDROPS = ("plain", "gradient", "clouds")
+_BRIGHTEST = 1.1  # ambient and all lights together
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,12 @@ PALETTE: tuple[Colour, ...] = (
 )
 
 
+def object_colour(index: int) -> tuple[int, int, int]:
+    """The plain appearance's colour of object `index`, 0 to 255: what it is drawn in wherever it is drawn."""
+    red, green, blue = PALETTE[index % len(PALETTE)]
+    return round(255 * red), round(255 * green), round(255 * blue)
+
+
 def plain_appearance(n_objects: int) -> Appearance:
     """The same for every scene: a checkerboard floor, coloured checkered objects, one light."""
     materials = tuple(
@@ -148,16 +155,18 @@ def sample_appearance(
         rng.uniform(0.3, 0.8) if kind == "clouds" else 0.0,
         int(rng.integers(1 << 16)),
     )
-    lights = tuple(
-        _light(rng, i, point_light_probability, soft_shadow_probability)
-        for i in range(int(rng.integers(1, max_lights + 1)))
-    )
+    count = int(rng.integers(1, max_lights + 1))
+    around = float(rng.uniform(*ambient))
+    lights = [_light(rng, i, point_light_probability, soft_shadow_probability) for i in range(count)]
+    # So bright that what faces all lights is just saturated where it is white.
+    dimmed = min(1.0, (_BRIGHTEST - around) / sum(max(light.colour) for light in lights))
+    lights = [replace(light, colour=tuple(dimmed * c for c in light.colour)) for light in lights]  # type: ignore[arg-type]
     return Appearance(
         materials,
         _floor_material(rng, floor_textures, floor_scale),
         backdrop,
-        lights,
-        ambient=float(rng.uniform(*ambient)),
+        tuple(lights),
+        ambient=around,
         haze=float(rng.uniform(8.0, 20.0)),
     )
 

@@ -36,14 +36,14 @@ class DIS:
         own. `iterations` and `batch` are RAFT's and change nothing here: the preset fixes its iterations.
         """
         count, height, width = check_frames(frames_a, frames_b)
-        search = cv2.DISOpticalFlow_create(PRESETS[self.preset])
+        search = cv2.DISOpticalFlow.create(PRESETS[self.preset])
         out = np.empty((count, height, width, 2), np.float32)
         for i in range(count):
             a, b = (cv2.cvtColor(f[i], cv2.COLOR_RGB2GRAY) for f in (frames_a, frames_b))
             if size is not None:
                 a, b = (cv2.resize(x, size, interpolation=cv2.INTER_AREA) for x in (a, b))
-            flow = search.calc(a, b, None)
+            flow = search.calc(a, b, np.zeros((*a.shape, 2), np.float32))
             if size is not None:
-                flow = cv2.resize(flow, (width, height)) * np.float32([width / size[0], height / size[1]])
+                flow = cv2.resize(flow, (width, height)) * np.array([width / size[0], height / size[1]], np.float32)
             out[i] = flow
         return out

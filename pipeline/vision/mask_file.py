@@ -63,8 +63,7 @@ def read_png(path: Path) -> np.ndarray:
     try:
         with Image.open(path) as image:
             if image.mode in ("RGBA", "LA", "PA"):
-                image = image.convert("RGBA")
-                values = np.asarray(image).astype(np.int64)
+                values = np.asarray(image.convert("RGBA")).astype(np.int64)
                 return np.where(values[..., 3] > 0, values[..., :3] @ [65536, 256, 1], 0)
             values = np.asarray(image).astype(np.int64)
     except (UnidentifiedImageError, OSError, SyntaxError) as error:

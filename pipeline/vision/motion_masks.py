@@ -114,7 +114,8 @@ def split_by_flow(part: np.ndarray, flow: np.ndarray, least: float) -> list[np.n
         return [part]
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 20, 0.05)
     cv2.setRNGSeed(0)
-    _, label, centre = cv2.kmeans(samples, 2, None, criteria, 2, cv2.KMEANS_PP_CENTERS)
+    unknown = np.empty((len(samples), 1), np.int32)
+    _, label, centre = map(np.asarray, cv2.kmeans(samples, 2, unknown, criteria, 2, cv2.KMEANS_PP_CENTERS))
     apart = np.linalg.norm(centre[0] - centre[1])
     within = np.linalg.norm(samples - centre[label[:, 0]], axis=1).mean()
     if apart < APART_PX * part.shape[1] / 480 or apart < 4 * within:
@@ -182,7 +183,7 @@ def carry(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
         dx, dy = np.median(flow[ids == i], axis=0)
         moved = cv2.warpAffine(
             (ids == i).astype(np.uint8),
-            np.float32([[1, 0, dx], [0, 1, dy]]),
+            np.array([[1, 0, dx], [0, 1, dy]], np.float32),
             (ids.shape[1], ids.shape[0]),
             flags=cv2.INTER_NEAREST,
         )

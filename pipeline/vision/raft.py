@@ -129,10 +129,12 @@ class SepConvGRU(nn.Module):
 
     def __init__(self, hidden: int, inputs: int) -> None:
         super().__init__()
-        for i, kernel in ((1, (1, 5)), (2, (5, 1))):
-            for gate in "zrq":
-                padding = (kernel[0] // 2, kernel[1] // 2)
-                setattr(self, f"conv{gate}{i}", nn.Conv2d(hidden + inputs, hidden, kernel, padding=padding))
+
+        def gate(kernel: tuple[int, int]) -> nn.Conv2d:
+            return nn.Conv2d(hidden + inputs, hidden, kernel, padding=(kernel[0] // 2, kernel[1] // 2))
+
+        self.convz1, self.convr1, self.convq1 = gate((1, 5)), gate((1, 5)), gate((1, 5))
+        self.convz2, self.convr2, self.convq2 = gate((5, 1)), gate((5, 1)), gate((5, 1))
 
     def forward(self, h: Tensor, x: Tensor) -> Tensor:
         h = gru_step(h, x, self.convz1, self.convr1, self.convq1)
@@ -226,7 +228,8 @@ class RAFT(nn.Module):
 
     def correlate(self, a: Tensor, b: Tensor) -> Correlation:
         """The correlation pyramid of two images (B, 3, H, W) in 0 to 255."""
-        return Correlation(*self.fnet(torch.cat([a, b]) / 127.5 - 1).chunk(2), self.radius)
+        features_a, features_b = self.fnet(torch.cat([a, b]) / 127.5 - 1).chunk(2)
+        return Correlation(features_a, features_b, self.radius)
 
     def forward(
         self,
@@ -328,7 +331,7 @@ def convex_upsample(flow: Tensor, mask: Tensor) -> Tensor:
     """
     b, _, h, w = flow.shape
     weights = torch.softmax(mask.view(b, 1, 9, CELL, CELL, h, w), dim=2)
-    cells = F.unfold(CELL * flow, [3, 3], padding=1).view(b, 2, 9, 1, 1, h, w)
+    cells = F.unfold(CELL * flow, (3, 3), padding=1).view(b, 2, 9, 1, 1, h, w)
     return (weights * cells).sum(dim=2).permute(0, 1, 4, 2, 5, 3).reshape(b, 2, CELL * h, CELL * w)
 
 

@@ -6,6 +6,7 @@ encodes H.264. OpenCV's wheel does neither of the last two reliably.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -216,13 +217,14 @@ class Decoder:
         rate = self.stream.average_rate or self.stream.guessed_rate
         self.header_fps = float(rate) if rate else FPS
         self.aspect = float(self.stream.sample_aspect_ratio or 1) or 1.0
-        self.first = float((self.stream.start_time or 0) * self.stream.time_base)
+        self.tick = float(self.stream.time_base or 1)
+        self.first = (self.stream.start_time or 0) * self.tick
         if start > SEEK_FROM and assume_fps is None:
             self._seek(start)
 
     def _seek(self, start: float) -> None:
         try:
-            self.container.seek(int((self.first + start) / self.stream.time_base), stream=self.stream)
+            self.container.seek(int((self.first + start) / self.tick), stream=self.stream)
             self.seeked = True
         except av.FFmpegError:
             pass  # decode from the beginning, then
@@ -234,7 +236,7 @@ class Decoder:
 
     @property
     def fps(self) -> float:
-        return 1 / self.interval
+        return self.assume_fps or 1 / self.interval
 
     def __iter__(self) -> Iterator[tuple[float, np.ndarray]]:
         try:
@@ -257,7 +259,7 @@ class Decoder:
         return float(frame.time) - self.first
 
     def _upright(self, frame: av.VideoFrame) -> np.ndarray:
-        picture = frame.to_ndarray(format="rgb24")
+        picture: np.ndarray = frame.to_ndarray(format="rgb24")
         if abs(self.aspect - 1) > 0.005:
             picture = cv2.resize(picture, (round(picture.shape[1] * self.aspect), picture.shape[0]))
         self.rotation = round(frame.rotation / 90) * 90 % 360
@@ -301,14 +303,16 @@ def write_video(path: Path | str, frames: np.ndarray, fps: float = FPS) -> None:
         with av.open(str(temporary), "w", format="mp4", options={"movflags": "+faststart"}) as container:
             encode(container, frames, Fraction(fps).limit_denominator(1001))
         temporary.replace(path)
-    except OSError as error:  # FFmpeg's errors of files are OSErrors too
-        temporary.unlink(missing_ok=True)
+    except (OSError, av.FFmpegError) as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def encode(container: av.container.OutputContainer, frames: np.ndarray, rate: Fraction) -> None:
     name, options = ("libx264", {"crf": "18", "threads": "1"}) if "libx264" in av.codecs_available else ("mpeg4", {})
     stream = container.add_stream(name, rate=rate, options=options)
+    assert isinstance(stream, av.VideoStream)
     stream.width, stream.height, stream.pix_fmt = frames.shape[2], frames.shape[1], "yuv420p"
     for frame in frames:
         container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))

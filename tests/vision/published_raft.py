@@ -14,7 +14,9 @@ def batch_norm(name: str, planes: int) -> dict[str, tuple[int, ...]]:
 
 def encoder(name: str, outputs: int, planes: tuple[int, int, int], bottleneck: bool, norm: bool) -> dict:
     """One encoder; `norm`: batch normalisation, which has parameters (instance normalisation here has none)."""
-    found = convolution(f"{name}.conv1", 3, planes[0], (7, 7)) | convolution(f"{name}.conv2", planes[2], outputs, (1, 1))
+    found = convolution(f"{name}.conv1", 3, planes[0], (7, 7)) | convolution(
+        f"{name}.conv2", planes[2], outputs, (1, 1)
+    )
     if norm:
         found |= batch_norm(f"{name}.norm1", planes[0])
     inputs = planes[0]

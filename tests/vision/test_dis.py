@@ -27,7 +27,7 @@ def test_a_shifted_picture_flows_by_the_shift(rng, preset):
     dx, dy = (int(v) for v in rng.integers(-4, 5, 2))
     a, b = picture[20:-20, 24:-24], picture[20 - dy : 116 - dy, 24 - dx : 152 - dx]
     flow = DIS(preset).flow(a[None], b[None])[0, 16:-16, 16:-16]
-    assert np.allclose(np.median(flow, axis=(0, 1)), [dx, dy], atol=0.1)
+    assert np.allclose(np.median(flow, axis=(0, 1)), [dx, dy], atol=0.3)
 
 
 def test_the_flow_moves_along_with_the_pictures(rng):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import torch
+from published_raft import published_large, published_small
 from torch.nn import functional as F
 
 from pipeline.errors import ModelError
 from pipeline.vision.raft import RAFT, Correlation, convex_upsample, load_raft, resize_flow, sequence_loss
-from published_raft import published_large, published_small
 
 
 @pytest.fixture(autouse=True)

@@ -20,7 +20,7 @@ SIZE = (96, 64)
 def overhead(**light: float) -> Appearance:
     lamp = Light((0.6, 0.6, 0.6), towards=(0.0, 0.0, 1.0), **light)
     white = Material((0.8, 0.8, 0.8), specular=0.0)
-    return Appearance((white,), white, Backdrop(), (lamp,), ambient=0.3, haze=1e6)
+    return Appearance((white,), white, Backdrop(), (lamp,), ambient=0.3, haze=1e15)
 
 
 def test_the_same_arguments_give_the_same_bytes(rng: np.random.Generator) -> None:
@@ -95,7 +95,7 @@ def test_every_shape_and_texture_is_drawn_where_its_mask_is(rng: np.random.Gener
     view = random_view(rng)
     red = Material((1.0, 0.0, 0.0), specular=0.0)
     blue = Material((0.0, 0.0, 1.0), specular=0.0)
-    look = Appearance((red,) * len(view.objects), blue, Backdrop((0, 1, 0), (0, 1, 0)), (), ambient=1.0, haze=1e6)
+    look = Appearance((red,) * len(view.objects), blue, Backdrop((0, 1, 0), (0, 1, 0)), (), ambient=1.0, haze=1e15)
     poses = (view.position[None], view.quaternion[None])
     picture = shade(view.objects, *poses, view.camera, look, *SIZE, view.ground, shadows=False, antialias=False)
     seen = rasterise(view.objects, *poses, view.camera, *SIZE, view.ground)

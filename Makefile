@@ -1,0 +1,32 @@
+# make repro: the whole experiment at the default size. make test, make check: as in CI. All set up what they need.
+SHELL := /bin/bash
+PYTHON ?= python3
+BIN := .venv/bin
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+
+.PHONY: install repro test check clean
+
+install: .venv/installed
+
+.venv/installed: pyproject.toml constraints.txt
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || (echo "error: Python 3.11 or newer is needed (make PYTHON=python3.12)"; exit 2)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt torch==2.13.0
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test]"
+	@touch $@
+
+# data/samples is in git and so may be gone after `rm -rf data`.
+repro: install
+	@test -d data/samples || git checkout -q -- data/samples
+	dvc repro
+
+test: install
+	pytest -n 2
+
+check: install
+	ruff check .
+	ruff format --check .
+	mypy
+
+clean:
+	rm -rf data/[!s]* data/s[!a]* reports/index.html .shards

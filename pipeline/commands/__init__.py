@@ -1,0 +1,1 @@
+"""The console script `dynamics`: one subcommand a module of `verbs`, and what they share."""

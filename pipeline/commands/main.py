@@ -1,0 +1,78 @@
+"""Entry point of `dynamics`: finds the subcommands, parses the words, turns errors into one line and an exit code."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import pkgutil
+import signal
+import sys
+import warnings
+from types import FrameType
+
+from pipeline.commands import verbs
+from pipeline.errors import DynamicsError
+
+DESCRIPTION = """\
+Video in, editable physics out.
+
+A clip of moving bodies becomes a program of the scene: a YAML text with every object's shape, size,
+mass, friction and motion, the camera and gravity, which MuJoCo runs. Change a number, run it again,
+and see what would have happened.
+"""
+EPILOG = """\
+three examples:
+  dynamics infer clip.mp4 -o out --search 2000         a scene from a video, refined by 2,000 simulations
+  dynamics simulate out --set objects[0].mass=2 -o heavier    what if the first object weighed 2 kg?
+  dynamics view out                                    look at it in 3D
+
+where to go on:
+  dynamics infer --help       each subcommand explains itself
+  out/overlay.png, out/result.json    the picture to look at first, and what was assumed and measured
+  README.md                   the scene language, the experiment as a graph (make repro), training
+"""
+INTERRUPTED = 130
+TERMINATED = 143
+
+
+def verb_names() -> list[str]:
+    """The subcommands' names: the modules of `pipeline.commands.verbs`."""
+    return sorted(module.name for module in pkgutil.iter_modules(verbs.__path__))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of all subcommands."""
+    raw = argparse.RawDescriptionHelpFormatter
+    top = argparse.ArgumentParser(prog="dynamics", description=DESCRIPTION, epilog=EPILOG, formatter_class=raw)
+    subcommands = top.add_subparsers(dest="verb", required=True, metavar="COMMAND", title="commands")
+    for name in verb_names():
+        module = importlib.import_module(f"{verbs.__name__}.{name}")
+        sub = subcommands.add_parser(name, help=module.SUMMARY, description=module.DESCRIPTION, formatter_class=raw)
+        module.add_arguments(sub)
+        sub.set_defaults(run=module.run)
+    return top
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run `dynamics` with `words` (default: the command line's). Exit codes: 0 done; 2 the user's words, data or
+    files are at fault, said in one line; 130 interrupted. Anything else is a defect and shows its traceback."""
+    warnings.filterwarnings("ignore", module="glfw")  # it looks for a display that nothing here needs
+    signal.signal(signal.SIGTERM, _terminate)
+    arguments = parser().parse_args(words)
+    try:
+        arguments.run(arguments)
+    except DynamicsError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("error: interrupted; nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    return 0
+
+
+def _terminate(_signal: int, _frame: FrameType | None) -> None:
+    raise SystemExit(TERMINATED)  # unwinds, so that temporary folders are removed
+
+
+if __name__ == "__main__":
+    sys.exit(main())

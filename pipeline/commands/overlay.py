@@ -1,0 +1,102 @@
+"""overlay.png: the input with the outlines of the replay over it, the replay, and the flow of both, at five moments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from PIL import Image, ImageDraw
+
+from pipeline.commands.lettering import INK, PAPER, font
+from pipeline.vision.appearance import object_colour
+from pipeline.vision.flow_picture import flow_picture
+
+TILE = (384, 256)  # px, width and height
+GAP, SIDE, HEADER, LINE = 6, 128, 30, 21  # px
+MOMENTS = 5
+_FINE = 16  # outlines are drawn at sixteenths of a pixel
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """What is shown, at the frames `frames` (P,) of the clip: frames (F, H, W, 3) of the input and of the replay, masks
+    (F, H, W) of both, flow (P, H, W, 2) of both. names: of the replay's objects. lines: of text under the title."""
+
+    frames: np.ndarray
+    fps: float
+    start: float
+    rgb: np.ndarray
+    replay_rgb: np.ndarray
+    masks: np.ndarray
+    replay_masks: np.ndarray
+    flow: np.ndarray
+    replay_flow: np.ndarray
+    names: tuple[str, ...]
+    title: str
+    lines: tuple[str, ...]
+
+
+def draw(sheet: Sheet) -> np.ndarray:
+    """The picture, (H, W, 3) uint8."""
+    chosen = np.unique(np.rint(np.linspace(0, len(sheet.frames) - 1, MOMENTS)).astype(int))
+    times = [f"t = {sheet.start + sheet.frames[p] / sheet.fps:.2f} s" for p in chosen]
+    shown = sheet.frames[chosen]
+    longest = max(float(np.quantile(np.linalg.norm(sheet.flow[chosen], axis=-1), 0.999)), 1.0)
+    rows = [
+        ("input\nwith the replay's\noutlines", [_outlined(sheet.rgb[f], sheet.replay_masks[f]) for f in shown]),
+        ("replay", [_tile(sheet.replay_rgb[f]) for f in shown]),
+        ("input's masks", [_painted(sheet.rgb[f], sheet.masks[f]) for f in shown]),
+        (f"input's flow\n(full colour:\n{longest:.1f} px)", [_tile(flow_picture(sheet.flow[p], "wheel", longest)) for p in chosen]),
+        ("replay's flow", [_tile(flow_picture(sheet.replay_flow[p], "wheel", longest)) for p in chosen]),
+    ]  # fmt: skip
+    top = HEADER + LINE * (len(sheet.lines) + 1) + GAP
+    width = SIDE + len(chosen) * (TILE[0] + GAP) + GAP
+    page = Image.new("RGB", (width, top + 24 + len(rows) * (TILE[1] + GAP)), PAPER)
+    pen = ImageDraw.Draw(page)
+    pen.text((GAP, GAP), sheet.title, font=font(20), fill=INK)
+    for i, line in enumerate(sheet.lines):
+        pen.text((GAP, HEADER + 2 + i * LINE), line, font=font(14), fill=INK)
+    _legend(pen, sheet.names, HEADER + 2 + len(sheet.lines) * LINE)
+    for column, time in enumerate(times):
+        pen.text((SIDE + column * (TILE[0] + GAP), top), time, font=font(14), fill=INK)
+    for row, (label, tiles) in enumerate(rows):
+        y = top + 24 + row * (TILE[1] + GAP)
+        pen.multiline_text((GAP, y), label, font=font(14), fill=INK, spacing=3)
+        for column, tile in enumerate(tiles):
+            page.paste(Image.fromarray(tile), (SIDE + column * (TILE[0] + GAP), y))
+    return np.asarray(page)
+
+
+def _legend(pen: ImageDraw.ImageDraw, names: tuple[str, ...], y: int) -> None:
+    x = GAP
+    for i, name in enumerate(names):
+        pen.rectangle((x, y + 3, x + 12, y + 15), fill=object_colour(i))
+        pen.text((x + 17, y), name, font=font(14), fill=INK)
+        x += 34 + round(pen.textlength(name, font=font(14)))
+
+
+def _tile(picture: np.ndarray) -> np.ndarray:
+    return cv2.resize(np.ascontiguousarray(picture), TILE, interpolation=cv2.INTER_AREA)
+
+
+def _outlined(picture: np.ndarray, masks: np.ndarray) -> np.ndarray:
+    """The picture with the outline of each object of `masks` (H, W) in its colour, on a dark line that sets it off."""
+    tile = _tile(picture)
+    scale = np.array([TILE[0] / picture.shape[1], TILE[1] / picture.shape[0]])
+    for i in np.unique(masks[masks > 0]):
+        contours, _ = cv2.findContours((masks == i).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        lines = [np.rint((c[:, 0] + 0.5) * scale * _FINE - _FINE / 2).astype(np.int32) for c in contours]
+        for colour, thickness in (((15, 15, 15), 4), (object_colour(int(i) - 1), 2)):
+            cv2.polylines(tile, lines, True, colour, thickness, cv2.LINE_AA, 4)
+    return tile
+
+
+def _painted(picture: np.ndarray, masks: np.ndarray) -> np.ndarray:
+    """The picture, pale, with each instance of `masks` (H, W) in a colour."""
+    grey = cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
+    pale = 128 + grey // 2
+    colours = np.array([(0, 0, 0), *(object_colour(i) for i in range(255))], np.uint8)
+    painted = np.where(masks[..., None] > 0, colours[masks] // 4 * 3 + picture // 4, pale)
+    return _tile(painted.astype(np.uint8))
+

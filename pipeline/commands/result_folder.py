@@ -1,0 +1,100 @@
+"""A command's output folder: whole or not at all, and never at the cost of somebody's files."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from pipeline.errors import OutputError
+from pipeline.shards.output_errors import writing_to
+
+RESULT = "result.json"
+
+
+@contextmanager
+def result_folder(target: Path, force: bool) -> Iterator[Path]:
+    """A new folder to fill; on leaving it becomes `target`, and after an error nothing of it is left.
+
+    Raises OutputError where `target` cannot be written or holds something: with `force`, a folder of ours is replaced
+    as long as there are no other files in it.
+    """
+    check_replaceable(target, force)
+    place = target.absolute()
+    temporary = place.parent / f".{place.name}.partial"
+    made: list[Path] = []
+    with writing_to(target):
+        try:
+            made = _make_parents(place.parent)
+            shutil.rmtree(temporary, ignore_errors=True)  # of a run that was killed
+            temporary.mkdir()
+            yield temporary
+            _put(temporary, place)
+        except BaseException:
+            shutil.rmtree(temporary, ignore_errors=True)
+            for folder in reversed(made):
+                folder.rmdir()
+            raise
+
+
+def write_result(folder: Path, command: str, result: dict[str, Any]) -> None:
+    """Write result.json: the command, its result, and the names of all files of the folder, itself included."""
+    files = sorted({RESULT, *(path.name for path in folder.iterdir())})
+    text = json.dumps({"command": command, **result, "files": files}, indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / RESULT).write_text(text + "\n", encoding="utf-8")
+
+
+def check_replaceable(target: Path, force: bool) -> None:
+    """Raise OutputError where `target` is in the way."""
+    if not target.exists():
+        return
+    if not target.is_dir():
+        raise OutputError(f"{target} is a file; the results go into a folder of that name")
+    there = {path.name for path in target.iterdir()}
+    if not there:
+        return
+    own = _own_files(target)
+    if own is None:
+        raise OutputError(f"{target} is not empty and was not made by `dynamics`: choose another folder")
+    foreign = sorted(there - own)
+    if foreign:
+        raise OutputError(f"{target} also holds {foreign[0]}, which `dynamics` did not write: choose another folder")
+    if not force:
+        raise OutputError(f"{target} exists already: choose another folder, or give --force to replace it")
+
+
+def _own_files(folder: Path) -> set[str] | None:
+    """The names that the folder's result.json lists; None where it has none of ours."""
+    try:
+        result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        return set(result["files"]) if "command" in result else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _make_parents(folder: Path) -> list[Path]:
+    """Make a folder and those above it; the ones that were made, from the top."""
+    missing = []
+    while not folder.exists():
+        missing.append(folder)
+        folder = folder.parent
+    for path in reversed(missing):
+        path.mkdir()
+    return missing[::-1]
+
+
+def _put(temporary: Path, place: Path) -> None:
+    if place.exists():
+        old = place.parent / f".{place.name}.replaced"
+        place.rename(old)
+        try:
+            temporary.rename(place)
+        except OSError:
+            old.rename(place)
+            raise
+        shutil.rmtree(old)
+    else:
+        temporary.rename(place)

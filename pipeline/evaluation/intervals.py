@@ -1,0 +1,27 @@
+"""Means with bootstrap intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean over n clips with its 95 % interval (percentile bootstrap); NaN where n is 0."""
+
+    mean: float
+    low: float
+    high: float
+    n: int
+
+
+def bootstrap_mean(values: np.ndarray, resamples: int, rng: np.random.Generator) -> Estimate:
+    """The mean of `values` (n,), NaN left out, and its interval from `resamples` resamples."""
+    kept = values[~np.isnan(values)]
+    if not len(kept):
+        return Estimate(np.nan, np.nan, np.nan, 0)
+    means = rng.choice(kept, (resamples, len(kept))).mean(1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return Estimate(float(kept.mean()), float(low), float(high), len(kept))

@@ -1,0 +1,128 @@
+"""How well a predicted scene replays a clip: every metric of docs/formats.md for one clip and one answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.clips.schedule import Schedule
+from pipeline.errors import SimulationError
+from pipeline.evaluation.overlap_scores import assign, count, first_frame, foreground_iou, pair_iou, sequence_iou
+from pipeline.physics.batch import BatchSimulator, stack_scenes
+from pipeline.physics.overlap import penetration
+from pipeline.scene.rotation import quaternion_conjugate, quaternion_multiply
+from pipeline.scene.scene import Scene
+from pipeline.vision.camera import pinhole
+from pipeline.vision.exact_flow import exact_flow
+from pipeline.vision.rasteriser import rasterise
+
+WIDTH, HEIGHT = 480, 320
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What is compared with: masks (F, H, W) of every frame at 480x320; flow (P, H, W, 2), px per frame interval, of the
+    pairs that start at `pair_frames` (P,); the true scene, where it is known."""
+
+    masks: np.ndarray
+    flow: np.ndarray
+    pair_frames: np.ndarray
+    scene: Scene | None = None
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A scene's masks (F, H, W) and flow (F - 1, H, W, 2) at 480x320."""
+
+    masks: np.ndarray
+    flow: np.ndarray
+
+
+def replay(scene: Scene, schedule: Schedule) -> Replay:
+    """Run the scene and look at every frame. Raises `SimulationError` where the numbers go bad."""
+    assert scene.camera is not None
+    states = BatchSimulator(scene.shapes, scene.ground is not None, 1, 1).run(stack_scenes([scene]), schedule.frame_steps)
+    if not states.valid[0]:
+        raise SimulationError("the numbers go bad in the replay")
+    poses = (states.position[0], states.quaternion[0])
+    camera = pinhole(scene.camera)
+    view = rasterise(scene.objects, *poses, camera, WIDTH, HEIGHT, scene.ground)
+    flow = exact_flow(scene.objects, *poses, camera, WIDTH, HEIGHT, scene.ground, rendering=view, with_hidden=False)
+    return Replay(view.mask, flow.flow_px)
+
+
+def true_reference(scene: Scene, schedule: Schedule) -> Reference:
+    """The reference of a sampled clip: its own replay, all pairs of frames."""
+    own = replay(scene, schedule)
+    return Reference(own.masks, own.flow, np.arange(len(own.flow)), scene)
+
+
+#: Metrics of every answer, and whether more is better.
+METRICS: dict[str, bool] = {
+    "composition": True,
+    "iou_initial": True,
+    "iou": True,
+    "foreground_iou": True,
+    "epe_first": False,
+    "epe": False,
+    "epe_frame": False,
+    "penetration": False,
+    "valid": True,
+}
+
+
+def score(scene: Scene, reference: Reference, schedule: Schedule) -> dict[str, float]:
+    """The metrics of one answer. A replay that goes bad scores as an empty view, with `valid` 0.
+
+    Parameter errors (`error.<name>`) are added where the true scene is known and the composition right.
+    """
+    try:
+        own, valid = replay(scene, schedule), 1.0
+    except SimulationError:
+        shape = (len(reference.masks), HEIGHT, WIDTH)
+        own, valid = Replay(np.zeros(shape, np.uint8), np.zeros((shape[0] - 1, *shape[1:], 2), np.float32)), 0.0
+    instances = int(reference.masks.max(initial=0)) if reference.scene is None else len(reference.scene.objects)
+    counts = count(own.masks, reference.masks, len(scene.objects), instances)
+    pairs = assign(pair_iou(counts))
+    difference = np.linalg.norm(own.flow[reference.pair_frames] - reference.flow, axis=-1)  # (P, H, W)
+    front = (own.masks[reference.pair_frames] > 0) | (reference.masks[reference.pair_frames] > 0)
+    out = {
+        "iou_initial": sequence_iou(first_frame(counts), pairs),
+        "iou": sequence_iou(counts, pairs),
+        "foreground_iou": foreground_iou(counts),
+        "epe_first": float(difference[0][front[0]].mean()) if front[0].any() else 0.0,
+        "epe": float(difference[front].mean()) if front.any() else 0.0,
+        "epe_frame": float(difference.mean()),
+        "penetration": penetration(scene),
+        "valid": valid,
+    }
+    if reference.scene is not None:
+        out["composition"] = float(scene.composition == reference.scene.composition)
+        if out["composition"]:
+            out |= parameter_errors(scene, reference.scene, pairs)
+    return out
+
+
+def parameter_errors(scene: Scene, truth: Scene, pairs: np.ndarray) -> dict[str, float]:
+    """Mean absolute error of each parameter, over the matched objects (P, 2) and the components of vectors, in SI units
+    and degrees. Sizes and orientations are compared where the matched objects have one shape."""
+    assert scene.camera is not None and truth.camera is not None
+    assert scene.camera.pitch is not None and truth.camera.pitch is not None
+    errors: dict[str, list[float]] = {
+        "camera_height": [abs(scene.camera.position[2] - truth.camera.position[2])],
+        "camera_pitch": [abs(scene.camera.pitch - truth.camera.pitch)],
+        "fov": [abs(scene.camera.fov - truth.camera.fov)],
+        "gravity": [abs(scene.gravity[2] - truth.gravity[2])],
+    }
+    for i, j in pairs:
+        a, b = scene.objects[i], truth.objects[j]
+        for key in ("mass", "sliding_friction", "rolling_friction", "damping", "position", "velocity", "angular_velocity"):
+            errors.setdefault(key, []).append(float(np.mean(np.abs(np.subtract(getattr(a, key), getattr(b, key))))))
+        if a.shape == b.shape:
+            errors.setdefault("size", []).append(float(np.mean(np.abs(np.subtract(a.size, b.size)))))
+            if a.shape != "sphere":
+                turn = quaternion_multiply(quaternion_conjugate(np.array(a.orientation)), np.array(b.orientation))
+                angle = 2 * np.degrees(np.arctan2(np.linalg.norm(turn[1:]), abs(turn[0])))
+                errors.setdefault("orientation", []).append(float(angle))
+    return {f"error.{key}": float(np.mean(values)) for key, values in errors.items()}

@@ -1,0 +1,1 @@
+"""Clips and scenes in the rerun viewer: everything that imports rerun."""

@@ -1,0 +1,99 @@
+"""A motion in the 3D view: each body's shape once, its pose at every step, and the contacts as arrows of force."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+from scipy.spatial import ConvexHull
+
+from pipeline.physics.trace import GROUND, Trace
+from pipeline.scene.mjcf import mesh_vertices
+from pipeline.scene.scene import SceneObject, half_extents
+from pipeline.viewer.footage import Motion
+from pipeline.viewer.timeline import send_steps
+from pipeline.vision.appearance import object_colour
+
+ARROW_LENGTH = 0.01  # m for each m/s² that the force gives the body: a resting ball's weight is 10 cm long
+LONGEST_ARROW = 0.5  # m
+WIRE_RADIUS = 0.002  # m
+
+
+def body_path(motion: Motion, index: int) -> str:
+    return f"world/{motion.name}/{motion.scene.objects[index].name}"
+
+
+def log_bodies(recording: rr.RecordingStream, motion: Motion, fps: float) -> None:
+    """Shapes (static), poses and contacts of a motion, under world/<its name>."""
+    trace = motion.trace
+    for i, obj in enumerate(motion.scene.objects):
+        path = body_path(motion, i)
+        recording.log(path, shape(obj, object_colour(i), motion.solid), static=True, strict=True)
+        position, xyzw = trace.position[:, i], trace.quaternion[:, i][:, [1, 2, 3, 0]]
+
+        def poses(rows: np.ndarray, position: np.ndarray = position, xyzw: np.ndarray = xyzw) -> rr.ComponentColumnList:
+            return rr.Transform3D.columns(translation=position[rows], quaternion=xyzw[rows])
+
+        send_steps(recording, path, trace.times, fps, poses)
+        if motion.solid:
+            path_of_centre = rr.LineStrips3D([position], colors=[(*object_colour(i), 110)], radii=WIRE_RADIUS)
+            recording.log(f"world/{motion.name}/paths/{obj.name}", path_of_centre, static=True, strict=True)
+    if len(trace.contacts):
+        log_contacts(recording, motion, fps)
+
+
+def shape(obj: SceneObject, rgb: tuple[int, int, int], solid: bool) -> rr.AsComponents:
+    """The body's shape about its centre, as rerun's own primitive where it has one."""
+    half = half_extents(obj) if obj.shape != "mesh" else None
+    look = {"colors": [rgb], "fill_mode": rr.components.FillMode.Solid if solid else rr.components.FillMode.MajorWireframe,
+            "labels": [obj.name], "show_labels": False}  # fmt: skip
+    if obj.shape == "mesh":
+        assert obj.file is not None
+        vertices = mesh_vertices(obj.file) * obj.size[0]
+        return rr.Mesh3D(vertex_positions=vertices, triangle_indices=hull_triangles(vertices), albedo_factor=[*rgb, 255])
+    assert half is not None
+    if obj.shape == "box":
+        return rr.Boxes3D(half_sizes=[half], **look)
+    if obj.shape in ("sphere", "ellipsoid"):
+        return rr.Ellipsoids3D(half_sizes=[half], **look)
+    if obj.shape == "cylinder":
+        return rr.Cylinders3D(lengths=[2 * half[2]], radii=[half[0]], **look)
+    straight = 2 * (half[2] - half[0])
+    return rr.Capsules3D(lengths=[straight], radii=[half[0]], translations=[[0, 0, -straight / 2]], **look)
+
+
+def hull_triangles(vertices: np.ndarray) -> np.ndarray:
+    """(F, 3) triangles of the convex hull of vertices (V, 3), which is the shape that MuJoCo collides."""
+    return ConvexHull(vertices).simplices
+
+
+def log_contacts(recording: rr.RecordingStream, motion: Motion, fps: float) -> None:
+    """An arrow per contact point and step, of the force on the first body; it ends at the point."""
+    trace = motion.trace
+    c = trace.contacts
+    origins, vectors, counts = contact_arrows(trace, np.array([o.mass for o in motion.scene.objects]))
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    colours = np.array([object_colour(int(i)) for i in c.first], np.uint8).reshape(-1, 3)
+    force = np.linalg.norm(c.force, axis=1)
+    names = [o.name for o in motion.scene.objects]
+    labels = [f"{names[a]} on {'the ground' if b == GROUND else names[b]}: {f:.2g} N"
+              for a, b, f in zip(c.first, c.second, force, strict=True)]  # fmt: skip
+
+    def arrows(rows: np.ndarray) -> rr.ComponentColumnList:
+        points = np.concatenate([np.arange(starts[r], starts[r + 1]) for r in rows]).astype(int)
+        columns = rr.Arrows3D.columns(vectors=vectors[points], origins=origins[points], colors=colours[points],
+                                      labels=[labels[p] for p in points])  # fmt: skip
+        return columns.partition(counts[rows])
+
+    path = f"world/{motion.name}/contacts"
+    look = rr.Arrows3D.from_fields(radii=0.006, show_labels=False)
+    recording.log(path, look, static=True, strict=True)
+    send_steps(recording, path, trace.times, fps, arrows)
+
+
+def contact_arrows(trace: Trace, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Origins and vectors (C, 3), m, in the order of the contacts, and how many there are at each step (S + 1,)."""
+    c = trace.contacts
+    vectors = ARROW_LENGTH * c.force / mass[c.first][:, None]
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    vectors = vectors * np.minimum(1, LONGEST_ARROW / np.maximum(length, 1e-12))
+    return c.position - vectors, vectors, np.bincount(c.step, minlength=len(trace.position))

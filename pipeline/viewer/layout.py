@@ -1,0 +1,85 @@
+"""What the viewer shows at first: the scene beside what the camera saw, plots, events and notes below."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun.blueprint as rrb
+from rerun.encodings import Plane3D
+
+from pipeline.viewer.footage import Footage, Pictures
+from pipeline.viewer.plots import PLOTS
+from pipeline.viewer.timeline import SIM_TIME
+from pipeline.vision.camera import pinhole
+
+CAMERA = "world/camera"
+REPLAYED = "replayed"
+PLAYBACK_SPEED = 0.5
+
+
+def blueprint(footage: Footage) -> rrb.Blueprint:
+    """The layout for what the footage has."""
+    below: list[rrb.View] = []
+    if footage.motions:
+        below += [rrb.TimeSeriesView(origin=f"plots/{plot}", name=title) for plot, title in PLOTS.items()]
+    told = [m for m in footage.motions if m.events]
+    if told:
+        columns = rrb.TextLogColumns(timeline_columns=[SIM_TIME],
+                                     text_log_columns=["body"] if len(told) == 1 else ["entitypath", "body"])
+        below.append(rrb.TextLogView(origin="events", name="events", columns=columns))
+    below.append(rrb.TextDocumentView(origin="notes", name="about this clip"))
+    pictures = picture_views(footage)
+    above: list[rrb.View | rrb.Container] = [scene_view(footage)] if footage.motions else []
+    if pictures:
+        above.append(rrb.Grid(*pictures, grid_columns=1 if len(pictures) < 3 else 2))
+    shares = [1.0] * len(above)
+    return rrb.Blueprint(
+        rrb.Vertical(rrb.Horizontal(*above, column_shares=shares), rrb.Horizontal(*below), row_shares=[3, 1])
+        if above
+        else rrb.Horizontal(*below),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=SIM_TIME, playback_speed=PLAYBACK_SPEED, loop_mode="all",
+                      play_state="playing"),
+    )  # fmt: skip
+
+
+def scene_view(footage: Footage) -> rrb.View:
+    """The 3D view, seen from beside the camera; the depth picture and its points stay out of it."""
+    motion = footage.motions[0]
+    centre = motion.trace.position[0].mean(0) if len(motion.scene.objects) else np.zeros(3)
+    grid: rrb.LineGrid3D | None = rrb.LineGrid3D(visible=False)
+    if motion.scene.ground is not None:
+        grid = rrb.LineGrid3D(visible=True, spacing=0.1, plane=Plane3D((0, 0, 1), motion.scene.ground))
+    eye = None
+    if motion.scene.camera is not None:
+        view = pinhole(motion.scene.camera)
+        right, up, back = view.rotation_world.T
+        distance = float(np.linalg.norm(view.position_world - centre))
+        position = view.position_world + 0.35 * distance * right + 0.25 * distance * up + 0.3 * distance * back
+        eye = rrb.EyeControls3D(position=position, look_target=centre, eye_up=(0, 0, 1))
+    contents = ["world/**", *(f"- {CAMERA}/{kind}/**" for kind in ("depth", "masks", "flow"))]
+    return rrb.Spatial3DView(origin="world", contents=contents, name="scene", line_grid=grid, eye_controls=eye)
+
+
+def picture_views(footage: Footage) -> list[rrb.View]:
+    """2D views: the camera's picture with masks, its flow, its depth, and the replay's picture with its masks."""
+    views: list[rrb.View] = []
+    for path, pictures, title in ((CAMERA, footage.seen, "camera"), (REPLAYED, footage.replayed, "replay")):
+        if pictures.rgb is not None or pictures.masks is not None:
+            kinds = {"rgb": pictures.rgb, "masks": pictures.masks}
+            views.append(_view(path, [k for k, v in kinds.items() if v is not None], f"{title}: {_words(pictures)}"))
+        if pictures.flow is not None:
+            views.append(_view(path, ["flow"], f"{title}: optical flow"))
+        if pictures.depth is not None:
+            views.append(_view(path, ["depth"], f"{title}: depth"))
+    return views
+
+
+def _view(path: str, kinds: list[str], title: str) -> rrb.View:
+    return rrb.Spatial2DView(origin=path, contents=[f"$origin/{kind}" for kind in kinds], name=title)
+
+
+def _words(pictures: Pictures) -> str:
+    if pictures.rgb is None:
+        return "masks"
+    return "picture" if pictures.masks is None else "picture and masks"

@@ -1,0 +1,77 @@
+"""What a camera saw, under one entity: RGB, masks, depth, and flow as a colour wheel's picture."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import rerun as rr
+
+from pipeline.viewer.footage import Pictures
+from pipeline.viewer.timeline import at_frames
+from pipeline.vision.appearance import object_colour
+from pipeline.vision.flow_picture import flow_picture
+
+JPEG_QUALITY = 92
+MASK_OPACITY = 0.35
+_MILLIMETRES = 1000.0
+
+
+def log_pictures(recording: rr.RecordingStream, path: str, pictures: Pictures, fps: float) -> None:
+    """Each kind of picture that there is, under `path`/rgb, masks, depth, flow."""
+    if pictures.rgb is not None:
+        blobs = [_encoded(".jpg", p[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]) for p in pictures.rgb]
+        _send_blobs(recording, f"{path}/rgb", np.arange(len(blobs)), fps, blobs, "image/jpeg", draw_order=-10.0)
+    if pictures.flow is not None:
+        longest = max(float(np.linalg.norm(pictures.flow, axis=-1).max(initial=0.0)), 1e-3)
+        shown = flow_picture(pictures.flow, "wheel", longest)
+        blobs = [_encoded(".png", p[..., ::-1]) for p in shown]
+        _send_blobs(recording, f"{path}/flow", pictures.flow_frames, fps, blobs, "image/png", draw_order=-9.0)
+    if pictures.depth is not None:
+        log_depth(recording, f"{path}/depth", pictures.depth, pictures.depth_frames, fps)
+    if pictures.masks is not None:
+        log_masks(recording, f"{path}/masks", pictures.masks, fps)
+
+
+def log_masks(recording: rr.RecordingStream, path: str, masks: np.ndarray, fps: float) -> None:
+    """Instance masks (F, H, W), coloured as the objects are."""
+    look = rr.SegmentationImage.from_fields(opacity=MASK_OPACITY, draw_order=10.0)
+    recording.log(path, look, static=True, strict=True)
+    height, width = masks.shape[1:]
+    kind = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.U8)
+    columns = rr.SegmentationImage.columns(buffer=list(np.ascontiguousarray(masks).reshape(len(masks), -1)),
+                                           format=[kind] * len(masks))  # fmt: skip
+    recording.send_columns(path, at_frames(np.arange(len(masks)), fps), columns, strict=True)
+
+
+def log_depth(recording: rr.RecordingStream, path: str, depth: np.ndarray, frames: np.ndarray, fps: float) -> None:
+    """Planar depths (P, H, W), m, as PNGs in mm; 0 where there is nothing."""
+    finite = np.isfinite(depth)
+    millimetres = np.where(finite, np.clip(depth * _MILLIMETRES, 0, 65535), 0).astype(np.uint16)
+    near, far = (float(q) for q in np.quantile(depth[finite], [0, 0.98])) if finite.any() else (0.0, 1.0)
+    look = rr.EncodedDepthImage.from_fields(meter=_MILLIMETRES, depth_range=[near * _MILLIMETRES, far * _MILLIMETRES],
+                                            media_type="image/png", draw_order=-8.0)  # fmt: skip
+    recording.log(path, look, static=True, strict=True)
+    columns = rr.EncodedDepthImage.columns(blob=[_encoded(".png", d) for d in millimetres])
+    recording.send_columns(path, at_frames(frames, fps), columns, strict=True)
+
+
+def annotations(names: list[str]) -> rr.AnnotationContext:
+    """Names and colours of mask ids: 0 is the background, i + 1 object i."""
+    return rr.AnnotationContext(
+        [rr.AnnotationInfo(0, "background", (0, 0, 0, 0)),
+         *(rr.AnnotationInfo(i + 1, name, object_colour(i)) for i, name in enumerate(names))]
+    )  # fmt: skip
+
+
+def _encoded(suffix: str, picture: np.ndarray, options: list[int] | None = None) -> bytes:
+    done, data = cv2.imencode(suffix, np.ascontiguousarray(picture), options or [])
+    assert done
+    return data.tobytes()
+
+
+def _send_blobs(
+    recording: rr.RecordingStream, path: str, frames: np.ndarray, fps: float, blobs: list[bytes], media: str,
+    draw_order: float,
+) -> None:  # fmt: skip
+    recording.log(path, rr.EncodedImage.from_fields(media_type=media, draw_order=draw_order), static=True, strict=True)
+    recording.send_columns(path, at_frames(frames, fps), rr.EncodedImage.columns(blob=blobs), strict=True)

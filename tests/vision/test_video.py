@@ -1,0 +1,201 @@
+"""Laws of reading and writing video files, and what bad ones give."""
+
+import struct
+from fractions import Fraction
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.errors import OutputError, VideoError
+from pipeline.vision.video import fit_to, read_clip, write_video
+
+
+def numbered(count, height=64, width=96):
+    """Frames (T, H, W, 3) uint8 whose grey value tells their number: 4 a frame."""
+    return np.stack([np.full((height, width, 3), 4 * k, np.uint8) for k in range(count)])
+
+
+def number(frame):
+    return round(float(np.median(frame)) / 4)
+
+
+def write_stamped(path, frames, times_ms):
+    """A video whose frames have these time stamps, ms."""
+    with av.open(str(path), "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=1000, options={"crf": "4"})
+        stream.width, stream.height, stream.pix_fmt = frames.shape[2], frames.shape[1], "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for frame, time in zip(frames, times_ms, strict=True):
+            picture = av.VideoFrame.from_ndarray(frame, format="rgb24")
+            picture.pts, picture.time_base = int(time), Fraction(1, 1000)
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode())
+
+
+def turn_by_header(path, matrix):
+    """Write a display matrix (a, b, c, d; of 1) into the track header of an mp4 file, as phones do."""
+    data = bytearray(path.read_bytes())
+    at = data.index(b"tkhd") + 4 + 40
+    a, b, c, d = (v << 16 for v in matrix)
+    data[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    path.write_bytes(data)
+
+
+def test_what_is_written_is_read_back_frame_by_frame(tmp_path, rng):
+    smooth = cv2.resize(rng.integers(40, 216, (4, 6, 3), np.uint8), (96, 64), interpolation=cv2.INTER_CUBIC)
+    frames = np.stack([np.roll(smooth, 2 * k, axis=1) for k in range(30)])
+    write_video(tmp_path / "clip.mp4", frames, 30)
+    clip = read_clip(tmp_path / "clip.mp4", size=(96, 64))
+    assert clip.frames.shape == frames.shape
+    assert np.abs(clip.frames.astype(int) - frames).mean() < 3
+    assert np.allclose(clip.times, np.arange(30) / 30)
+    assert np.allclose(clip.source_times, clip.times, atol=1e-3)
+    assert clip.source_fps == pytest.approx(30, rel=1e-3)
+    assert clip.source_size == (96, 64)
+
+
+def test_the_same_frames_give_the_same_bytes(tmp_path):
+    for name in ("a.mp4", "b.mp4"):
+        write_video(tmp_path / name, numbered(8), 30)
+    assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mp4", "b.mp4"]
+
+
+def test_odd_sizes_are_padded_to_even_ones(tmp_path):
+    write_video(tmp_path / "odd.mp4", numbered(3, 63, 95), 30)
+    assert read_clip(tmp_path / "odd.mp4", seconds=0.1).source_size == (96, 64)
+
+
+def test_a_place_that_cannot_be_written_to_is_named_and_nothing_is_left(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(OutputError, match="cannot write"):
+        write_video(tmp_path / "file" / "clip.mp4", numbered(3), 30)
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_frames_are_chosen_by_time_stamps_where_the_rate_varies(tmp_path, rng):
+    times = np.cumsum(rng.choice([20, 30, 60], 60)) - 20
+    write_stamped(tmp_path / "vfr.mp4", numbered(60), times)
+    clip = read_clip(tmp_path / "vfr.mp4", size=(96, 64))
+    times = times - times[0]
+    for frame, time in zip(clip.frames, clip.times, strict=True):
+        nearest = np.abs(times / 1000 - time)
+        assert nearest[number(frame)] <= nearest.min() + 1e-3
+    assert any("variable frame rate" in n for n in clip.notes)
+
+
+def test_a_faster_recording_loses_frames_and_a_slower_one_repeats_them(tmp_path):
+    write_video(tmp_path / "fast.mp4", numbered(60), 60)
+    fast = read_clip(tmp_path / "fast.mp4", size=(96, 64))
+    assert [number(f) for f in fast.frames] == list(range(0, 60, 2))
+    write_video(tmp_path / "slow.mp4", numbered(12), 10)
+    slow = read_clip(tmp_path / "slow.mp4", size=(96, 64))
+    assert len({number(f) for f in slow.frames}) in (10, 11)
+    assert any("repeat" in n for n in slow.notes)
+
+
+def test_an_assumed_rate_overrules_the_header(tmp_path):
+    write_video(tmp_path / "slow_motion.mp4", numbered(60), 30)
+    clip = read_clip(tmp_path / "slow_motion.mp4", seconds=0.2, assume_fps=240, size=(96, 64))
+    assert [number(f) for f in clip.frames] == [0, 8, 16, 24, 32, 40]
+    assert clip.source_fps == 240
+    assert any("240 FPS was assumed" in n for n in clip.notes)
+
+
+def test_a_start_is_reached_by_decoding_and_by_seeking_alike(tmp_path):
+    frames = np.concatenate([numbered(60)] * 3)
+    write_video(tmp_path / "long.mp4", frames, 30)
+    for start in (0.5, 1.9, 2.1, 4.0):
+        clip = read_clip(tmp_path / "long.mp4", start=start, seconds=0.2, size=(96, 64))
+        assert [number(f) for f in clip.frames] == [(round(start * 30) + k) % 60 for k in range(6)]
+        assert np.allclose(clip.source_times, start + clip.times, atol=1e-3)
+
+
+def test_a_recording_turned_by_its_header_is_read_upright(tmp_path):
+    frames = numbered(6)
+    frames[:, :16, :24] = 250  # the upper left corner
+    write_video(tmp_path / "turned.mp4", frames, 30)
+    turn_by_header(tmp_path / "turned.mp4", (0, 1, -1, 0))  # a quarter turn clockwise
+    clip = read_clip(tmp_path / "turned.mp4", seconds=0.2, size=(64, 96))
+    assert clip.source_size == (64, 96)
+    assert clip.frames[0, :20, -12:].min() > 200  # now upper right
+    assert clip.frames[0, :20, :12].max() < 60
+    assert any("upright" in n for n in clip.notes)
+
+
+def test_a_portrait_recording_is_kept_whole_between_bars_and_said_so(tmp_path):
+    write_video(tmp_path / "portrait.mp4", np.full((6, 96, 54, 3), 180, np.uint8), 30)
+    clip = read_clip(tmp_path / "portrait.mp4", seconds=0.2)
+    assert clip.frames.shape == (6, 320, 480, 3)
+    assert clip.fit.place == (150, 0, 180, 320)
+    assert any("between bars" in n for n in clip.notes)
+
+
+def test_another_shape_is_cropped_about_the_middle_with_square_pixels(rng):
+    for source in ((640, 480), (1920, 1080), (480, 320), (500, 300)):
+        fit, note = fit_to(source, (480, 320))
+        left, top, width, height = fit.window
+        assert width / height == pytest.approx(1.5, rel=0.01)
+        assert abs(2 * left + width - source[0]) <= 1
+        assert abs(2 * top + height - source[1]) <= 1
+        assert (note is None) == (source == (480, 320))
+        picture = rng.integers(0, 256, (source[1], source[0], 3), np.uint8)
+        assert fit.apply(picture).shape == (320, 480, 3)
+
+
+def test_a_missing_file_a_folder_and_an_empty_file_are_named(tmp_path):
+    with pytest.raises(VideoError, match=r"none\.mp4: there is no such file"):
+        read_clip(tmp_path / "none.mp4")
+    with pytest.raises(VideoError, match="is a folder"):
+        read_clip(tmp_path)
+    (tmp_path / "empty.mp4").touch()
+    with pytest.raises(VideoError, match=r"empty\.mp4 is empty"):
+        read_clip(tmp_path / "empty.mp4")
+
+
+def test_a_file_that_is_no_video_is_named(tmp_path, rng):
+    (tmp_path / "noise.mp4").write_bytes(rng.bytes(5000))
+    with pytest.raises(VideoError, match=r"noise\.mp4 is not a video|has no video|is broken"):
+        read_clip(tmp_path / "noise.mp4")
+
+
+def test_a_video_cut_short_gives_what_is_there_or_says_how_much(tmp_path, rng):
+    frames = rng.integers(0, 256, (60, 64, 96, 3), np.uint8)
+    write_video(tmp_path / "whole.mp4", frames, 30)
+    data = (tmp_path / "whole.mp4").read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(data[: len(data) // 4])
+    with pytest.raises(VideoError, match=r"cut\.mp4 .*(is 0\.\d+ s long before it breaks off|is broken|s long)"):
+        read_clip(tmp_path / "cut.mp4")
+
+
+def test_one_frame_is_no_clip(tmp_path):
+    write_video(tmp_path / "one.mp4", numbered(1), 30)
+    with pytest.raises(VideoError, match="one frame only"):
+        read_clip(tmp_path / "one.mp4")
+    cv2.imwrite(str(tmp_path / "picture.png"), numbered(1)[0])
+    with pytest.raises(VideoError, match="one frame only"):
+        read_clip(tmp_path / "picture.png")
+
+
+def test_a_video_shorter_than_asked_says_how_long_it_is(tmp_path):
+    write_video(tmp_path / "short.mp4", numbered(20), 30)
+    with pytest.raises(VideoError, match=r"is 0\.67 s long: 1 s from 0 s on do not fit"):
+        read_clip(tmp_path / "short.mp4")
+    with pytest.raises(VideoError, match=r"0\.17 s would"):
+        read_clip(tmp_path / "short.mp4", start=0.5, seconds=0.5)
+
+
+@pytest.mark.parametrize("start", [1.0, 5.0])
+def test_a_start_after_the_end_is_an_error(tmp_path, start):
+    write_video(tmp_path / "short.mp4", numbered(20), 30)
+    with pytest.raises(VideoError, match=rf"{start:g} s is after its end"):
+        read_clip(tmp_path / "short.mp4", start=start)
+
+
+@pytest.mark.parametrize("asked", [{"seconds": 0}, {"seconds": -1}, {"start": -0.1}, {"fps": 0}, {"assume_fps": 0}])
+def test_a_clip_of_nothing_is_an_error(tmp_path, asked):
+    write_video(tmp_path / "clip.mp4", numbered(40), 30)
+    with pytest.raises(VideoError):
+        read_clip(tmp_path / "clip.mp4", **asked)
