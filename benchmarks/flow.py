@@ -52,7 +52,7 @@ def main() -> None:
     if backend == "mujoco":
         half = HELD_OUT_PAIRS // 2
         compare("rendered by our ray caster", held_out(seed, half), estimators, arguments.iterations)
-        compare(f"rendered by {why}", held_out(seed + 1, half, 1.0), estimators, arguments.iterations)
+        compare(f"rendered by {why}", held_out(seed + 1, half, mujoco=True), estimators, arguments.iterations)
     else:
         compare(f"rendered by {why}", held_out(seed), estimators, arguments.iterations)
     folder = cross_engine_folder()

@@ -126,7 +126,7 @@ class Events(Section):
     slip_speed: Positive
     moving_speed: Positive
     duration: Positive
-    most: Annotated[int, Field(ge=0)]
+    most: Annotated[int, Field(ge=0, le=24)]  # MAX_EVENTS of the grammar
 
 
 class Model(Section):

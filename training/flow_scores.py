@@ -16,7 +16,8 @@ from typing import Protocol
 import numpy as np
 
 from pipeline.vision.video import read_clip
-from training.flow_pairs import Pair, sample_pair
+from training.clip_motions import ClipMotions
+from training.flow_pairs import Pair, project_pair
 from training.pair_stream import RENDER_SIZE, Batch, stack
 
 HELD_OUT_PAIRS = 200
@@ -36,12 +37,14 @@ class Score:
     seconds: float
 
 
-def held_out(seed: int, count: int = HELD_OUT_PAIRS, mujoco_share: float = 0.0) -> Batch:
-    """Whole pictures of random motions with something moving in view; the same for the same seed."""
+def held_out(seed: int, count: int = HELD_OUT_PAIRS, mujoco: bool = False) -> Batch:
+    """One pair of neighbouring frames, with something moving in view, of each of so many clips as the project draws,
+    simulates and renders them; the same for the same seed."""
     rng = np.random.default_rng(seed)
+    motions = ClipMotions(seed, pairs=1)
     pairs: list[Pair] = []
     while len(pairs) < count:
-        pair = sample_pair(rng, *RENDER_SIZE, mujoco_share=mujoco_share)
+        pair = project_pair(rng, motions.draw(rng), *RENDER_SIZE, mujoco)
         if pair.foreground.any():
             pairs.append(pair)
     return stack(pairs)

@@ -7,17 +7,22 @@ import os
 import queue
 import signal
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
+from pipeline.vision.dis import DIS
 from pipeline.vision.render_backend import choose_backend
 from training.augment import augment
-from training.flow_pairs import Pair, sample_pair, sample_window
+from training.clip_motions import ClipMotions
+from training.flow_pairs import Pair, render_pair, sample_looks, window_pair
+from training.motion import sample_motion
 
 RENDER_SIZE = (240, 160)  # px, width and height of the whole picture
 REUSE = 2
+COLD = 0.15
+WILD = 0.25  # of the pairs; the others are of the project's own clips
 POOL_LEAST, POOL_MOST = 32, 500  # pairs
 
 
@@ -34,12 +39,14 @@ class Phase:
 
 @dataclass(frozen=True)
 class Batch:
-    """frames_a, frames_b: (B, H, W, 3) uint8. flow_px: (B, H, W, 2) float32. foreground: (B, H, W) bool."""
+    """frames_a, frames_b: (B, H, W, 3) uint8. flow_px: (B, H, W, 2) float32. foreground: (B, H, W) bool.
+    start_px: (B, H, W, 2) float32, the flow to begin from, or None."""
 
     frames_a: np.ndarray
     frames_b: np.ndarray
     flow_px: np.ndarray
     foreground: np.ndarray
+    start_px: np.ndarray | None = None
 
 
 def stack(pairs: list[Pair]) -> Batch:
@@ -51,21 +58,34 @@ def stack(pairs: list[Pair]) -> Batch:
     )
 
 
+def with_warm_start(rng: np.random.Generator, batch: Batch, preset: str) -> Batch:
+    """The batch with DIS's flow to begin from; a share of COLD pairs begins from none."""
+    start = DIS(preset).flow(batch.frames_a, batch.frames_b)
+    start[rng.random(len(start)) < COLD] = 0
+    return replace(batch, start_px=start)
+
+
 class Pool:
     """Rendered pairs that are shown `REUSE` times on average, each time augmented anew: rendering is what costs."""
 
-    def __init__(self, phase: Phase, mujoco_share: float) -> None:
+    def __init__(
+        self, phase: Phase, clips: ClipMotions, mujoco_share: float = 0.0, warm_start: str | None = None
+    ) -> None:
         self.phase = phase
+        self.clips = clips
+        self.warm_start = warm_start
         self.mujoco_share = mujoco_share
         self.pairs: list[Pair] = []
 
     def draw(self, rng: np.random.Generator) -> Pair:
         if len(self.pairs) >= POOL_LEAST and rng.random() > 1 / REUSE:
             return self.pairs[rng.integers(len(self.pairs))]
+        motion = sample_motion(rng) if rng.random() < WILD else self.clips.draw(rng)
+        mujoco = bool(rng.random() < self.mujoco_share)
         if self.phase.size == RENDER_SIZE:
-            pair = sample_pair(rng, *RENDER_SIZE, self.mujoco_share)
+            pair = render_pair(rng, motion, sample_looks(rng, len(motion.objects)), *RENDER_SIZE, mujoco)
         else:
-            pair = sample_window(rng, *self.phase.size, RENDER_SIZE[1], self.mujoco_share)
+            pair = window_pair(rng, motion, *self.phase.size, RENDER_SIZE[1], mujoco)
         if len(self.pairs) < POOL_MOST:
             self.pairs.append(pair)
         else:
@@ -73,14 +93,17 @@ class Pool:
         return pair
 
     def batch(self, rng: np.random.Generator) -> Batch:
-        return stack([augment(rng, self.draw(rng)) for _ in range(self.phase.batch)])
+        batch = stack([augment(rng, self.draw(rng)) for _ in range(self.phase.batch)])
+        return batch if self.warm_start is None else with_warm_start(rng, batch, self.warm_start)
 
 
 def phase_at(phases: tuple[Phase, ...], progress: float) -> Phase:
     return [p for p in phases if p.start <= progress][-1]
 
 
-def generate(seed: tuple[int, ...], phases: tuple[Phase, ...], mujoco_share: float, progress, batches) -> None:
+def generate(
+    seed: tuple[int, ...], phases: tuple[Phase, ...], mujoco_share: float, warm_start: str | None, progress, batches
+) -> None:
     """A generator process: fills `batches` until the trainer is gone."""
     cv2.setNumThreads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the trainer ends it
@@ -89,11 +112,12 @@ def generate(seed: tuple[int, ...], phases: tuple[Phase, ...], mujoco_share: flo
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     if mujoco_share > 0 and choose_backend("auto")[0] != "mujoco":
         mujoco_share = 0.0
-    pool = Pool(phases[0], mujoco_share)
+    clips = ClipMotions(int(rng.integers(1 << 40)))
+    pool = Pool(phases[0], clips, mujoco_share, warm_start)
     while True:
         phase = phase_at(phases, progress.value)
         if phase is not pool.phase:
-            pool = Pool(phase, mujoco_share)
+            pool = Pool(phase, clips, mujoco_share, warm_start)
         batch = pool.batch(rng)
         while True:
             if os.getppid() != parent:
@@ -108,14 +132,22 @@ def generate(seed: tuple[int, ...], phases: tuple[Phase, ...], mujoco_share: flo
 class PairStream:
     """An endless iterator of batches from `workers` spawned processes. `progress`, 0 to 1, chooses the phase."""
 
-    def __init__(self, seed: int, start: int, phases: tuple[Phase, ...], workers: int, mujoco_share: float) -> None:
+    def __init__(
+        self,
+        seed: int,
+        start: int,
+        phases: tuple[Phase, ...],
+        workers: int,
+        mujoco_share: float,
+        warm_start: str | None,
+    ) -> None:
         context = multiprocessing.get_context("spawn")
         self._progress = context.Value("d", 0.0)
         self._batches = context.Queue(maxsize=max(8, 3 * workers))
         self._processes = [
             context.Process(
                 target=generate,
-                args=((seed, start, k), phases, mujoco_share, self._progress, self._batches),
+                args=((seed, start, k), phases, mujoco_share, warm_start, self._progress, self._batches),
                 daemon=True,
             )
             for k in range(workers)

@@ -5,7 +5,7 @@
     python -m training.raft --export models/raft-small             # write the last checkpoint, train nothing
 
 It reads nothing: pairs are made on the fly (`training/flow_pairs.py`). Into --out go `checkpoint.pt` (every few
-minutes, replaced at once; a run that finds one goes on from it) and `log.csv` (error on 200 held-out pairs beside
+minutes, replaced at once; a run that finds one goes on from it) and `log.csv` (error on held-out pairs beside
 OpenCV DIS's). At the end, or by --export, it writes `model.safetensors`, `config.json` and a model card.
 The learning rate follows the clock: a one-cycle over --minutes of training, resumed runs included.
 """
@@ -24,18 +24,20 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pipeline.vision.dis import DIS
+from pipeline.vision.dis import DIS, PRESETS
 from pipeline.vision.raft import RAFT, sequence_loss
 from training.flow_scores import held_out, score
 from training.matching_loss import matching_loss
+from training.muon import Muon
 from training.pair_stream import RENDER_SIZE, Batch, PairStream, Phase, phase_at
 from training.raft_card import write_card
 
 HELD_OUT_SEED = 20_261_121  # of the pairs that the log is about; training uses others
-HELD_OUT_ITERATIONS = 6
+HELD_OUT_PAIRS = 60
+HELD_OUT_ITERATIONS = 4
 OUTSIDE_PX = 2.0  # what moves further out of the window than this teaches nothing
 WARM_UP = 0.04  # share of the training
-WEIGHT_DECAY = 1e-4
+SMALLEST_MATRIX = 8  # a weight with fewer rows or columns has no directions to make alike
 CLIP = 1.0
 
 
@@ -57,7 +59,7 @@ def one_cycle(progress: float) -> float:
 
 def train_step(
     model: RAFT,
-    optimiser: torch.optim.Optimizer,
+    optimisers: list[torch.optim.Optimizer],
     batch: Batch,
     iterations: int,
     foreground_weight: float,
@@ -70,13 +72,16 @@ def train_step(
     foreground = torch.from_numpy(batch.foreground).to(device)
     weight = (1 + foreground_weight * foreground.float()) * stays_inside(truth)
     correlation = model.correlate(a, b)
-    loss = sequence_loss(model(a, b, iterations, draft=True, correlation=correlation), truth, weight)
+    start = None if batch.start_px is None else torch.from_numpy(batch.start_px).to(device).permute(0, 3, 1, 2)
+    flows = model(a, b, iterations, draft=True, correlation=correlation, start=start)
+    loss = sequence_loss(flows, truth, weight)
     matching = matching_loss(correlation, truth, foreground)
-    optimiser.zero_grad(set_to_none=True)
+    model.zero_grad(set_to_none=True)
     (loss + matching_weight * matching).backward()
     norm = torch.nn.utils.clip_grad_norm_(model.parameters(), CLIP)
     if torch.isfinite(norm):
-        optimiser.step()
+        for optimiser in optimisers:
+            optimiser.step()
     return float(loss.detach()), float(matching.detach())
 
 
@@ -88,8 +93,24 @@ def stays_inside(flow: torch.Tensor) -> torch.Tensor:
     return (tx > -OUTSIDE_PX) & (tx < w - 1 + OUTSIDE_PX) & (ty > -OUTSIDE_PX) & (ty < h - 1 + OUTSIDE_PX)
 
 
-def save_checkpoint(path: Path, model: RAFT, optimiser: torch.optim.Optimizer, progress: Progress) -> None:
-    state = {"model": model.state_dict(), "optimiser": optimiser.state_dict(), "progress": vars(progress)}
+def make_optimisers(model: RAFT, rate: float, muon_rate: float) -> list[torch.optim.Optimizer]:
+    """Muon for the convolutions between hidden features, AdamW for the rest. Groups keep their highest rate."""
+    hidden = [p for p in model.parameters() if p.ndim == 4 and min(p.flatten(1).shape) >= SMALLEST_MATRIX]
+    chosen = {id(p) for p in hidden}
+    rest = [p for p in model.parameters() if id(p) not in chosen]
+    optimisers = [Muon(hidden, muon_rate), torch.optim.AdamW(rest, rate, weight_decay=0.0)]
+    for optimiser in optimisers:
+        for group in optimiser.param_groups:
+            group["highest"] = group["lr"]
+    return optimisers
+
+
+def save_checkpoint(path: Path, model: RAFT, optimisers: list[torch.optim.Optimizer], progress: Progress) -> None:
+    state = {
+        "model": model.state_dict(),
+        "optimisers": [o.state_dict() for o in optimisers],
+        "progress": vars(progress),
+    }
     temporary = path.with_suffix(".part")
     torch.save(state, temporary)
     temporary.replace(path)
@@ -109,26 +130,28 @@ def train(arguments: argparse.Namespace) -> RAFT:
     torch.manual_seed(arguments.seed)
     out: Path = arguments.out
     out.mkdir(parents=True, exist_ok=True)
-    model = RAFT("small", convex_upsampling=True).to(arguments.device)
-    optimiser = torch.optim.AdamW(model.parameters(), lr=arguments.rate, weight_decay=WEIGHT_DECAY)
+    model = new_model(arguments).to(arguments.device)
+    optimisers = make_optimisers(model, arguments.rate, arguments.muon_rate)
     progress = Progress()
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists() and arguments.resume:
         state = torch.load(checkpoint, map_location=arguments.device, weights_only=True)
         model.load_state_dict(state["model"])
-        optimiser.load_state_dict(state["optimiser"])
+        for optimiser, values in zip(optimisers, state.get("optimisers", []), strict=False):
+            optimiser.load_state_dict(values)
         progress = Progress(**state["progress"])
         print(f"resumed at {progress.seconds / 60:.1f} min, step {progress.steps}", flush=True)
     total = arguments.minutes * 60
     phases = (
-        Phase(0.0, (64, 64), arguments.batch, arguments.iterations - 1),
-        Phase(0.5, (96, 64), arguments.batch, arguments.iterations),
-        Phase(0.75, (128, 96), arguments.batch, arguments.iterations),
-        Phase(0.93, RENDER_SIZE, max(2, arguments.batch // 3), arguments.iterations),
+        Phase(0.0, (96, 64), arguments.batch, arguments.iterations - 1),
+        Phase(0.5, (128, 96), arguments.batch, arguments.iterations),
+        Phase(0.88, RENDER_SIZE, max(2, arguments.batch // 3), arguments.iterations),
     )
-    stream = PairStream(arguments.seed, progress.steps, phases, arguments.workers, arguments.mujoco_share)
+    stream = PairStream(
+        arguments.seed, progress.steps, phases, arguments.workers, arguments.mujoco_share, model.warm_start
+    )
     stream.advance(progress.seconds / total)
-    validation = held_out(HELD_OUT_SEED)
+    validation = held_out(HELD_OUT_SEED, HELD_OUT_PAIRS)
     dis = score(DIS("medium"), validation, HELD_OUT_ITERATIONS)
     print(f"held-out pairs, DIS medium: foreground {dis.foreground:.3f} px, all {dis.frame:.3f} px", flush=True)
     stopped = threading.Event()
@@ -139,12 +162,12 @@ def train(arguments: argparse.Namespace) -> RAFT:
     model.train()
     for batch in stream:
         share = progress.seconds / total
-        for group in optimiser.param_groups:
-            group["lr"] = arguments.rate * one_cycle(share)
+        for group in (g for o in optimisers for g in o.param_groups):
+            group["lr"] = group["highest"] * one_cycle(share)
         # The lesson of the features fades out with the rate: at the end the flow alone counts.
         weights = (arguments.foreground_weight, arguments.matching_weight * one_cycle(share))
         iterations = phase_at(phases, share).iterations
-        losses.append(train_step(model, optimiser, batch, iterations, *weights))
+        losses.append(train_step(model, optimisers, batch, iterations, *weights))
         now = time.monotonic()
         progress.seconds += now - last
         last = now
@@ -159,7 +182,7 @@ def train(arguments: argparse.Namespace) -> RAFT:
                 flush=True,
             )
         if done or now - saved > arguments.save_minutes * 60:
-            save_checkpoint(checkpoint, model, optimiser, progress)
+            save_checkpoint(checkpoint, model, optimisers, progress)
             saved = now
         if not stopped.is_set() and (done or now - validated > arguments.validate_minutes * 60):
             raft = score(model, validation, HELD_OUT_ITERATIONS)
@@ -168,7 +191,7 @@ def train(arguments: argparse.Namespace) -> RAFT:
                 "minutes": round(progress.seconds / 60, 2),
                 "step": progress.steps,
                 "pairs": progress.pairs,
-                "rate": f"{optimiser.param_groups[0]['lr']:.2e}",
+                "rate": f"{optimisers[-1].param_groups[0]['lr']:.2e}",
                 "loss": round(float(np.mean(losses, axis=0)[0]), 4),
                 "matching": round(float(np.mean(losses, axis=0)[1]), 4),
                 "raft_foreground_epe": round(raft.foreground, 4),
@@ -189,6 +212,12 @@ def train(arguments: argparse.Namespace) -> RAFT:
     return model
 
 
+def new_model(arguments: argparse.Namespace) -> RAFT:
+    return RAFT(
+        "small", convex_upsampling=True, warm_start=None if arguments.warm_start == "none" else arguments.warm_start
+    )
+
+
 def export(model: RAFT, folder: Path, log: Path) -> None:
     """Write the weights and the model card with the errors measured now."""
     model.eval().to("cpu")
@@ -205,8 +234,10 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--threads", type=int, default=1, help="of torch on the CPU")
     parser.add_argument("--workers", type=int, default=1, help="processes that make pairs")
     parser.add_argument("--batch", type=int, default=8, help="pairs a step (a third in the last phase)")
-    parser.add_argument("--iterations", type=int, default=4, help="of the recurrence in training (one less at first)")
-    parser.add_argument("--rate", type=float, default=6e-4, help="highest learning rate")
+    parser.add_argument("--iterations", type=int, default=3, help="of the recurrence in training (one less at first)")
+    parser.add_argument("--rate", type=float, default=5e-4, help="highest learning rate of AdamW")
+    parser.add_argument("--muon-rate", type=float, default=2e-3, help="highest learning rate of Muon")
+    parser.add_argument("--warm-start", choices=("none", *PRESETS), default="medium", help="DIS's flow to begin from")
     parser.add_argument("--foreground-weight", type=float, default=4.0, help="extra weight of moving bodies' pixels")
     parser.add_argument("--matching-weight", type=float, default=1.0, help="of the features' own loss, at the start")
     parser.add_argument(
@@ -230,7 +261,7 @@ def main() -> None:
         model = train(arguments)
     else:
         torch.set_num_threads(arguments.threads)
-        model = RAFT("small", convex_upsampling=True)
+        model = new_model(arguments)
         model.load_state_dict(torch.load(arguments.out / "checkpoint.pt", weights_only=True)["model"])
     export(model, arguments.export or arguments.weights, arguments.out / "log.csv")
 

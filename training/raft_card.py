@@ -59,7 +59,7 @@ def write_card(folder: Path, model: RAFT, log: Path) -> None:
     """Write README.md beside the weights; log: the training's `log.csv`."""
     sets = {"our ray caster, held out": held_out(SEED)}
     if choose_backend("auto")[0] == "mujoco":
-        sets["MuJoCo's renderer, held out"] = held_out(SEED + 1, mujoco_share=1.0)
+        sets["MuJoCo's renderer, held out"] = held_out(SEED + 1, 100, mujoco=True)
     clips = cross_engine_folder()
     if clips is not None:
         sets["another engine's clips"] = cross_engine(clips)

@@ -4,7 +4,8 @@
 
 Generator processes stream clips into a pool from which batches are drawn; a clip is drawn a few times before a
 newer one takes its place. Stops at --minutes, with a learning rate that falls to nothing then; writes a checkpoint
-every few minutes and goes on from the last one. `log.csv` in --work has the losses.
+every few minutes and goes on from the last one. `log.csv` in --work has the losses. Beside the completion, the vision
+tower learns what the simulator knows of each patch (training/patch_labels.py).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from torch import multiprocessing
 
 from pipeline.clips.draw import Filters, draw_clips
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import areas_px, frame_masks, pair_view, trace_pairs
+from pipeline.clips.view import View, areas_px, frame_masks, pair_view, trace_pairs
 from pipeline.language.codec import Codec, Tokens
 from pipeline.language.completion import write_completion
 from pipeline.language.events import Thresholds, find_events
@@ -35,12 +36,13 @@ from pipeline.model.patches import PatchLayout
 from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.physics.simulate import simulate
 from pipeline.scene.sample import Distribution
-from pipeline.scene.scene import BASIC_SHAPES
+from pipeline.scene.scene import BASIC_SHAPES, Scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.flow_noise import FlowNoise, noisy_flow
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
+from training.patch_labels import PatchHead, patch_labels
 
 LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
 SUITE = "tiny-training"
@@ -49,10 +51,24 @@ CHUNK = 16  # clips drawn together
 
 @dataclass(frozen=True)
 class Example:
-    """A clip's tokens and its pictures (T, H, W, 3) uint8."""
+    """A clip's tokens, its pictures (T, H, W, 3) uint8, and the classes and numbers of its patches."""
 
     tokens: Tokens
     picture: np.ndarray
+    classes: np.ndarray
+    numbers: np.ndarray
+
+
+def clip_picture(params: Params, suite: str, index: int, scene: Scene) -> np.ndarray:
+    """What the model is shown of a clip, (T, H, W, 3) uint8: exact flow with noise."""
+    schedule = Schedule(**params.clip.model_dump())
+    view = pair_view(scene, *trace_pairs(simulate(scene, schedule.seconds), schedule), LAYOUT.width, LAYOUT.height)
+    return noisy_picture(params, suite, index, view)
+
+
+def noisy_picture(params: Params, suite: str, index: int, view: View) -> np.ndarray:
+    flow = noisy_flow(clip_rng(params.seed, suite, index, "flow noise"), view.flow, view.mask, FlowNoise())
+    return flow_picture(flow, params.flow.picture, scaled_max_px(LAYOUT.width, 1 / params.clip.fps))
 
 
 def make_examples(params: Params, codec: Codec, suite: str, indices: range, reasoning: bool) -> list[Example]:
@@ -65,26 +81,31 @@ def make_examples(params: Params, codec: Codec, suite: str, indices: range, reas
     drawn = draw_clips(params.seed, suite, indices, distribution, filters, schedule, train.objects, (), train.without)
     examples = []
     for index, scene in zip(indices, drawn.scenes, strict=True):
-        rng = clip_rng(params.seed, suite, index, "flow noise")
         trace = simulate(scene, schedule.seconds)
         areas = areas_px(frame_masks(scene, trace, schedule, 120, 80), len(scene.objects))
         events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds) if reasoning else None
         view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)
-        flow = noisy_flow(rng, view.flow, view.mask, FlowNoise())
-        picture = flow_picture(flow, params.flow.picture, scaled_max_px(LAYOUT.width, 1 / schedule.fps))
         tokens = codec.encode(write_completion(scene, events, schedule.seconds), reasoning, schedule.seconds)
-        examples.append(Example(tokens, picture))
+        labels = patch_labels(view, scene.shapes, LAYOUT)
+        examples.append(Example(tokens, noisy_picture(params, suite, index, view), *labels))
     return examples
 
 
 def generate(params: Params, first: int, stride: int, out: multiprocessing.Queue) -> None:
-    """Endlessly make chunks number first, first + stride, …; a quarter of them without reasoning."""
+    """Make chunks number first, first + stride, … as long as the trainer lives; a quarter of them without reasoning."""
     torch.set_num_threads(1)
     codec = Codec(build_tokenizer(), LAYOUT.tokens)
     chunk = first
     while True:
         indices = range(chunk * CHUNK, (chunk + 1) * CHUNK)
-        out.put((chunk, make_examples(params, codec, SUITE, indices, reasoning=chunk % 4 != 3)))
+        examples = make_examples(params, codec, SUITE, indices, reasoning=chunk % 4 != 3)
+        while True:
+            try:
+                out.put((chunk, examples), timeout=30)
+                break
+            except queue.Full:
+                if not multiprocessing.parent_process().is_alive():
+                    return
         chunk += stride
 
 
@@ -96,18 +117,14 @@ class Pool:
     reuse: float
     source: multiprocessing.Queue
     examples: list[Example]
-    drawn: float = 0.0
+    drawn: int = 0
     received: int = 0
     last_chunk: int = -1
 
     def fill(self, least: int) -> None:
-        """Take what has arrived; wait only for the first `least` examples or where draws run ahead of arrivals."""
-        while True:
-            wait = len(self.examples) < least or self.drawn > self.reuse * self.received
-            try:
-                chunk, examples = self.source.get(block=wait, timeout=600 if wait else None)
-            except queue.Empty:
-                return
+        """Take new examples until there are `least`, and as many as `reuse` asks for; the makers rest otherwise."""
+        while len(self.examples) < least or self.drawn > self.reuse * self.received:
+            chunk, examples = self.source.get(timeout=600)
             self.last_chunk = max(self.last_chunk, chunk)
             for example in examples:
                 if len(self.examples) < self.capacity:
@@ -146,12 +163,13 @@ def validate(base: Base, examples: list[Example], batch_size: int) -> dict[str, 
 
 def learning_rate(peak: float, step: int, done: float) -> float:
     """Linear warm-up over 100 steps, then a half cosine down to 2 % over the share `done` of the time."""
-    return peak * min(1.0, (step + 1) / 100) * (0.02 + 0.98 * (1 + np.cos(np.pi * min(done, 1.0))) / 2)
+    return float(peak * min(1.0, (step + 1) / 100) * (0.02 + 0.98 * (1 + np.cos(np.pi * min(done, 1.0))) / 2))
 
 
-def save_checkpoint(path: Path, base: Base, optimizer: torch.optim.Optimizer, state: dict) -> None:
+def save_checkpoint(path: Path, base: Base, head: PatchHead, optimizer: torch.optim.Optimizer, state: dict) -> None:
     temporary = path.with_suffix(".tmp")
-    torch.save({"model": base.model.state_dict(), "optimizer": optimizer.state_dict(), **state}, temporary)
+    weights = {"model": base.model.state_dict(), "head": head.state_dict(), "optimizer": optimizer.state_dict()}
+    torch.save(weights | state, temporary)
     os.replace(temporary, path)
 
 
@@ -161,13 +179,18 @@ def train(args: argparse.Namespace) -> None:
     tokenizer = build_tokenizer()
     model = build_tiny(tokenizer, TinySize(), seed=0).to(args.device)
     base = Base(model, tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens))
-    optimizer = torch.optim.AdamW(model.parameters(), lr=args.lr, betas=(0.9, 0.95), weight_decay=0.05)
+    head = PatchHead(model.config.text_config.hidden_size, LAYOUT).to(args.device)
+    seen: list[torch.Tensor] = []  # the vision tower's tokens in the last forward pass
+    model.model.visual.register_forward_hook(lambda module, inputs, output: seen.append(output.pooler_output))
+    weights = [*model.parameters(), *head.parameters()]
+    optimizer = torch.optim.AdamW(weights, lr=args.lr, betas=(0.9, 0.95), weight_decay=0.05)
     args.work.mkdir(parents=True, exist_ok=True)
     checkpoint = args.work / "checkpoint.pt"
     state: dict[str, Any] = {"step": 0, "seconds": 0.0, "chunk": 0}
     if checkpoint.is_file():
         stored = torch.load(checkpoint, map_location=args.device, weights_only=True)
         model.load_state_dict(stored.pop("model"))
+        head.load_state_dict(stored.pop("head"))
         optimizer.load_state_dict(stored.pop("optimizer"))
         state = stored
         print(f"goes on from step {state['step']}, {state['seconds'] / 60:.1f} min", flush=True)
@@ -190,19 +213,23 @@ def train(args: argparse.Namespace) -> None:
         for group in optimizer.param_groups:
             group["lr"] = learning_rate(args.lr, state["step"], elapsed / (60 * args.minutes))
         with torch.autocast(args.device, torch.bfloat16, enabled=args.device == "cuda"):
+            seen.clear()
             loss, _ = batch_loss(base, batch)
+            labels = [torch.as_tensor(np.stack([getattr(e, n) for e in chosen])) for n in ("classes", "numbers")]
+            patch_loss = head(seen[-1], *(x.to(args.device) for x in labels))
         optimizer.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+        (loss + args.patch_weight * patch_loss).backward()
+        torch.nn.utils.clip_grad_norm_(weights, 1.0)
         optimizer.step()
-        recent.append(loss.item())
+        recent.append((loss.item(), patch_loss.item()))
         state["step"] += 1
         state["seconds"], state["chunk"] = elapsed, max(state["chunk"], pool.last_chunk + 1)
         if elapsed - last_log > args.log_seconds:
             last_log = elapsed
             row = {"step": state["step"], "clips": state["step"] * args.batch, "fresh_clips": state["chunk"] * CHUNK,
                    "minutes": round(elapsed / 60, 2), "lr": float(optimizer.param_groups[0]["lr"]),
-                   "train_loss": float(np.mean(recent)), **validate(base, held, args.batch)}  # fmt: skip
+                   **dict(zip(("train_loss", "patch_loss"), np.mean(recent, 0).tolist(), strict=True)),
+                   **validate(base, held, args.batch)}  # fmt: skip
             recent = []
             print({k: round(v, 6) for k, v in row.items()}, flush=True)
             with log.open("a", newline="") as file:
@@ -212,8 +239,8 @@ def train(args: argparse.Namespace) -> None:
                 writer.writerow(row)
         if time.monotonic() - last_save > args.save_seconds:
             last_save = time.monotonic()
-            save_checkpoint(checkpoint, base, optimizer, state)
-    save_checkpoint(checkpoint, base, optimizer, state)
+            save_checkpoint(checkpoint, base, head, optimizer, state)
+    save_checkpoint(checkpoint, base, head, optimizer, state)
     base.save(args.out)
     print(f"saved to {args.out}", flush=True)
     for maker in makers:
@@ -230,6 +257,7 @@ def main() -> None:
     parser.add_argument("--generators", type=int, default=1, help="processes that make clips")
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--lr", type=float, default=1.5e-3)
+    parser.add_argument("--patch-weight", type=float, default=0.5, help="weight of the loss on patch labels")
     parser.add_argument("--pool", type=int, default=4000, help="clips held in memory, 0.7 MB each")
     parser.add_argument("--reuse", type=float, default=2.0, help="draws per clip")
     parser.add_argument("--validation", type=int, default=64)

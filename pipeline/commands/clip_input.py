@@ -10,6 +10,7 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.commands.progress import Progress
 from pipeline.errors import VideoError
+from pipeline.language.completion import MAX_OBJECTS
 from pipeline.vision.dis import DIS
 from pipeline.vision.raft import RAFT
 from pipeline.vision.user_clip import UserClip, read_user_clip
@@ -41,8 +42,11 @@ def clip_schedule(place: Path, seconds: float) -> Schedule:
     """The frames of a clip of `seconds`. Raises VideoError where they are too few for the model."""
     schedule = Schedule(seconds=seconds)
     if not seconds > 0 or schedule.frames < LEAST_FRAMES:
-        raise VideoError(f"{place}: {seconds:g} s are too short: the model sees {schedule.model_frames} pairs of frames at "
-                         f"{schedule.fps} FPS, for which {LEAST_FRAMES / schedule.fps:.2f} s are needed")  # fmt: skip
+        needed = LEAST_FRAMES / schedule.fps
+        raise VideoError(
+            f"{place}: {seconds:g} s are too short: the model sees {schedule.model_frames} pairs of frames at "
+            f"{schedule.fps} FPS, for which {needed:.2f} s are needed"
+        )
     return schedule
 
 
@@ -50,18 +54,39 @@ def read_input(
     place: Path, start: float, seconds: float, fps: float | None, masks: Path | None, estimator: RAFT | DIS,
     progress: Progress,
 ) -> ClipInput:  # fmt: skip
-    """Frames, masks and flow of a clip. Raises VideoError for a video or masks that cannot be used, or without motion."""
+    """Frames, masks and flow. Raises VideoError for a video or masks that cannot be used, or where nothing moves."""
     schedule = clip_schedule(place, seconds)
     with progress.step("frames and masks"):
         taken = read_user_clip(place, start, seconds, schedule.fps, fps, masks)
     with progress.step("flow"):
         frames, pairs = taken.clip.frames, schedule.pairs
-        flow = estimator.flow(frames[pairs[:, 0]], frames[pairs[:, 1]], FLOW_ITERATIONS, size=FLOW_SIZE)
+        first, second, scale = recorded_pairs(taken.clip.source_times, pairs, 1 / schedule.fps)
+        flow = estimator.flow(frames[first], frames[second], FLOW_ITERATIONS, size=FLOW_SIZE)
+        flow *= scale.astype(np.float32)[:, None, None, None]
     speed = np.linalg.norm(flow, axis=-1)
     seen = taken.masks[pairs[:, 0]]
     check_motion(place, speed, seen)
     notes = [*taken.clip.notes, *doubts(speed, seen, seconds)]
     return ClipInput(taken, schedule, flow, tuple(notes))
+
+
+def recorded_pairs(
+    recorded: np.ndarray, pairs: np.ndarray, interval: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frames between which the flow of pairs (P, 2) is measured, and by what it is multiplied to be per `interval`, s.
+
+    recorded: (T,) s, when each frame was recorded. At a low or uneven frame rate a frame may repeat the one before,
+    which would be no motion: then the next one that differs is taken, or at the end the one before.
+    """
+    first, second = pairs[:, 0].copy(), pairs[:, 1].copy()
+    last = len(recorded) - 1
+    for k in range(len(pairs)):
+        while second[k] < last and recorded[second[k]] <= recorded[first[k]]:
+            second[k] += 1
+        while first[k] > 0 and recorded[second[k]] <= recorded[first[k]]:
+            first[k] -= 1
+    between = recorded[second] - recorded[first]
+    return first, second, np.where(between > 0, interval / np.maximum(between, 1e-9), 0.0)
 
 
 def check_motion(place: Path, speed: np.ndarray, masks: np.ndarray) -> None:
@@ -70,8 +95,10 @@ def check_motion(place: Path, speed: np.ndarray, masks: np.ndarray) -> None:
         for i in np.unique(masks[k][masks[k] > 0]):
             if np.median(speed[k][masks[k] == i]) > STILL_PX:
                 return
-    raise VideoError(f"{place}: nothing moves in this clip: the flow in the masks stays below {STILL_PX} px a frame; "
-                     "give another --start, or --fps if it is slow motion")  # fmt: skip
+    raise VideoError(
+        f"{place}: nothing moves in this clip: the flow in the masks stays below {STILL_PX} px a frame; give another "
+        "--start, or --fps if it is slow motion"
+    )
 
 
 def doubts(speed: np.ndarray, masks: np.ndarray, seconds: float) -> list[str]:
@@ -79,8 +106,15 @@ def doubts(speed: np.ndarray, masks: np.ndarray, seconds: float) -> list[str]:
     notes = []
     background = [float(np.median(s[m == 0])) for s, m in zip(speed, masks, strict=True) if (m == 0).any()]
     if background and max(background) > SHAKING_PX:
-        notes.append(f"the background moves by up to {max(background):.1f} px a frame: the camera is taken to rest, so this "
-                     "clip is not what the model and the search expect")  # fmt: skip
+        notes.append(
+            f"the background moves by up to {max(background):.1f} px a frame: the camera is taken to rest, so this "
+            "clip is not what the model and the search expect"
+        )
+    if masks.max(initial=0) > MAX_OBJECTS:
+        notes.append(
+            f"the masks have {masks.max()} objects, more than the {MAX_OBJECTS} of a scene: those from motion may be "
+            "in pieces, or show shadows and reflections; --masks gives better ones"
+        )
     if abs(seconds - 1) > 1e-6:
         notes.append(f"the clip has {seconds:g} s; the models that ship learned from clips of 1 s")
     return notes

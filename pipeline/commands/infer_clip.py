@@ -17,11 +17,13 @@ from pipeline.commands.progress import Progress
 from pipeline.commands.replay import replay, run_scene
 from pipeline.commands.result_folder import result_folder, write_result
 from pipeline.commands.scoring import STARTS, Overlap, budget, evaluator_of, overlap, ranked
+from pipeline.commands.table import Row, aligned
 from pipeline.errors import ParamsError
 from pipeline.model.base import load_base
 from pipeline.scene.scene import Scene
-from pipeline.search.cmaes import search
-from pipeline.search.evaluator import Rewards
+from pipeline.search.best_of_k import Ranking
+from pipeline.search.cmaes import Found, search
+from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.shards.content_hash import hash_path
 from pipeline.vision.dis import DIS
 from pipeline.vision.raft import RAFT, load_raft
@@ -29,9 +31,12 @@ from pipeline.vision.raft import RAFT, load_raft
 LEAST_SEARCH = 50
 _VERSIONS = ("dynamics-pipeline", "mujoco", "numpy", "opencv-python-headless", "rerun-sdk", "torch", "transformers")
 SCALE = (
-    "one camera cannot tell how large things are: lengths are such that the camera stands 2 m before the middle; masses "
-    "of bodies that hit nothing movable are guesses"
+    "one camera cannot tell how large things are: lengths are such that the camera stands 2 m before the middle; "
+    "masses of bodies that hit nothing movable are guesses"
 )
+
+DOUBTFUL_IOU = 0.2
+DOUBT = "the replay hardly meets what moves in the clip: do not rely on this answer"
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,8 @@ def infer_clip(request: Request) -> None:
     clip_schedule(request.clip, request.seconds)
     if 0 < request.search < LEAST_SEARCH:
         raise ParamsError(f"--search {request.search} is too small; valid: 0 for none, or at least {LEAST_SEARCH}")
-    with result_folder(request.out, request.force) as folder, Progress(6) as progress:
+    steps = 5 + bool(request.search)
+    with result_folder(request.out, request.force) as folder, Progress(steps) as progress:
         estimator: RAFT | DIS = load_raft(request.raft) if request.flow == "raft" else DIS("medium")
         clip = read_input(request.clip, request.start, request.seconds, request.fps, request.masks, estimator, progress)
         _say_input(progress, request, clip)
@@ -92,37 +98,27 @@ def infer_clip(request: Request) -> None:
             if len(answers) > 1:
                 top = int(ranking.order[0])
                 methods.append(_method("best of K", answers[top], ranking.rewards, top, clip, len(answers)))
-        with progress.step("search"):
-            found: dict[str, Any] | None = None
-            if request.search:
-                order = [answers[int(i)] for i in ranking.order if ranking.rewards.valid[i]]
-                starts = list({a.parsed.scene: a for a in order}.values())[:STARTS]
-                plan = budget(request.search, len(starts))
-                rng = np.random.default_rng(request.seed)
-                result = search(
-                    evaluator, [a.parsed.scene for a in starts], plan, rng,
-                    lambda i, reward: progress.detail(f"{i}/{plan.iterations} iterations, reward {reward:.3f}"),
-                )  # fmt: skip
-                nearest = next((a for a in starts if a.parsed.scene.shapes == result.scene.shapes), starts[0])
-                epe = result.iou - result.reward
-                shown = _seen(result.scene, clip)
-                methods.append(Method("search", result.scene, nearest, result.reward, result.iou, epe, shown,
-                                      len(answers) + result.simulations))  # fmt: skip
-                found = {"simulations": result.simulations, "invalid": result.invalid, "seconds": round(result.seconds, 2),
-                         "population": plan.population, "iterations": plan.iterations,
-                         "history": [round(float(v), 4) for v in result.history]}  # fmt: skip
-        for method in methods:
-            progress.say(method.name, _words(method))
+        found: Found | None = None
+        if request.search:
+            with progress.step("search"):
+                found = _searched(request, evaluator, answers, ranking, progress)
+            methods.append(_found_method(found, answers, ranking, clip))
         best = max(methods, key=lambda m: m.reward)
+        rows = _table(methods)
+        for line in aligned(rows):
+            progress.say("", line)
+        doubt = [DOUBT] if best.overlap.sequence < DOUBTFUL_IOU else []
+        for line in doubt:
+            progress.say("note", line)
         with progress.step("pictures"):
             run = replay(best.scene, run_scene(best.scene, clip.schedule), clip.schedule)
             title = f"{request.clip.name}: {best.scene.composition} ({best.name})"
-            outcome = Outcome(request.clip.stem, title, tuple(f"{m.name:<10} {_words(m)}" for m in methods), clip, run,
-                              best.overlap.pairs, best.answer.parsed.think)  # fmt: skip
+            outcome = Outcome(request.clip.stem, title, tuple(rows), clip, run,
+                              best.overlap.pairs, best.answer.parsed.think, (*clip.notes, *doubt))  # fmt: skip
             renderer = write_outputs(folder, outcome)
         progress.say("pictures", f"of the replay: {renderer}")
-        write_result(folder, "infer", _result(request, clip, answers, ranking.rewards, methods, best, found, renderer,
-                                              run.event_texts, progress.seconds))  # fmt: skip
+        write_result(folder, "infer", _result(request, clip, answers, ranking.rewards, methods, best, doubt, found,
+                                              renderer, run.event_texts, progress.seconds))  # fmt: skip
     print(f"{'written':<11}{request.out}: look at overlay.png first")
 
 
@@ -132,6 +128,32 @@ def _answers(request: Request, clip: ClipInput) -> list[Answer]:
     shown = model_pictures(clip.flow, clip.taken.clip.frames[first], request.shown, 1 / clip.schedule.fps, base)
     return ask(base, shown, request.samples, request.seconds, request.reasoning, request.temperature, request.top_p,
                request.seed)  # fmt: skip
+
+
+def _searched(
+    request: Request, evaluator: Evaluator, answers: list[Answer], ranking: Ranking, progress: Progress
+) -> Found:
+    """CMA-ES from the best answers that differ."""
+    starts = _starts(answers, ranking)
+    plan = budget(request.search, len(starts))
+    rng = np.random.default_rng(request.seed)
+    return search(
+        evaluator, starts, plan, rng,
+        lambda i, reward: progress.detail(f" {i}/{plan.iterations} iterations, reward {reward:.3f}"),
+    )  # fmt: skip
+
+
+def _starts(answers: list[Answer], ranking: Ranking) -> list[Scene]:
+    order = [answers[int(i)].parsed.scene for i in ranking.order if ranking.rewards.valid[i]]
+    return list(dict.fromkeys(order))[:STARTS]
+
+
+def _found_method(found: Found, answers: list[Answer], ranking: Ranking, clip: ClipInput) -> Method:
+    """The search's own line; its words are those of the best answer with the same shapes."""
+    order = [answers[int(i)] for i in ranking.order]
+    nearest = next((a for a in order if a.parsed.scene.shapes == found.scene.shapes), order[0])
+    return Method("search", found.scene, nearest, found.reward, found.iou, found.iou - found.reward,
+                  _seen(found.scene, clip), len(answers) + found.simulations)  # fmt: skip
 
 
 def _method(name: str, answer: Answer, rewards: Rewards, index: int, clip: ClipInput, simulations: int) -> Method:
@@ -146,17 +168,20 @@ def _seen(scene: Scene, clip: ClipInput) -> Overlap:
     return overlap(masks, len(scene.objects), clip)
 
 
-def _words(method: Method) -> str:
-    many = "simulation" if method.simulations == 1 else "simulations"
-    return (f"{method.scene.composition:<24} IoU {method.overlap.sequence:.2f}  reward {method.reward:6.2f}  "
-            f"flow error {method.epe_frame:.2f} px  {method.simulations} {many}")  # fmt: skip
+def _table(methods: list[Method]) -> list[Row]:
+    """Cells, a heading first."""
+    rows: list[Row] = [("method", "objects", "IoU", "reward", "flow error", "simulations")]
+    for m in methods:
+        numbers = (f"{m.overlap.sequence:.2f}", f"{m.reward:.2f}", f"{m.epe_frame:.2f} px", str(m.simulations))
+        rows.append((m.name, m.scene.composition, *numbers))
+    return rows
 
 
 def _say_input(progress: Progress, request: Request, clip: ClipInput) -> None:
     taken = clip.taken.clip
     width, height = taken.source_size
-    progress.say("clip", f"{request.clip}: {request.start:g} to {request.start + request.seconds:g} s, {width}x{height}, "
-                         f"{taken.source_fps:.4g} FPS")  # fmt: skip
+    span = f"{request.start:g} to {request.start + request.seconds:g} s"
+    progress.say("clip", f"{request.clip}: {span}, {width}x{height}, {taken.source_fps:.4g} FPS")
     for note in clip.notes:
         progress.say("note", note)
     many = "object" if clip.objects == 1 else "objects"
@@ -165,7 +190,7 @@ def _say_input(progress: Progress, request: Request, clip: ClipInput) -> None:
 
 def _result(
     request: Request, clip: ClipInput, answers: list[Answer], rewards: Rewards, methods: list[Method], best: Method,
-    found: dict[str, Any] | None, renderer: str, events: list[str], seconds: dict[str, float],
+    doubt: list[str], found: Found | None, renderer: str, events: list[str], seconds: dict[str, float],
 ) -> dict[str, Any]:  # fmt: skip
     taken = clip.taken.clip
     return {
@@ -191,7 +216,7 @@ def _result(
                   "reasoning": request.reasoning, "samples": request.samples, "temperature": request.temperature,
                   "top_p": request.top_p, "seed": request.seed},
         "answer": {"from": best.name, "composition": best.scene.composition, "think": best.answer.parsed.think,
-                   "events_of_replay": events},
+                   "events_of_replay": events, "doubts": doubt},
         "methods": [
             {"method": m.name, "composition": m.scene.composition, "reward": _number(m.reward), "iou": _number(m.iou),
              "epe_frame_px": _number(m.epe_frame), "sequence_iou": _number(m.overlap.sequence),
@@ -204,7 +229,10 @@ def _result(
              "log_probability": _number(a.log_probability)}
             for i, a in enumerate(answers)
         ],
-        "search": found,
+        "search": None if found is None else {
+            "simulations": found.simulations, "invalid": found.invalid, "seconds": round(found.seconds, 2),
+            "history": [_number(v) for v in found.history],
+        },
         "renderer": renderer,
         "seconds": seconds,
         "made": time.strftime("%Y-%m-%dT%H:%M:%S%z"),

@@ -13,6 +13,7 @@ from pipeline.commands.lettering import side_by_side
 from pipeline.commands.overlay import Sheet, draw
 from pipeline.commands.replay import Replay, pictures
 from pipeline.commands.scoring import relabelled
+from pipeline.commands.table import Row, markdown
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.text import write_scene
 from pipeline.viewer.footage import Footage, Motion, Pictures
@@ -23,16 +24,17 @@ from pipeline.vision.video import write_video
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came out: a title, a line per method, the clip, the replay of the best scene, which object belongs to which
-    instance of the clip's masks (P, 2), and the model's own words."""
+    """What came out: a title, a table of the methods, the clip, the replay of the best scene, which object belongs to
+    which instance of the clip's masks (P, 2), the model's own words, and notes on what was assumed or is in doubt."""
 
     name: str
     title: str
-    lines: tuple[str, ...]
+    rows: tuple[Row, ...]
     clip: ClipInput
     run: Replay
     pairs: np.ndarray
     think: str
+    notes: tuple[str, ...]
 
 
 def write_outputs(folder: Path, outcome: Outcome) -> str:
@@ -47,11 +49,11 @@ def write_outputs(folder: Path, outcome: Outcome) -> str:
     masks = relabelled(clip.taken.masks, outcome.pairs, len(run.scene.objects))
     start = float(clip.taken.clip.source_times[0])
     sheet = Sheet(first, clip.schedule.fps, start, frames, drawn, masks, run.masks, clip.flow, run.flow,
-                  tuple(o.name for o in run.scene.objects), outcome.title, outcome.lines)  # fmt: skip
+                  tuple(o.name for o in run.scene.objects), outcome.title, outcome.rows)  # fmt: skip
     Image.fromarray(draw(sheet)).save(folder / "overlay.png")
     seen = Pictures(frames, masks, flow=clip.flow, flow_frames=first)
     replayed = Pictures(drawn, run.masks, run.depth, first, run.flow, first)
-    notes = "\n".join([f"### {outcome.title}", "```", *outcome.lines, "```", *(f"- {n}" for n in clip.notes), "",
+    notes = "\n".join([f"### {outcome.title}", "", *markdown(outcome.rows), "", *(f"- {n}" for n in outcome.notes), "",
                        "**The model's words**", "", *outcome.think.splitlines()])  # fmt: skip
     motion = Motion("replay", run.scene, run.trace, True, run.events)
     save(Footage(outcome.name, notes, (motion,), seen, replayed, clip.schedule.fps), folder / "recording.rrd")

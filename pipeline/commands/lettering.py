@@ -7,7 +7,7 @@ import functools
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-INK, PAPER = (25, 28, 33), (255, 255, 255)
+INK, FAINT, PAPER = (25, 28, 33), (120, 125, 135), (255, 255, 255)
 MARGIN = 8  # px
 
 
@@ -18,7 +18,7 @@ def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 def caption(frames: np.ndarray, text: str, size: int = 15) -> np.ndarray:
     """Frames (T, H, W, 3) uint8 with a caption in the upper left corner, white on a dark patch."""
-    left, top, right, bottom = font(size).getbbox(text)
+    _, _, right, bottom = font(size).getbbox(text)
     width, height = round(right) + 2 * MARGIN, round(bottom) + MARGIN
     patch = Image.new("RGB", (width, height), INK)
     ImageDraw.Draw(patch).text((MARGIN, MARGIN // 2), text, font=font(size), fill=PAPER)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import logging
 import pkgutil
 import signal
 import sys
@@ -57,6 +58,7 @@ def main(words: list[str] | None = None) -> int:
     """Run `dynamics` with `words` (default: the command line's). Exit codes: 0 done; 2 the user's words, data or
     files are at fault, said in one line; 130 interrupted. Anything else is a defect and shows its traceback."""
     warnings.filterwarnings("ignore", module="glfw")  # it looks for a display that nothing here needs
+    logging.getLogger("absl").setLevel(logging.ERROR)  # MuJoCo's warnings, which are counted or raised
     signal.signal(signal.SIGTERM, _terminate)
     arguments = parser().parse_args(words)
     try:

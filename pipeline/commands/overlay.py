@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw
 
-from pipeline.commands.lettering import INK, PAPER, font
+from pipeline.commands.lettering import FAINT, INK, PAPER, font
+from pipeline.commands.table import Row
 from pipeline.vision.appearance import object_colour
 from pipeline.vision.flow_picture import flow_picture
 
@@ -21,7 +22,8 @@ _FINE = 16  # outlines are drawn at sixteenths of a pixel
 @dataclass(frozen=True)
 class Sheet:
     """What is shown, at the frames `frames` (P,) of the clip: frames (F, H, W, 3) of the input and of the replay, masks
-    (F, H, W) of both, flow (P, H, W, 2) of both. names: of the replay's objects. lines: of text under the title."""
+    (F, H, W) of both, flow (P, H, W, 2) of both. names: of the replay's objects. rows: a table under the title, its
+    headings first."""
 
     frames: np.ndarray
     fps: float
@@ -34,7 +36,7 @@ class Sheet:
     replay_flow: np.ndarray
     names: tuple[str, ...]
     title: str
-    lines: tuple[str, ...]
+    rows: tuple[Row, ...]
 
 
 def draw(sheet: Sheet) -> np.ndarray:
@@ -47,17 +49,16 @@ def draw(sheet: Sheet) -> np.ndarray:
         ("input\nwith the replay's\noutlines", [_outlined(sheet.rgb[f], sheet.replay_masks[f]) for f in shown]),
         ("replay", [_tile(sheet.replay_rgb[f]) for f in shown]),
         ("input's masks", [_painted(sheet.rgb[f], sheet.masks[f]) for f in shown]),
-        (f"input's flow\n(full colour:\n{longest:.1f} px)", [_tile(flow_picture(sheet.flow[p], "wheel", longest)) for p in chosen]),
-        ("replay's flow", [_tile(flow_picture(sheet.replay_flow[p], "wheel", longest)) for p in chosen]),
+        (f"input's flow\n(full colour:\n{longest:.1f} px)", [_wheel(sheet.flow[p], longest) for p in chosen]),
+        ("replay's flow", [_wheel(sheet.replay_flow[p], longest) for p in chosen]),
     ]  # fmt: skip
-    top = HEADER + LINE * (len(sheet.lines) + 1) + GAP
+    top = HEADER + LINE * (len(sheet.rows) + 1) + GAP
     width = SIDE + len(chosen) * (TILE[0] + GAP) + GAP
     page = Image.new("RGB", (width, top + 24 + len(rows) * (TILE[1] + GAP)), PAPER)
     pen = ImageDraw.Draw(page)
     pen.text((GAP, GAP), sheet.title, font=font(20), fill=INK)
-    for i, line in enumerate(sheet.lines):
-        pen.text((GAP, HEADER + 2 + i * LINE), line, font=font(14), fill=INK)
-    _legend(pen, sheet.names, HEADER + 2 + len(sheet.lines) * LINE)
+    _write_table(pen, sheet.rows, HEADER + 2)
+    _legend(pen, sheet.names, HEADER + 2 + len(sheet.rows) * LINE)
     for column, time in enumerate(times):
         pen.text((SIDE + column * (TILE[0] + GAP), top), time, font=font(14), fill=INK)
     for row, (label, tiles) in enumerate(rows):
@@ -66,6 +67,14 @@ def draw(sheet: Sheet) -> np.ndarray:
         for column, tile in enumerate(tiles):
             page.paste(Image.fromarray(tile), (SIDE + column * (TILE[0] + GAP), y))
     return np.asarray(page)
+
+
+def _write_table(pen: ImageDraw.ImageDraw, rows: tuple[Row, ...], y: int) -> None:
+    x = GAP
+    for column in zip(*rows, strict=True):
+        for i, cell in enumerate(column):
+            pen.text((x, y + i * LINE), cell, font=font(14), fill=FAINT if i == 0 else INK)
+        x += 24 + max(round(pen.textlength(cell, font=font(14))) for cell in column)
 
 
 def _legend(pen: ImageDraw.ImageDraw, names: tuple[str, ...], y: int) -> None:
@@ -78,6 +87,10 @@ def _legend(pen: ImageDraw.ImageDraw, names: tuple[str, ...], y: int) -> None:
 
 def _tile(picture: np.ndarray) -> np.ndarray:
     return cv2.resize(np.ascontiguousarray(picture), TILE, interpolation=cv2.INTER_AREA)
+
+
+def _wheel(flow: np.ndarray, longest: float) -> np.ndarray:
+    return _tile(flow_picture(flow, "wheel", longest))
 
 
 def _outlined(picture: np.ndarray, masks: np.ndarray) -> np.ndarray:

@@ -17,7 +17,8 @@ class Progress:
 
     def __init__(self, steps: int) -> None:
         self.seconds: dict[str, float] = {}
-        self._bar = tqdm(total=steps, disable=None, leave=False, file=sys.stderr, bar_format="{l_bar}{bar}| {elapsed}{postfix}")
+        look = "{l_bar}{bar}| {elapsed}{postfix}"
+        self._bar = tqdm(total=steps, disable=None, leave=False, file=sys.stderr, bar_format=look)
 
     @contextmanager
     def step(self, name: str) -> Iterator[None]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from pipeline.errors import SceneError
 from pipeline.language.completion import read_completion
-from pipeline.physics.trace import Trace
 from pipeline.scene.mjcf import mesh_vertices
 from pipeline.scene.scene import Camera, Scene, SceneObject, half_extents
 from pipeline.scene.text import load_scene
@@ -37,11 +36,12 @@ def read_scene_source(place: Path) -> Scene:
     return load_scene(place)
 
 
-def with_camera(scene: Scene, trace: Trace) -> tuple[Scene, str | None]:
-    """The scene with a camera, and a note where one had to be made: it looks along +y, and sees the whole motion."""
+def with_camera(scene: Scene, positions: np.ndarray) -> tuple[Scene, str | None]:
+    """The scene with a camera, and a note where one had to be made: it looks along +y and sees all of positions
+    (..., 3), m, of the objects' centres."""
     if scene.camera is not None or not scene.objects:
         return scene, None
-    points = trace.position.reshape(-1, 3)
+    points = positions.reshape(-1, 3)
     low, high = points.min(0), points.max(0)
     centre = (low + high) / 2
     reach = float(np.linalg.norm(high - low)) / 2 + max(_radius(o) for o in scene.objects)
@@ -52,7 +52,8 @@ def with_camera(scene: Scene, trace: Trace) -> tuple[Scene, str | None]:
         eye[2] = max(eye[2], scene.ground + 0.1 * distance)
     x, y, z = (round(float(v), 2) for v in eye)
     camera = Camera((x, y, z), fov=FOV, pitch=PITCH)
-    return replace(scene, camera=camera), f"the scene has no camera; one at ({x:g}, {y:g}, {z:g}) m sees the whole motion"
+    note = f"the scene has no camera; one at ({x:g}, {y:g}, {z:g}) m sees the whole motion"
+    return replace(scene, camera=camera), note
 
 
 def _radius(obj: SceneObject) -> float:

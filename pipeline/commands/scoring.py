@@ -48,7 +48,7 @@ def ranked(evaluator: Evaluator, scenes: Sequence[Scene]) -> Ranking:
     """The scenes' ranking. Raises SimulationError where none of them can be simulated."""
     ranking = rank(evaluator, scenes)
     if not ranking.rewards.valid.any():
-        raise SimulationError(f"the numbers go bad in each of the {len(scenes)} answers: nothing to show; try more --samples")
+        raise SimulationError(f"the numbers go bad in each of the {len(scenes)} answers; try more --samples")
     return ranking
 
 

@@ -14,6 +14,7 @@ from pipeline.scene.scene import BASIC_SHAPES, SIZE_KEYS, Scene, SceneObject
 from pipeline.scene.text import read_scene
 
 MAX_OBJECTS = 6
+MAX_EVENTS = 24  # the grammar ends `<think>` then, so that a model which has learned little stops too
 
 PROMPT = (
     "The video is the optical flow of rigid bodies that move on a plane. Describe what happens, then write the "
@@ -82,13 +83,16 @@ def _events(objects: int, seconds: float) -> Grammar:
     names = tuple(str(i + 1) for i in range(objects))
     kinds = tuple(p for k, p in EVENT_PHRASES.items() if objects > 1 or k != "hits_object")
     earliest = 0.0
-    while (yield Choice((_END_OF_THINK, ".\nt="))) != _END_OF_THINK:
+    for _ in range(MAX_EVENTS):
+        if (yield Choice((_END_OF_THINK, ".\nt="))) == _END_OF_THINK:
+            return
         earliest = float((yield Number(2, earliest, seconds)))
         yield Literal("s: object ")
         first = yield Choice(names)
         phrase = yield Choice(kinds)
         if _PHRASE_KINDS[phrase] == "hits_object":
             yield Choice(tuple(n for n in names if n != first))
+    yield Choice((_END_OF_THINK,))
 
 
 def _scene(shapes: list[str] | None) -> Grammar:

@@ -21,6 +21,14 @@ AIR, SLIDE, ROLL, REST, TUMBLE = range(5)
 #: Slip over the speed of the centre: 1 of a body that slides, 0 of one that rolls. Above the one share it slides,
 #: however slow it is; below the other it rolls, however fast: soft contacts creep.
 SLIDING_SHARE, ROLLING_SHARE = 0.5, 0.1
+CHANGES: dict[tuple[int, int], str] = {
+    (SLIDE, REST): "stops_sliding",
+    (ROLL, REST): "stops_rolling",
+    (SLIDE, ROLL): "starts_rolling",
+    (REST, ROLL): "starts_rolling",
+    (ROLL, SLIDE): "starts_sliding",
+    (REST, SLIDE): "starts_sliding",
+}
 LYING = 0.35  # sine of how far a cylinder's axis may be from level where it lies on its side
 LEVER = 0.1  # m; turning is rest where points at this distance move slower than `moving_speed`
 
@@ -89,9 +97,7 @@ def collisions(trace: Trace, thresholds: Thresholds) -> list[Event]:
         steps = np.unique(c.step[rows])
         starts = steps[np.diff(steps, prepend=-gap - 2) > gap]
         for step in starts:
-            # the first contact point may open an impact that a later point of the same touch completes
-            touch = rows[(c.step[rows] >= step) & (c.step[rows] < step + max(gap // 2, 1))]
-            if approach[touch].max() >= thresholds.impact_speed:
+            if approach[rows[c.step[rows] == step]].max() >= thresholds.impact_speed:
                 kind = "hits_ground" if second == GROUND else "hits_object"
                 a, b = (first, None) if second == GROUND else (min(first, second), max(first, second))
                 events.append(Event(float(step / trace.rate), kind, a, b))
@@ -125,7 +131,7 @@ def regimes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds) -> np
     for i, shape in enumerate(shapes):
         grounded, slip = ground_contact(trace, i, thresholds)
         creep = np.maximum(thresholds.slip_speed, ROLLING_SHARE * along[:, i])
-        slides = (slip > creep) | (slip > SLIDING_SHARE * np.maximum(along[:, i], thresholds.moving_speed))
+        slides = (slip > creep) | (slip > SLIDING_SHARE * np.maximum(speed[:, i], LEVER * turning[:, i]))
         without_slip = np.where(may_roll(trace, i, shape) & (along[:, i] >= thresholds.moving_speed), ROLL, TUMBLE)
         regime = np.where(still[:, i], REST, np.where(slides, SLIDE, without_slip))
         out[:, i] = _settled(np.where(grounded, regime, AIR), duration)
@@ -135,8 +141,8 @@ def regimes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds) -> np
 def ground_contact(trace: Trace, index: int, thresholds: Thresholds) -> tuple[np.ndarray, np.ndarray]:
     """(S,) whether the object is on the ground, hops shorter than `separation` included, and (S,) its slip, m/s.
 
-    The slip is that of its contact points in the mean over half of `duration`, weighted by what they press:
-    friction's work over friction's impulse. So a body that chatters over the ground slides as one that glides does.
+    The slip is that of its contact points in the mean over the last half of `duration`, so that a body that chatters
+    over the ground slides as one that glides does.
     """
     c, steps = trace.contacts, len(trace.position) - 1
     rows = np.flatnonzero((c.second == GROUND) & (c.first == index))
@@ -144,12 +150,11 @@ def ground_contact(trace: Trace, index: int, thresholds: Thresholds) -> tuple[np
         return np.zeros(steps, bool), np.zeros(steps)
     moving = point_velocity(trace, c.step[rows], c.first[rows], c.position[rows])
     along = moving - np.sum(moving * c.normal[rows], 1, keepdims=True) * c.normal[rows]
-    press = np.sum(c.force[rows] * c.normal[rows], 1) + 1e-9  # N; what touches without pressing counts a little
-    window = np.ones(round(thresholds.duration / 2 * trace.rate) | 1)
-    impulse, work = (np.convolve(np.bincount(c.step[rows], weights, steps), window, "same")[:steps]
-                     for weights in (press, press * np.linalg.norm(along, axis=1)))  # fmt: skip
-    near = np.flatnonzero(impulse > 0)
-    slip = np.interp(np.arange(steps), near, work[near] / impulse[near])
+    window = np.ones(max(round(thresholds.duration / 2 * trace.rate), 1))
+    number, total = (np.convolve(np.bincount(c.step[rows], weights, steps), window)[:steps]
+                     for weights in (np.ones(len(rows)), np.linalg.norm(along, axis=1)))  # fmt: skip
+    near = np.flatnonzero(number > 0.5)
+    slip = np.interp(np.arange(steps), near, total[near] / number[near])
     touched = np.unique(c.step[rows])
     gap = round(thresholds.separation * trace.rate)
     grounded = np.zeros(steps, bool)
@@ -169,19 +174,14 @@ def may_roll(trace: Trace, index: int, shape: str) -> np.ndarray | bool:
 
 
 def motion_changes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds) -> list[Event]:
-    """Starts and stops of rolling and sliding on the ground; landing and take-off are no such change."""
+    """Starts and stops of rolling and sliding on the ground; landing, take-off and tumbling are no such change."""
     events = []
     table = regimes(trace, shapes, thresholds)
     for i in range(len(shapes)):
         for step in np.flatnonzero(np.diff(table[:, i])) + 1:
-            before, after = table[step - 1, i], table[step, i]
-            time = float(step / trace.rate)
-            if before in (SLIDE, ROLL) and after == REST:
-                events.append(Event(time, "stops_sliding" if before == SLIDE else "stops_rolling", i))
-            elif before == SLIDE and after == ROLL:
-                events.append(Event(time, "starts_rolling", i))
-            elif before == ROLL and after == SLIDE:
-                events.append(Event(time, "starts_sliding", i))
+            kind = CHANGES.get((int(table[step - 1, i]), int(table[step, i])))
+            if kind is not None:
+                events.append(Event(float(step / trace.rate), kind, i))
     return events
 
 

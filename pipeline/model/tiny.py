@@ -13,13 +13,13 @@ class TinySize:
     """Widths and depths of the language model and of the vision tower."""
 
     hidden: int = 192
-    layers: int = 6
+    layers: int = 4
     heads: int = 6
     intermediate: int = 512
-    vision_hidden: int = 160
+    vision_hidden: int = 128
     vision_depth: int = 4
-    vision_heads: int = 5
-    vision_intermediate: int = 432
+    vision_heads: int = 4
+    vision_intermediate: int = 352
     patch: int = 16
 
 

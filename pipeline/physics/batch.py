@@ -15,7 +15,7 @@ import numpy as np
 from mujoco import batch as mjbatch
 
 from pipeline.physics.simulate import compile_xml
-from pipeline.scene.mjcf import CONTACT_TIME_CONSTANT, STEPS_PER_SECOND, camera_quaternion, scene_xml
+from pipeline.scene.mjcf import STEPS_PER_SECOND, camera_quaternion, scene_xml, solref, start_quaternion
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject, half_extents
 from pipeline.scene.solid import bounding_radii, geom_sizes, unit_inertia
@@ -133,7 +133,7 @@ class BatchSimulator:
             f["bvh_aabb"][:n, self._bvh[i], 3:] = half
             f["geom_friction"][:n, geom, 0] = scenes.sliding_friction[:, i]
             f["geom_friction"][:n, geom, 2] = scenes.rolling_friction[:, i]
-            f["geom_solref"][:n, geom] = np.stack([np.full(n, CONTACT_TIME_CONSTANT), scenes.damping[:, i]], 1)
+            f["geom_solref"][:n, geom] = solref(scenes.damping[:, i])
             f["body_mass"][:n, body] = scenes.mass[:, i]
             f["body_inertia"][:n, body] = scenes.mass[:, i, None] * unit_inertia(shape, half)
         f["opt.gravity"][:n] = scenes.gravity
@@ -142,8 +142,9 @@ class BatchSimulator:
         ids = np.arange(n)
         self._batch.set_const(ids=ids)
         self._batch.reset(ids=ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        quaternion = scenes.quaternion / np.linalg.norm(scenes.quaternion, axis=-1, keepdims=True)
-        spin = np.einsum("bnji,bnj->bni", matrix_from_quaternion(quaternion), scenes.angular_velocity)
+        starts = [start_quaternion(shape, scenes.quaternion[:, i]) for i, shape in enumerate(self.shapes)]
+        quaternion = np.stack(starts, 1) if starts else scenes.quaternion
+        spin = np.einsum("bnji,bnj->bni", matrix_from_quaternion(scenes.quaternion), scenes.angular_velocity)
         self._qpos[:n] = np.concatenate([scenes.position, quaternion], -1).reshape(n, -1)
         self._qvel[:n] = np.concatenate([scenes.velocity, spin], -1).reshape(n, -1)
 

@@ -19,15 +19,21 @@ with warnings.catch_warnings():
     from dm_control import mjcf
 
 from pipeline.errors import SceneError
-from pipeline.scene.rotation import matrix_from_quaternion
+from pipeline.scene.rotation import matrix_from_quaternion, quaternion_multiply
 from pipeline.scene.scene import Camera, Scene, SceneObject, half_extents
 from pipeline.scene.solid import geom_sizes
 
 STEPS_PER_SECOND = 240
 #: Time constant of contacts, s; the damping ratio is each object's own (MuJoCo manual, "Solver parameters").
 CONTACT_TIME_CONSTANT = 0.02
+#: s. Least product of time constant and damping ratio: a contact's spring swings with 1 / (0.9 of it) rad/s, and with
+#: fewer than 7 steps of 1/240 s to a period bodies bounce higher than they fell (up to 5 times at a damping of 0.1).
+LEAST_SPRING_TIME = 0.0055
 TORSIONAL_FRICTION = 0.005  # m, MuJoCo's default
 OBJECT_PRIORITY = 1
+#: rad. Cylinders start tilted by so much: where a cylinder's axis is normal to a plane to the last bit or two, MuJoCo's
+#: test of the two (mjc_PlaneCylinder) norms a vector of rounding errors and finds them as deep in as the radius.
+CYLINDER_TILT = 1e-7
 
 
 def friction(obj: SceneObject) -> np.ndarray:
@@ -35,15 +41,22 @@ def friction(obj: SceneObject) -> np.ndarray:
     return np.array([obj.sliding_friction, TORSIONAL_FRICTION, obj.rolling_friction])
 
 
-def solref(obj: SceneObject) -> np.ndarray:
-    """(time constant s, damping ratio) of the object's contacts."""
-    return np.array([CONTACT_TIME_CONSTANT, obj.damping])
+def solref(damping: np.ndarray) -> np.ndarray:
+    """(..., 2) time constant, s, and damping ratio of the contacts of objects of that damping (...)."""
+    damping = np.asarray(damping, float)
+    return np.stack([np.maximum(CONTACT_TIME_CONSTANT, LEAST_SPRING_TIME / damping), damping], -1)
+
+
+def start_quaternion(shape: str, orientation: np.ndarray) -> np.ndarray:
+    """The unit quaternions (..., 4) with which bodies of that shape start, for orientations of about unit length."""
+    if shape == "cylinder":
+        orientation = quaternion_multiply(orientation, np.array([1.0, CYLINDER_TILT / 2, 0.0, 0.0]))
+    return orientation / np.linalg.norm(orientation, axis=-1, keepdims=True)
 
 
 def initial_qpos(scene: Scene) -> np.ndarray:
     """(7 N,): position and unit quaternion of each object."""
-    rows = [np.concatenate([o.position, np.array(o.orientation) / np.linalg.norm(o.orientation)])
-            for o in scene.objects]  # fmt: skip
+    rows = [np.concatenate([o.position, start_quaternion(o.shape, np.array(o.orientation))]) for o in scene.objects]
     return np.concatenate(rows) if rows else np.zeros(0)
 
 
@@ -85,7 +98,7 @@ def scene_mjcf(scene: Scene) -> mjcf.RootElement:
             shape["mesh"] = obj.name
         else:
             shape["size"] = geom_sizes(obj.shape, half_extents(obj)[None])[0]
-        body.add("geom", name=obj.name, mass=obj.mass, friction=friction(obj), solref=solref(obj), condim=6,
+        body.add("geom", name=obj.name, mass=obj.mass, friction=friction(obj), solref=solref(np.array(obj.damping)), condim=6,
                  priority=OBJECT_PRIORITY, **shape)  # fmt: skip
     root.keyframe.add("key", name="initial", qpos=initial_qpos(scene), qvel=initial_qvel(scene))
     return root

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import rerun as rr
 from scipy.spatial import ConvexHull
@@ -43,14 +45,14 @@ def log_bodies(recording: rr.RecordingStream, motion: Motion, fps: float) -> Non
 
 def shape(obj: SceneObject, rgb: tuple[int, int, int], solid: bool) -> rr.AsComponents:
     """The body's shape about its centre, as rerun's own primitive where it has one."""
-    half = half_extents(obj) if obj.shape != "mesh" else None
-    look = {"colors": [rgb], "fill_mode": rr.components.FillMode.Solid if solid else rr.components.FillMode.MajorWireframe,
-            "labels": [obj.name], "show_labels": False}  # fmt: skip
     if obj.shape == "mesh":
         assert obj.file is not None
         vertices = mesh_vertices(obj.file) * obj.size[0]
-        return rr.Mesh3D(vertex_positions=vertices, triangle_indices=hull_triangles(vertices), albedo_factor=[*rgb, 255])
-    assert half is not None
+        triangles = hull_triangles(vertices)
+        return rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles, albedo_factor=[*rgb, 255])
+    half = half_extents(obj)
+    fill = rr.components.FillMode.Solid if solid else rr.components.FillMode.MajorWireframe
+    look: dict[str, Any] = {"colors": [rgb], "fill_mode": fill, "labels": [obj.name], "show_labels": False}
     if obj.shape == "box":
         return rr.Boxes3D(half_sizes=[half], **look)
     if obj.shape in ("sphere", "ellipsoid"):

@@ -50,7 +50,7 @@ class Footage:
     """A clip: what the camera saw and, where there is one, what the replay's pictures look like; the motions, of which
     the first has the camera; notes in Markdown.
 
-    name: of the clip; it becomes the recording's id. fps: frames a second.
+    name: of the clip; it becomes the recording's id. fps: frames a second. titles: of what was seen and replayed.
     """
 
     name: str
@@ -59,3 +59,4 @@ class Footage:
     seen: Pictures = field(default_factory=Pictures)
     replayed: Pictures = field(default_factory=Pictures)
     fps: float = 30.0
+    titles: tuple[str, str] = ("clip", "replay")

@@ -21,10 +21,8 @@ def blueprint(footage: Footage) -> rrb.Blueprint:
     below: list[rrb.View] = []
     if footage.motions:
         below += [rrb.TimeSeriesView(origin=f"plots/{plot}", name=title) for plot, title in PLOTS.items()]
-    told = [m for m in footage.motions if m.events]
-    if told:
-        columns = rrb.TextLogColumns(timeline_columns=[SIM_TIME],
-                                     text_log_columns=["body"] if len(told) == 1 else ["entitypath", "body"])
+    if any(m.events for m in footage.motions):
+        columns = rrb.TextLogColumns(timeline_columns=[SIM_TIME], text_log_columns=["body"])
         below.append(rrb.TextLogView(origin="events", name="events", columns=columns))
     below.append(rrb.TextDocumentView(origin="notes", name="about this clip"))
     pictures = picture_views(footage)
@@ -64,7 +62,8 @@ def scene_view(footage: Footage) -> rrb.View:
 def picture_views(footage: Footage) -> list[rrb.View]:
     """2D views: the camera's picture with masks, its flow, its depth, and the replay's picture with its masks."""
     views: list[rrb.View] = []
-    for path, pictures, title in ((CAMERA, footage.seen, "camera"), (REPLAYED, footage.replayed, "replay")):
+    both = ((CAMERA, footage.seen), (REPLAYED, footage.replayed))
+    for (path, pictures), title in zip(both, footage.titles, strict=True):
         if pictures.rgb is not None or pictures.masks is not None:
             kinds = {"rgb": pictures.rgb, "masks": pictures.masks}
             views.append(_view(path, [k for k, v in kinds.items() if v is not None], f"{title}: {_words(pictures)}"))

@@ -55,7 +55,7 @@ def log_depth(recording: rr.RecordingStream, path: str, depth: np.ndarray, frame
     recording.send_columns(path, at_frames(frames, fps), columns, strict=True)
 
 
-def annotations(names: list[str]) -> rr.AnnotationContext:
+def mask_classes(names: list[str]) -> rr.AnnotationContext:
     """Names and colours of mask ids: 0 is the background, i + 1 object i."""
     return rr.AnnotationContext(
         [rr.AnnotationInfo(0, "background", (0, 0, 0, 0)),

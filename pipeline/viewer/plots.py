@@ -33,12 +33,12 @@ def log_plots(recording: rr.RecordingStream, motion: Motion, fps: float) -> None
             send_steps(recording, path, trace.times, fps, scalars)
 
 
-def log_events(recording: rr.RecordingStream, motion: Motion, fps: float) -> None:
-    """A line of text for each event, under events/<motion>."""
+def log_events(recording: rr.RecordingStream, motion: Motion, fps: float, named: bool) -> None:
+    """A line of text for each event, under events/<motion>; `named`: with the motion's name before it."""
     if not motion.events:
         return
     columns = rr.TextLog.columns(
-        text=[event_text(e, motion.scene) for e in motion.events],
+        text=[f"{motion.name}: " * named + event_text(e, motion.scene) for e in motion.events],
         level=["INFO"] * len(motion.events),
         color=[object_colour(e.first) for e in motion.events],
     )

@@ -15,7 +15,7 @@ from pipeline.shards.output_errors import writing_to
 from pipeline.viewer.bodies import log_bodies
 from pipeline.viewer.footage import Footage
 from pipeline.viewer.layout import CAMERA, REPLAYED, blueprint
-from pipeline.viewer.pictures import annotations, log_pictures
+from pipeline.viewer.pictures import log_pictures, mask_classes
 from pipeline.viewer.plots import log_events, log_plots
 from pipeline.vision.camera import focal_px
 
@@ -26,7 +26,7 @@ DEFAULT_SIZE = (480, 320)
 def save(footage: Footage, path: Path) -> None:
     """Write the recording with its blueprint, under a temporary name that is then renamed. Raises OutputError."""
     recording = _stream(footage)
-    stream = recording.binary_stream()
+    stream = rr.binary_stream(recording)
     recording.send_blueprint(blueprint(footage), make_active=True, make_default=True)
     log(recording, footage)
     data = stream.read()
@@ -50,6 +50,15 @@ def show(footage: Footage) -> None:
     recording.disconnect()
 
 
+def show_file(path: Path) -> None:
+    """Open the rerun viewer, which stays open, on a recording that was saved."""
+    recording = rr.RecordingStream(APPLICATION)
+    recording.spawn()
+    recording.log_file_from_path(path)
+    recording.flush()
+    recording.disconnect()
+
+
 def _stream(footage: Footage) -> rr.RecordingStream:
     recording = rr.RecordingStream(APPLICATION, recording_id=footage.name)
     recording.send_recording_name(footage.name)
@@ -64,7 +73,7 @@ def log(recording: rr.RecordingStream, footage: Footage) -> None:
     masks = footage.seen.masks
     count = max(len(names), int(masks.max(initial=0)) if masks is not None else 0)
     names += [f"object {i}" for i in range(len(names), count)]
-    recording.log("/", annotations(names), static=True, strict=True)
+    recording.log("/", mask_classes(names), static=True, strict=True)
     if footage.motions and footage.motions[0].scene.camera is not None:
         log_camera(recording, footage.motions[0].scene.camera, footage.seen.size or DEFAULT_SIZE)
     log_pictures(recording, CAMERA, footage.seen, footage.fps)
@@ -72,13 +81,13 @@ def log(recording: rr.RecordingStream, footage: Footage) -> None:
     for motion in footage.motions:
         log_bodies(recording, motion, footage.fps)
         log_plots(recording, motion, footage.fps)
-        log_events(recording, motion, footage.fps)
+        log_events(recording, motion, footage.fps, len(footage.motions) > 1)
 
 
 def log_camera(recording: rr.RecordingStream, camera: Camera, size: tuple[int, int]) -> None:
     """The scene's pinhole camera, which stands still; pictures below it are seen in its image plane."""
     w, x, y, z = camera_quaternion(camera)
-    pose = rr.Transform3D(translation=camera.position, quaternion=(x, y, z, w))
+    pose = rr.Transform3D(translation=camera.position, quaternion=rr.Quaternion(xyzw=(x, y, z, w)))
     lens = rr.Pinhole(focal_length=focal_px(camera.fov, size[1]), width=size[0], height=size[1],
                       camera_xyz=rr.ViewCoordinates.RUB, image_plane_distance=0.4)  # fmt: skip
     recording.log(CAMERA, pose, lens, static=True, strict=True)

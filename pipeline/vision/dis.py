@@ -5,8 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pipeline.vision.raft import check_frames
-
 PRESETS = {
     "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
     "fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
@@ -47,3 +45,12 @@ class DIS:
                 flow = cv2.resize(flow, (width, height)) * np.array([width / size[0], height / size[1]], np.float32)
             out[i] = flow
         return out
+
+
+def check_frames(frames_a: np.ndarray, frames_b: np.ndarray) -> tuple[int, int, int]:
+    """(B, H, W) of two equally shaped (B, H, W, 3) uint8 arrays."""
+    if frames_a.shape != frames_b.shape or frames_a.ndim != 4 or frames_a.shape[-1] != 3:
+        raise ValueError(f"two arrays (B, H, W, 3) are needed, not {frames_a.shape} and {frames_b.shape}")
+    if frames_a.dtype != np.uint8 or frames_b.dtype != np.uint8:
+        raise ValueError(f"frames are uint8, not {frames_a.dtype} and {frames_b.dtype}")
+    return frames_a.shape[0], frames_a.shape[1], frames_a.shape[2]

@@ -17,6 +17,7 @@ from pipeline.errors import VideoError
 DIFFERENT = 18  # of 255: a channel that differs so much from the background is not noise
 SMALLEST_SHARE = 0.0008  # of the picture's area; smaller components are noise
 SHORTEST = 3  # frames; what is seen for less is noise
+LONGEST_GAP = 4  # frames that a body may be lost for and be taken for the same
 SLOW_PX = 0.3  # at 480 px of width: a flow below is no motion
 APART_PX = 2.0  # at 480 px of width: parts of one component whose flow differs by more are two bodies
 OPEN, CLOSE = np.ones((3, 3), np.uint8), np.ones((5, 5), np.uint8)
@@ -30,10 +31,8 @@ def masks_from_motion(frames: np.ndarray, flow_px: np.ndarray) -> np.ndarray:
     """
     if len(flow_px) != len(frames) - 1 or flow_px.shape[1:3] != frames.shape[1:3]:
         raise ValueError(f"{len(frames)} frames need {len(frames) - 1} flows of their size, not {flow_px.shape}")
-    flow = np.concatenate([flow_px, flow_px[-1:]]).astype(np.float32)
-    foreground = moving_pixels(frames, flow)
-    tracks = track(foreground, flow)
-    tracks = without_noise(tracks, flow)
+    flow = np.asarray(flow_px, np.float32)
+    tracks = without_noise(joined(track(moving_pixels(frames), flow), flow), flow)
     if not tracks.any():
         raise VideoError(
             "nothing moves in this clip (or too little is seen of it): masks from motion need a resting camera and "
@@ -42,7 +41,7 @@ def masks_from_motion(frames: np.ndarray, flow_px: np.ndarray) -> np.ndarray:
     return tracks.astype(np.uint8)
 
 
-def moving_pixels(frames: np.ndarray, flow: np.ndarray) -> np.ndarray:
+def moving_pixels(frames: np.ndarray) -> np.ndarray:
     """(T, H, W) bool: pixels that show something other than the background."""
     background = np.median(frames, axis=0).astype(np.uint8)
     smooth = np.stack([cv2.GaussianBlur(f, (0, 0), 0.8) for f in frames])
@@ -99,12 +98,15 @@ def filled(body: np.ndarray) -> np.ndarray:
     return cv2.drawContours(np.zeros_like(body), contours, -1, 1, cv2.FILLED) > 0
 
 
-def components(foreground: np.ndarray, flow: np.ndarray) -> list[np.ndarray]:
-    """Masks (H, W) bool of one frame's connected parts, each split in two where it moves in two ways."""
+def components(foreground: np.ndarray, flow: np.ndarray | None) -> list[np.ndarray]:
+    """Masks (H, W) bool of one frame's connected parts, each split in two where it moves in two ways.
+
+    flow: (H, W, 2), None for the last frame.
+    """
     least = SMALLEST_SHARE * foreground.size
     count, labels, stats, _ = cv2.connectedComponentsWithStats(foreground.astype(np.uint8))
     parts = [labels == k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= least]
-    return [piece for part in parts for piece in split_by_flow(part, flow, least)]
+    return parts if flow is None else [piece for part in parts for piece in split_by_flow(part, flow, least)]
 
 
 def split_by_flow(part: np.ndarray, flow: np.ndarray, least: float) -> list[np.ndarray]:
@@ -157,7 +159,7 @@ def track(foreground: np.ndarray, flow: np.ndarray) -> np.ndarray:
     for t in range(len(foreground)):
         carried = carry(ids[t - 1], flow[t - 1]) if t else ids[0].copy()
         claims: dict[int, tuple[int, np.ndarray]] = {}
-        for part in components(foreground[t], flow[t]):
+        for part in components(foreground[t], flow[t] if t < len(flow) else None):
             here = [(int(i), int(n)) for i, n in zip(*np.unique(carried[part], return_counts=True), strict=True)]
             found = [(i, n) for i, n in here if i and n > 0.15 * (carried == i).sum()]
             pieces = nearest_of([part & (carried == i) for i, _ in found], part) if found else [part]
@@ -191,6 +193,56 @@ def carry(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
     return out
 
 
+def joined(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
+    """Tracks (T, H, W) of which one goes on where another ends, or is a short-lived piece of another, made one."""
+    out = ids.copy()
+    sizes = {int(i): int(n) for i, n in zip(*np.unique(ids[ids > 0], return_counts=True), strict=True)}
+    for i in sorted(sizes, key=lambda k: sizes[k]):  # the smallest first
+        mine = out == i
+        seen = np.flatnonzero(mine.any(axis=(1, 2)))
+        if not len(seen):
+            continue
+        whole = best_whole(out, i, mine, seen)
+        before = best_before(out, i, mine, seen[0], flow)
+        if whole:
+            out[mine] = whole
+        elif before:
+            out[mine] = before
+    return out
+
+
+def best_whole(ids: np.ndarray, i: int, mine: np.ndarray, seen: np.ndarray) -> int:
+    """The track that a short-lived one touches in most of its frames; 0 where there is none."""
+    if len(seen) > 0.25 * len(ids):
+        return 0
+    votes: dict[int, int] = {}
+    for t in seen:
+        rim = cv2.dilate(mine[t].astype(np.uint8), CLOSE) > 0
+        for j in np.unique(ids[t][rim & ~mine[t]]):
+            votes[int(j)] = votes.get(int(j), 0) + 1
+    votes.pop(0, None)
+    best = max(votes, key=lambda j: votes[j], default=0)
+    return best if best and votes[best] > 0.5 * len(seen) else 0
+
+
+def best_before(ids: np.ndarray, i: int, mine: np.ndarray, first: int, flow: np.ndarray) -> int:
+    """The track that ended up to LONGEST_GAP frames before `first` where this one begins, and is as large; or 0."""
+    centre, area = np.argwhere(mine[first]).mean(axis=0), mine[first].sum()
+    for gap in range(1, LONGEST_GAP + 1):
+        t = first - gap
+        if t < 0:
+            break
+        for j in np.unique(ids[t][ids[t] > 0]):
+            there = ids[t] == j
+            if j == i or (ids[t + 1 :] == j).any() or not 0.5 < there.sum() / area < 2:
+                continue
+            dx, dy = np.median(flow[t][there], axis=0)
+            expected = np.argwhere(there).mean(axis=0) + gap * np.array([dy, dx])
+            if np.linalg.norm(expected - centre) < 0.75 * np.sqrt(area):
+                return int(j)
+    return 0
+
+
 def without_noise(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
     """The tracks that last and move, numbered from 1 by first appearance, at most 255."""
     out = np.zeros_like(ids)
@@ -201,8 +253,8 @@ def without_noise(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
         seen = np.flatnonzero(mine.any(axis=(1, 2)))
         if len(seen) < SHORTEST or kept == 255:
             continue
-        speeds = [np.median(np.linalg.norm(flow[t][mine[t]], axis=-1)) for t in seen]
-        if max(speeds) > slow:
+        speeds = [np.median(np.linalg.norm(flow[t][mine[t]], axis=-1)) for t in seen if t < len(flow)]
+        if max(speeds, default=0) > slow:
             kept += 1
             out[mine] = kept
     return out

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,6 +19,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pipeline.errors import ModelError
+from pipeline.vision.dis import DIS, check_frames
 
 CELL = 8  # px of the image to a cell of the feature grid
 LEVELS = 4  # of the correlation pyramid
@@ -210,13 +212,17 @@ class Correlation:
 
 
 class RAFT(nn.Module):
-    """Flow from image a to image b, in px of a. `size` is one of SIZES; `large` always upsamples convexly."""
+    """Flow from image a to image b, in px of a. `size` is one of SIZES; `large` always upsamples convexly.
 
-    def __init__(self, size: str = "small", convex_upsampling: bool = False) -> None:
+    warm_start: a preset of DIS whose flow is refined, instead of none (the release's `flow_init`).
+    """
+
+    def __init__(self, size: str = "small", convex_upsampling: bool = False, warm_start: str | None = None) -> None:
         super().__init__()
         assert size in SIZES, size
         small = size == "small"
         self.size = size
+        self.warm_start = warm_start
         self.convex_upsampling = convex_upsampling or not small
         self.hidden = 96 if small else 128
         self.radius = 3 if small else 4
@@ -239,26 +245,28 @@ class RAFT(nn.Module):
         every: bool = True,
         draft: bool = False,
         correlation: Correlation | None = None,
+        start: Tensor | None = None,
     ) -> list[Tensor]:
         """Flow (B, 2, H, W) in px after each iteration, or the last alone where not `every`.
 
         a, b: (B, 3, H, W) in 0 to 255; H and W multiples of 8 and at least 64. draft: all but the last are upsampled
         bilinearly, which saves a quarter of a training step. correlation: `correlate(a, b)`, where it is at hand.
+        start: flow (B, 2, H, W), px, to begin with instead of none (the paper's warm start).
         """
         correlation = correlation or self.correlate(a, b)
         state = self.cnet(a / 127.5 - 1)
         h, context = torch.tanh(state[:, : self.hidden]), F.relu(state[:, self.hidden :])
-        start = cell_grid(h)
-        position = start
+        grid = cell_grid(h)
+        position = grid if start is None else grid + F.avg_pool2d(start, CELL) / CELL
         flows = []
         for i in range(iterations):
             position = position.detach()
-            h, change = self.update_block(h, context, correlation.lookup(position), position - start)
+            h, change = self.update_block(h, context, correlation.lookup(position), position - grid)
             position = position + change
             if i == iterations - 1 or (every and not draft):
-                flows.append(self.upsample(position - start, h))
+                flows.append(self.upsample(position - grid, h))
             elif every:
-                flows.append(CELL * F.interpolate(position - start, scale_factor=CELL, mode="bilinear"))
+                flows.append(CELL * F.interpolate(position - grid, scale_factor=CELL, mode="bilinear"))
         return flows
 
     def upsample(self, flow: Tensor, h: Tensor) -> Tensor:
@@ -291,17 +299,23 @@ class RAFT(nn.Module):
                 torch.from_numpy(np.ascontiguousarray(f[i : i + batch])).to(device).permute(0, 3, 1, 2).float()
                 for f in (frames_a, frames_b)
             )
-            flow = resize_flow(self.padded(resize(a, working), resize(b, working), iterations), (height, width))
+            start = None
+            if self.warm_start is not None:
+                rough = DIS(self.warm_start).flow(frames_a[i : i + batch], frames_b[i : i + batch])
+                start = resize_flow(torch.from_numpy(rough).to(device).permute(0, 3, 1, 2), working)
+            flow = self.padded(resize(a, working), resize(b, working), iterations, start)
+            flow = resize_flow(flow, (height, width))
             out[i : i + batch] = flow.permute(0, 2, 3, 1).cpu().numpy()
         return out
 
-    def padded(self, a: Tensor, b: Tensor, iterations: int) -> Tensor:
+    def padded(self, a: Tensor, b: Tensor, iterations: int, start: Tensor | None) -> Tensor:
         height, width = a.shape[-2:]
         down, right = (max(SMALLEST, -(-n // CELL) * CELL) - n for n in (height, width))
         left, top = right // 2, down // 2
         padding = (left, right - left, top, down - top)
         a, b = (F.pad(x, padding, mode="replicate") for x in (a, b))
-        return self(a, b, iterations, every=False)[-1][..., top : top + height, left : left + width]
+        start = None if start is None else F.pad(start, padding)
+        return self(a, b, iterations, every=False, start=start)[-1][..., top : top + height, left : left + width]
 
     def save(self, folder: Path | str) -> None:
         """Write `model.safetensors` and `config.json` (each to a temporary name, then renamed)."""
@@ -312,7 +326,12 @@ class RAFT(nn.Module):
         weights = {k: v.detach().cpu().contiguous() for k, v in self.state_dict().items()}
         save_file(weights, folder / (WEIGHTS + ".part"), metadata={"format": "pt"})
         (folder / (WEIGHTS + ".part")).replace(folder / WEIGHTS)
-        config = {"model_type": "raft", "size": self.size, "convex_upsampling": self.convex_upsampling}
+        config = {
+            "model_type": "raft",
+            "size": self.size,
+            "convex_upsampling": self.convex_upsampling,
+            "warm_start": self.warm_start,
+        }
         (folder / (CONFIG + ".part")).write_text(json.dumps(config, indent=2) + "\n")
         (folder / (CONFIG + ".part")).replace(folder / CONFIG)
 
@@ -346,15 +365,6 @@ def sequence_loss(flows: list[Tensor], truth: Tensor, weight: Tensor, gamma: flo
     return torch.stack(terms).sum()
 
 
-def check_frames(frames_a: np.ndarray, frames_b: np.ndarray) -> tuple[int, int, int]:
-    """(B, H, W) of two equally shaped (B, H, W, 3) uint8 arrays."""
-    if frames_a.shape != frames_b.shape or frames_a.ndim != 4 or frames_a.shape[-1] != 3:
-        raise ValueError(f"two arrays (B, H, W, 3) are needed, not {frames_a.shape} and {frames_b.shape}")
-    if frames_a.dtype != np.uint8 or frames_b.dtype != np.uint8:
-        raise ValueError(f"frames are uint8, not {frames_a.dtype} and {frames_b.dtype}")
-    return frames_a.shape[0], frames_a.shape[1], frames_a.shape[2]
-
-
 def resize(images: Tensor, size: tuple[int, int]) -> Tensor:
     """(B, C, H, W) to (B, C, *size), smoothed where it shrinks."""
     if images.shape[-2:] == size:
@@ -377,8 +387,9 @@ def load_raft(path: Path | str) -> RAFT:
             "checkpoint of princeton-vl/RAFT (its download_models.sh fetches raft-small.pth, raft-things.pth, ...)"
         )
     state = read_folder(path) if path.is_dir() else read_checkpoint(path)
-    small = "update_block.gru.convz.weight" in state
-    model = RAFT("small" if small else "large", convex_upsampling="update_block.mask.0.weight" in state)
+    size = "small" if "update_block.gru.convz.weight" in state else "large"
+    warm_start = read_config(path / CONFIG).get("warm_start") if path.is_dir() else None
+    model = RAFT(size, convex_upsampling="update_block.mask.0.weight" in state, warm_start=warm_start)
     try:
         model.load_state_dict({k: v.float() if v.is_floating_point() else v for k, v in state.items()})
     except RuntimeError as error:
@@ -396,6 +407,13 @@ def read_folder(path: Path) -> dict[str, Tensor]:
         return load_file(path / WEIGHTS)
     except (SafetensorError, OSError) as error:
         raise ModelError(f"{path / WEIGHTS} cannot be read: {error}") from error
+
+
+def read_config(path: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads(path.read_text()))
+    except (OSError, ValueError, TypeError) as error:
+        raise ModelError(f"{path} is missing or broken: it belongs to the weights beside it") from error
 
 
 def read_checkpoint(path: Path) -> dict[str, Tensor]:

@@ -11,7 +11,7 @@ from pipeline.errors import VideoError
 from pipeline.vision.dis import DIS
 from pipeline.vision.mask_file import read_masks
 from pipeline.vision.motion_masks import masks_from_motion
-from pipeline.vision.video import Clip, read_clip
+from pipeline.vision.video import Clip, frame_times, read_clip
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
 
@@ -39,15 +39,41 @@ def _is_video(path: Path) -> bool:
 def read_user_clip(
     place: Path, start: float, seconds: float, fps: float, assume_fps: float | None, masks: Path | None = None
 ) -> UserClip:
-    """The clip at `place`, a video or a folder with one and its masks. `masks`: a mask file or folder to use instead.
+    """The clip at `place`, a video or a folder with one and its masks. `masks`: a mask file or folder to use instead,
+    with one mask for each frame of the clip, or for each frame of the recording.
 
     Raises `VideoError` for a video that cannot be used, masks that do not fit, or a clip in which nothing moves.
     """
-    video = place if not place.is_dir() else next(p for p in sorted(place.iterdir()) if _is_video(p))
+    video = _video_of(place)
     if masks is None and place.is_dir():
         masks = next((p for p in (place / "masks.npz", place / "masks") if p.exists()), None)
     clip = read_clip(video, start, seconds, fps, assume_fps=assume_fps)
     if masks is None:
-        return UserClip(clip, masks_from_motion(clip.frames, DIS("medium").flow(clip.frames[:-1], clip.frames[1:])), "motion")
-    size = (clip.frames.shape[2], clip.frames.shape[1])
-    return UserClip(clip, read_masks(masks, size, len(clip.frames), clip.fit), masks.name)
+        flow = DIS("medium").flow(clip.frames[:-1], clip.frames[1:])
+        return UserClip(clip, masks_from_motion(clip.frames, flow), "motion")
+    return UserClip(clip, _given_masks(masks, clip, video, assume_fps), masks.name)
+
+
+def _video_of(place: Path) -> Path:
+    if not place.is_dir():
+        return place
+    videos = [p for p in sorted(place.iterdir()) if _is_video(p)]
+    if not videos:
+        raise VideoError(f"{place} has no video; valid: a file with one of {', '.join(VIDEO_SUFFIXES)}")
+    return videos[0]
+
+
+def _given_masks(path: Path, clip: Clip, video: Path, assume_fps: float | None) -> np.ndarray:
+    """Ids (T, H, W) of the clip's frames, 1 to N."""
+    masks = read_masks(path, (clip.frames.shape[2], clip.frames.shape[1]), fit=clip.fit)
+    if len(masks) == len(clip.frames):
+        return masks
+    times = frame_times(video, assume_fps)
+    if len(masks) != len(times):
+        raise VideoError(f"{path} has {len(masks)} masks; valid: {len(clip.frames)}, one for each frame of the clip at "
+                         f"{1 / clip.times[1]:g} FPS, or {len(times)}, one for each frame of {video.name}")  # fmt: skip
+    masks = masks[np.abs(times - clip.source_times[:, None]).argmin(1)]
+    values = np.unique(np.append(0, masks))
+    if len(values) == 1:
+        raise VideoError(f"{path}: the masks are empty (all background) in this part of {video.name}")
+    return np.searchsorted(values, masks).astype(np.uint8)

@@ -161,6 +161,20 @@ def read_clip(
     )
 
 
+def frame_times(path: Path | str, assume_fps: float | None = None) -> np.ndarray:
+    """Times (N,), s from the first, of all frames of a video, from its packets: nothing is decoded. Raises VideoError."""
+    decoder = Decoder(Path(path), 0.0, None)
+    try:
+        stamps = [p.pts for p in decoder.container.demux(decoder.stream) if p.pts is not None]
+    except av.FFmpegError as error:
+        raise VideoError(f"{path} is broken: its frames cannot be counted") from error
+    finally:
+        decoder.close()
+    if assume_fps is not None:
+        return np.arange(len(stamps)) / assume_fps
+    return np.unique(np.array(stamps, float) * float(decoder.stream.time_base)) - decoder.first
+
+
 def check_file(path: Path) -> None:
     if not path.exists():
         raise VideoError(f"{path}: there is no such file")

@@ -75,7 +75,7 @@ def test_a_ball_that_slides_rolls_from_two_sevenths_of_v_over_mu_g_on(rng: np.ra
     trace = run(sphere(velocity=(v, 0, 0), sliding_friction=mu))
     found = events(trace, "sphere")
     assert told(found) == [("starts_rolling", 0, None)]
-    assert found[0].time == pytest.approx(2 / 7 * v / (mu * G), abs=0.03)  # slip is a mean over 0.05 s
+    assert found[0].time == pytest.approx(2 / 7 * v / (mu * G), abs=0.04)  # slip is a mean over 0.05 s
     assert trace.velocity[-1, 0, 0] == pytest.approx(5 / 7 * v, rel=0.02)
 
 

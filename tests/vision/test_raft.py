@@ -159,3 +159,22 @@ def test_frames_that_are_not_uint8_rgb_are_refused():
         RAFT("small").flow(np.zeros((1, 64, 64, 3)), np.zeros((1, 64, 64, 3)))
     with pytest.raises(ValueError, match="two arrays"):
         RAFT("small").flow(np.zeros((1, 64, 64, 3), np.uint8), np.zeros((2, 64, 64, 3), np.uint8))
+
+
+def test_a_warm_start_that_no_iteration_changes_comes_out_as_it_went_in():
+    model = RAFT("small")
+    torch.nn.init.zeros_(model.update_block.flow_head.conv2.weight)
+    torch.nn.init.zeros_(model.update_block.flow_head.conv2.bias)
+    start = torch.tensor([3.0, -2.0]).view(1, 2, 1, 1).expand(1, 2, 64, 72)
+    images = torch.rand(2, 1, 3, 64, 72) * 255
+    (flow,) = model(images[0], images[1], 1, start=start)
+    assert torch.allclose(flow, start, atol=1e-4)
+
+
+def test_the_weights_say_whether_they_refine_another_flow(tmp_path):
+    for preset in (None, "fast"):
+        RAFT("small", warm_start=preset).save(tmp_path / "weights")
+        assert load_raft(tmp_path / "weights").warm_start == preset
+    (tmp_path / "weights" / "config.json").write_text("{")
+    with pytest.raises(ModelError, match=r"config\.json is missing or broken"):
+        load_raft(tmp_path / "weights")

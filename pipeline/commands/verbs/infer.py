@@ -33,13 +33,13 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("clip", type=Path, metavar="CLIP", help="a video, or a folder with one and its masks (masks.npz or masks/*.png)")
+    add("clip", type=Path, metavar="CLIP", help="a video, or a folder with one and masks (masks.npz or masks/*.png)")
     add("-o", "--out", type=Path, required=True, metavar="OUT", help="folder for the results; it must not exist yet")
     add("--start", type=float, default=0.0, metavar="S", help="where the clip begins in the video, s (0)")
     add("--seconds", type=positive, default=1.0, metavar="S", help="its length, s (1: what the models learned from)")
     add("--fps", type=positive, metavar="F", help="frames a second at which it was shot, where the file's header lies")
-    add("--masks", type=Path, metavar="PATH",
-        help="instance masks, one a frame at 30 FPS: NPZ with `masks`, or a folder of PNGs (default: from motion)")
+    masks = "instance masks, one for each frame of the recording, or of the clip at 30 FPS: NPZ with `masks`, or a "
+    add("--masks", type=Path, metavar="PATH", help=masks + "folder of PNGs (default: from motion)")
     add("--samples", type=count, default=8, metavar="K", help="answers sampled beside the greedy one (8)")
     add("--search", type=count, default=0, metavar="N", help="refine the best answers with N simulations (0: do not)")
     add("--model", default="models/tiny", metavar="NAME", help="a folder or hub name (models/tiny)")
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--temperature", type=positive, default=0.1, help="of sampling (0.1)")
     add("--top-p", type=positive, default=0.9, help="of sampling (0.9)")
     add("--seed", type=count, default=0, help="of sampling and search (0)")
-    add("--force", action="store_true", help="replace OUT where `dynamics` wrote it and nothing else is in it")  # fmt: skip
+    add("--force", action="store_true", help="replace OUT where `dynamics` wrote it and nothing else is in it")
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -1,0 +1,239 @@
+"""`dynamics infer` from end to end on a short drawn clip with a model that has learned nothing, and on bad input."""
+
+import json
+import os
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import small_clip
+from conftest import Run, files_no_larger_than
+from PIL import Image
+from rerun.chunk import RrdReader
+
+from pipeline.commands.clip_input import check_motion, doubts, read_input, recorded_pairs
+from pipeline.commands.progress import Progress
+from pipeline.commands.scoring import budget, relabelled
+from pipeline.errors import VideoError
+from pipeline.physics.simulate import simulate
+from pipeline.scene.text import load_scene
+from pipeline.vision.dis import DIS
+from pipeline.vision.raft import RAFT
+from pipeline.vision.video import read_clip
+
+FILES = ["overlay.png", "recording.rrd", "replay.mp4", "result.json", "scene.xml", "scene.yaml"]
+
+
+def words(shelf: Path, clip: Path, out: Path, *more: object) -> tuple[object, ...]:
+    return ("infer", clip, "-o", out, "--model", shelf / "model", "--flow", "dis", "--samples", 2, *more)
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the first test writes its results and later ones find them."""
+    return tmp_path_factory.mktemp("infer") / "new" / "out"
+
+
+def test_a_clip_becomes_a_folder_of_results(run: Run, shelf: Path, out: Path) -> None:
+    done = run(*words(shelf, shelf / "clip.mp4", out, "--search", 60, "--masks", shelf / "masks.npz", "--seed", 7))
+    assert done.code == 0
+    assert sorted(p.name for p in out.iterdir()) == FILES
+    result = json.loads((out / "result.json").read_text())
+    assert result["files"] == FILES
+    assert result["assumed"]["masks_from"] == "masks.npz"
+    assert result["assumed"]["instances"] == 2
+
+    methods = {m["method"]: m for m in result["methods"]}
+    assert list(methods) == ["greedy", "best of K", "search"]
+    assert methods["greedy"]["reward"] <= methods["best of K"]["reward"] <= methods["search"]["reward"]
+    assert methods["search"]["simulations"] <= 3 + 60
+    assert all(0 <= m["sequence_iou"] <= 1 for m in methods.values())
+    for name, method in methods.items():
+        assert name in done.out
+        assert method["composition"] in done.out
+
+    scene = load_scene(out / "scene.yaml")
+    assert scene.composition == result["answer"]["composition"]
+    simulate(scene)
+    model = mujoco.MjModel.from_xml_string((out / "scene.xml").read_text())
+    assert model.nbody == len(scene.objects) + 1
+    assert len(read_clip(out / "replay.mp4").frames) == small_clip.SCHEDULE.frames
+    with Image.open(out / "overlay.png") as picture:
+        assert picture.size[0] > 1500
+    (store,) = RrdReader(out / "recording.rrd").recordings()
+    assert (store.application_id, store.recording_id) == ("dynamics", "clip")
+
+
+def test_a_folder_brings_its_masks_and_the_same_seed_gives_the_same_scene(
+    run: Run, shelf: Path, out: Path, tmp_path: Path
+) -> None:
+    if not out.exists():
+        pytest.skip("test_a_clip_becomes_a_folder_of_results did not run here")
+    folder = tmp_path / "recorded"
+    folder.mkdir()
+    os.link(shelf / "clip.mp4", folder / "clip.mp4")
+    os.link(shelf / "masks.npz", folder / "masks.npz")
+    assert run(*words(shelf, folder, tmp_path / "again", "--search", 60, "--seed", 7)).code == 0
+    assert (tmp_path / "again" / "scene.yaml").read_text() == (out / "scene.yaml").read_text()
+
+
+def test_a_portrait_clip_with_raft_and_masks_from_motion(run: Run, shelf: Path, tmp_path: Path) -> None:
+    RAFT("small").save(tmp_path / "raft")
+    small_clip.write(tmp_path / "portrait.mp4", np.ascontiguousarray(small_clip.frames().swapaxes(1, 2)))
+    done = run("infer", tmp_path / "portrait.mp4", "-o", tmp_path / "out", "--model", shelf / "model", "--raft",
+               tmp_path / "raft", "--samples", 0)  # fmt: skip
+    assert done.code == 0
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["assumed"]["masks_from"] == "motion"
+    assert any("between bars" in note for note in result["assumed"]["notes"])
+    assert [m["method"] for m in result["methods"]] == ["greedy"]
+
+
+def test_at_a_variable_frame_rate_masks_of_the_recordings_frames_are_those_of_the_clips(tmp_path: Path) -> None:
+    clip, masks = small_clip.write_uneven(tmp_path / "uneven.mp4"), small_clip.masks()
+    recorded = [k for k in range(len(masks)) if k % 3 != 1]
+    np.savez(tmp_path / "masks.npz", masks=masks[recorded])
+    with Progress(2) as progress:
+        found = read_input(clip, 0, 1.0, None, tmp_path / "masks.npz", DIS(), progress)
+    assert any("variable frame rate" in note for note in found.notes)
+    half = found.taken.masks[:, 1::2, 1::2]
+    for k in recorded:
+        np.testing.assert_array_equal(half[k], masks[k])
+
+
+def test_flow_is_measured_over_recorded_times_and_told_per_frame_interval() -> None:
+    interval, pairs = 1 / 30, np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
+    recorded = np.array([0.0, 0.0, 0.05, 0.08, 0.08])  # frames 1 and 4 repeat those before
+    first, second, scale = recorded_pairs(recorded, pairs, interval)
+    assert first.tolist() == [0, 1, 2, 2]
+    assert second.tolist() == [2, 2, 3, 4]
+    np.testing.assert_allclose(scale * (recorded[second] - recorded[first]), interval)
+    first, second, scale = recorded_pairs(np.arange(5) * interval, pairs, interval)
+    np.testing.assert_array_equal(np.stack([first, second], 1), pairs)
+    np.testing.assert_allclose(scale, 1)
+
+
+@pytest.fixture
+def broken(shelf: Path, tmp_path: Path) -> Path:
+    """A folder with videos and masks that cannot be used."""
+    folder = tmp_path / "broken"
+    folder.mkdir()
+    frames = small_clip.frames()
+    (folder / "empty.mp4").touch()
+    (folder / "text.mp4").write_text("not a video")
+    whole = (shelf / "clip.mp4").read_bytes()
+    (folder / "cut.mp4").write_bytes(whole[: len(whole) * 4 // 5])
+    (folder / "head.mp4").write_bytes(whole[:600])
+    small_clip.write(folder / "one.mp4", frames[:1])
+    small_clip.write(folder / "short.mp4", frames[:12])
+    small_clip.write(folder / "still.mp4", np.repeat(frames[:1], 30, 0))
+    (folder / "folder").mkdir()
+    np.savez(folder / "few.npz", masks=small_clip.masks()[:7])
+    np.savez(folder / "blank.npz", masks=np.zeros((30, 160, 240), np.uint8))
+    np.savez(folder / "still.npz", masks=np.repeat(small_clip.masks()[:1], 30, 0))
+    (folder / "weights").mkdir()
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("clip", "more", "said"),
+    [
+        ("none.mp4", (), "there is no such file"),
+        ("empty.mp4", (), "is empty"),
+        ("text.mp4", (), "is not a video"),
+        ("cut.mp4", (), "s from 0 s on do not fit"),
+        ("head.mp4", (), "broken"),
+        ("one.mp4", (), "has one frame only"),
+        ("short.mp4", (), "0.40 s would"),
+        ("short.mp4", ("--start", 3), "is after its end"),
+        ("short.mp4", ("--seconds", 0.3), "are too short"),
+        ("short.mp4", ("--start", -1), "start is 0 or more"),
+        ("still.mp4", (), "nothing moves"),
+        ("still.mp4", ("--masks", "broken/still.npz"), "nothing moves"),
+        ("folder", (), "has no video"),
+        ("../clip.mp4", ("--masks", "broken/none.npz"), "there are no masks"),
+        ("../clip.mp4", ("--masks", "broken/few.npz"), "has 7 masks; valid: 30"),
+        ("../clip.mp4", ("--masks", "broken/blank.npz"), "masks are empty"),
+        ("../clip.mp4", ("--masks", "broken/text.mp4"), "is no mask file"),
+        ("../clip.mp4", ("--model", "broken/none"), "neither a folder"),
+        ("../clip.mp4", ("--model", "broken/weights"), "neither a folder"),
+        ("../clip.mp4", ("--model", "Qwen/Qwen2.5-VL-3B-Instruct"), "hf download Qwen/Qwen2.5-VL-3B-Instruct"),
+        ("../clip.mp4", ("--flow", "raft", "--raft", "broken/none"), "no RAFT weights"),
+        ("../clip.mp4", ("--flow", "raft", "--raft", "broken/weights"), "has no model.safetensors"),
+        ("../clip.mp4", ("--search", 7), "at least 50"),
+    ],
+)
+def test_bad_input_is_one_error_and_nothing_is_written(
+    run: Run, shelf: Path, tmp_path: Path, broken: Path, monkeypatch: pytest.MonkeyPatch, clip: str,
+    more: tuple[object, ...], said: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "hub"))
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    os.link(shelf / "clip.mp4", tmp_path / "clip.mp4")
+    before = sorted(p for p in tmp_path.rglob("*") if "hub" not in p.parts)
+    done = run(*words(shelf, broken / clip, tmp_path / "new" / "out", *more))
+    assert done.code == 2
+    assert done.err.startswith("error: ")
+    assert done.err.count("\n") == 1
+    assert said in done.err
+    assert sorted(p for p in tmp_path.rglob("*") if "hub" not in p.parts) == before
+
+
+@pytest.mark.parametrize("place", ["file", "file/out"])
+def test_an_output_folder_that_cannot_be_made_is_said_before_any_work(
+    run: Run, shelf: Path, tmp_path: Path, place: str
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    done = run(*words(shelf, shelf / "clip.mp4", tmp_path / place))
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert "masks" not in done.out
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_full_disk_leaves_nothing(run: Run, shelf: Path, tmp_path: Path) -> None:
+    with files_no_larger_than(9_000):  # the scene fits, the video does not
+        done = run(*words(shelf, shelf / "clip.mp4", tmp_path / "out", "--samples", 0, "--masks", shelf / "masks.npz"))
+    assert done.code == 2
+    assert done.err.startswith("error: cannot write")
+    assert done.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_result_is_replaced_with_force_alone(run: Run, shelf: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "result.json").write_text('{"command": "infer", "files": ["result.json"]}')
+    refused = run(*words(shelf, shelf / "clip.mp4", out))
+    assert refused.code == 2
+    assert "--force" in refused.err
+    assert [p.name for p in out.iterdir()] == ["result.json"]
+
+
+def test_a_search_keeps_to_its_budget() -> None:
+    for simulations in (50, 576, 3_000, 12_800):
+        for starts in (1, 3):
+            plan = budget(simulations, starts)
+            spent = 2 * starts + plan.population * plan.iterations
+            assert 0.8 * simulations <= spent <= simulations
+            assert plan.iterations >= 4
+
+
+def test_masks_take_the_ids_of_the_objects_they_belong_to() -> None:
+    masks = np.array([[[0, 1, 2, 3]]], np.uint8)
+    pairs = np.array([[0, 2], [1, 0]])  # object 0 is instance 3, object 1 is instance 1
+    np.testing.assert_array_equal(relabelled(masks, pairs, 2), [[[0, 2, 3, 1]]])
+
+
+def test_motion_is_looked_for_in_the_masks_and_a_moving_camera_is_noticed() -> None:
+    masks = np.zeros((10, 8, 8), np.uint8)
+    masks[:, 2:4, 2:4] = 1
+    still, moving = np.zeros((10, 8, 8)), np.where(masks > 0, 2.0, 0.0)
+    check_motion(Path("clip"), moving, masks)
+    with pytest.raises(VideoError, match="nothing moves"):
+        check_motion(Path("clip"), np.where(masks > 0, 0.0, 2.0), masks)
+    assert doubts(moving, masks, 1.0) == []
+    assert "camera" in doubts(still + 3, masks, 1.0)[0]
+    assert "1 s" in doubts(moving, masks, 2.0)[0]

@@ -1,0 +1,59 @@
+"""Motions of the project's own clips: scenes as the suites draw them, simulated, two neighbouring frames each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.clips.draw import Filters, draw_clips
+from pipeline.clips.schedule import Schedule
+from pipeline.errors import SimulationError
+from pipeline.physics.simulate import simulate
+from pipeline.scene.sample import Distribution
+from pipeline.vision.camera import pinhole
+from stages.params import Params
+from stages.params_file import read_params_file
+from training.motion import Motion
+
+COUNTS = {1: 1.0, 2: 1.0, 3: 1.0, 4: 1.0}
+SUITE = "flow pairs"
+PARAMS_FILE = Path(__file__).resolve().parents[1] / "params.yaml"
+
+
+class ClipMotions:
+    """An endless supply of motions, `pairs` from each clip at random times; the clips of a seed are always the same."""
+
+    def __init__(self, seed: int, pairs: int = 6) -> None:
+        params = read_params_file(PARAMS_FILE, Params)
+        self.seed = seed
+        self.pairs = pairs
+        self.schedule = Schedule(**params.clip.model_dump())
+        self.rules = (
+            Distribution(**params.sample.distribution.model_dump()),
+            Filters(**params.sample.filters.model_dump()),
+            self.schedule,
+            COUNTS,
+        )
+        self.next_clip = 0
+        self.ready: list[Motion] = []
+
+    def draw(self, rng: np.random.Generator) -> Motion:
+        while not self.ready:
+            self.ready = self.of_clip(rng, self.next_clip)
+            rng.shuffle(self.ready)  # type: ignore[arg-type]
+            self.next_clip += 1
+        return self.ready.pop()
+
+    def of_clip(self, rng: np.random.Generator, clip: int) -> list[Motion]:
+        (scene,) = draw_clips(self.seed, SUITE, range(clip, clip + 1), *self.rules).scenes
+        try:
+            trace = simulate(scene, self.schedule.seconds)
+        except SimulationError:
+            return []
+        steps = self.schedule.frame_steps
+        frames = rng.choice(len(steps) - 1, self.pairs, replace=False)
+        assert scene.camera is not None
+        camera = pinhole(scene.camera)
+        at = [[steps[k], steps[k + 1]] for k in frames]
+        return [Motion(scene.objects, trace.position[s], trace.quaternion[s], camera) for s in at]
