@@ -19,6 +19,7 @@ install: .venv/installed
 repro: install
 	@test -d data/samples || git checkout -q -- data/samples
 	dvc repro
+	@echo "the report: $(CURDIR)/reports/index.html"
 
 test: install
 	pytest -n 2

@@ -1,7 +1,8 @@
 """Best-of-K: replay each sampled answer, score it against the clip, rank.
 
-Reads data/infer/<suite>, data/render/<suite> (masks), data/flow/<suite>. Writes data/best_of_k/<suite>: clip, rank (0 is
-best), sample, scene, reward, iou, epe_frame, valid. Parameters: clip, search. Run: python -m stages.best_of_k SUITE
+Reads data/infer/<suite>, data/render/<suite> (masks), data/flow/<suite>. Writes data/best_of_k/<suite>: clip, rank
+(0 is best), sample, scene, reward, iou, epe_frame, valid. Parameters: clip, search.
+Run: python -m stages.best_of_k SUITE
 """
 
 from collections.abc import Mapping, Sequence

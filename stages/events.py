@@ -50,8 +50,8 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
 def main(suite: str) -> None:
     params = load("events", suite)
     thresholds = params.events.model_dump() | {"visible_px": params.sample.filters.visible_px}
-    run_shards("events", suite, compute, {"clip": params.clip.model_dump(), "events": thresholds}, ["sample", "simulate"],
-               versions=["numba"])  # fmt: skip
+    parameters = {"clip": params.clip.model_dump(), "events": thresholds}
+    run_shards("events", suite, compute, parameters, ["sample", "simulate"], versions=["numba"])
 
 
 if __name__ == "__main__":

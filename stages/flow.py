@@ -69,8 +69,10 @@ def main(suite: str) -> None:
         parameters |= {"size": [f.width, f.height], "iterations": f.iterations}
     if source == "raft":
         if not Path(f.raft).exists():
-            raise ModelError(f"flow.raft: {f.raft} is missing; models/raft-small ships with the repository, or give the "
-                             "path of a published checkpoint (raft-things.pth)")  # fmt: skip
+            raise ModelError(
+                f"flow.raft: {f.raft} is missing; models/raft-small ships with the repository, or give the path of a "
+                "published checkpoint (raft-things.pth)"
+            )
         parameters |= {"raft": f.raft}
         files = {"raft": Path(f.raft)}
     run_shards("flow", suite, compute, parameters, ["render"], files=files,

@@ -48,7 +48,9 @@ def main() -> None:
     params = load("import_clips", "real")
     own = params.suites.real
     if own.path is not None and round(own.seconds * params.clip.fps) != round(params.clip.seconds * params.clip.fps):
-        raise ParamsError(f"suites.real.seconds is {own.seconds}, clip.seconds is {params.clip.seconds}: give both the same")
+        raise ParamsError(
+            f"suites.real.seconds is {own.seconds}, clip.seconds is {params.clip.seconds}: give both the same"
+        )
     clips = find_clips(Path(own.path)) if own.path is not None else []
     parameters = {"clips": [str(c) for c in clips], "start": own.start, "seconds": own.seconds, "assume_fps": own.fps,
                   "frames_per_second": params.clip.fps}  # fmt: skip

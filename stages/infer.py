@@ -30,7 +30,13 @@ from stages.run_shards import DATA, run_shards
 
 MODEL = DATA / "finetune" / "model"
 SCHEMA = pa.schema(
-    {"clip": pa.int64(), "sample": pa.int32(), "text": pa.string(), "scene": pa.string(), "log_probability": pa.float64()}
+    {
+        "clip": pa.int64(),
+        "sample": pa.int32(),
+        "text": pa.string(),
+        "scene": pa.string(),
+        "log_probability": pa.float64(),
+    }
 )
 
 

@@ -30,7 +30,8 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
     sample, simulated = inputs
     schedule = Schedule(**p["clip"])
     size = (p["width"], p["height"])
-    arrays: dict[str, list[np.ndarray]] = {"mask": [], "depth": [], "flow": []} | ({"rgb": []} if p["rgb"] else {})
+    names = ("mask", "depth", "flow", "rgb") if p["rgb"] else ("mask", "depth", "flow")
+    arrays: dict[str, list[np.ndarray]] = {name: [] for name in names}
     for row in sample.table().to_pylist():
         scene, trace = read_scene(row["scene"]), read_trace(simulated, row["clip"])
         view = pair_view(scene, *trace_pairs(trace, schedule), *size)

@@ -28,7 +28,9 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
         try:
             traces.append(simulate_model(compile_xml(row["xml"]), Schedule(**p["clip"]).seconds))
         except SimulationError as error:
-            raise SimulationError(f"{shard.suite}/{row['clip']}: {error}; sample.filters should have left it out") from None
+            raise SimulationError(
+                f"{shard.suite}/{row['clip']}: {error}; sample.filters should have left it out"
+            ) from None
     contacts: pa.Table = pa.concat_tables([contact_table(c, t) for c, t in zip(shard.clips, traces, strict=True)])
     return ShardResult({"contacts": contacts}, trace_arrays(traces), {"contacts": len(contacts)})
 

@@ -17,7 +17,10 @@ LEAST_SHARE = 0.3  # of a cell's pixels that must be of moving bodies for the ce
 
 
 def matching_loss(correlation: Correlation, flow_px: Tensor, foreground: Tensor) -> Tensor:
-    """Mean cross-entropy of the cells of moving bodies, nats. flow_px: (B, 2, H, W). foreground: (B, H, W) bool, of moving bodies."""
+    """Mean cross-entropy of the cells of moving bodies, nats.
+
+    flow_px: (B, 2, H, W). foreground: (B, H, W) bool, of moving bodies.
+    """
     volume = correlation.pyramid[0]
     h, w = volume.shape[-2:]
     logits = volume.flatten(1).log_softmax(dim=-1)  # (B h w, h w)

@@ -18,6 +18,7 @@ from training.augment import augment
 from training.clip_motions import ClipMotions
 from training.flow_pairs import Pair, render_pair, sample_looks, window_pair
 from training.motion import sample_motion
+from training.warped_pairs import warped_pair
 
 RENDER_SIZE = (240, 160)  # px, width and height of the whole picture
 REUSE = 2
@@ -28,13 +29,14 @@ POOL_LEAST, POOL_MOST = 32, 500  # pairs
 
 @dataclass(frozen=True)
 class Phase:
-    """From `start`, a share of the training, on: windows of `size` (width, height) px, `batch` to a step, and
-    `iterations` of the recurrence."""
+    """From `start`, a share of the training, on: windows of `size` (width, height) px, `batch` to a step,
+    `iterations` of the recurrence, and a share `warped` of pairs in which everything moves."""
 
     start: float
     size: tuple[int, int]
     batch: int
     iterations: int
+    warped: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,8 @@ class Pool:
         self.pairs: list[Pair] = []
 
     def draw(self, rng: np.random.Generator) -> Pair:
+        if rng.random() < self.phase.warped:
+            return warped_pair(rng, *self.phase.size)
         if len(self.pairs) >= POOL_LEAST and rng.random() > 1 / REUSE:
             return self.pairs[rng.integers(len(self.pairs))]
         motion = sample_motion(rng) if rng.random() < WILD else self.clips.draw(rng)

@@ -71,6 +71,7 @@ def train_step(
     truth = torch.from_numpy(batch.flow_px).to(device).permute(0, 3, 1, 2)
     foreground = torch.from_numpy(batch.foreground).to(device)
     weight = (1 + foreground_weight * foreground.float()) * stays_inside(truth)
+    weight = weight / weight.sum((1, 2), keepdim=True).clamp(min=1)  # every pair counts alike
     correlation = model.correlate(a, b)
     start = None if batch.start_px is None else torch.from_numpy(batch.start_px).to(device).permute(0, 3, 1, 2)
     flows = model(a, b, iterations, draft=True, correlation=correlation, start=start)
@@ -94,15 +95,11 @@ def stays_inside(flow: torch.Tensor) -> torch.Tensor:
 
 
 def make_optimisers(model: RAFT, rate: float, muon_rate: float) -> list[torch.optim.Optimizer]:
-    """Muon for the convolutions between hidden features, AdamW for the rest. Groups keep their highest rate."""
+    """Muon for the convolutions between hidden features, AdamW for the rest."""
     hidden = [p for p in model.parameters() if p.ndim == 4 and min(p.flatten(1).shape) >= SMALLEST_MATRIX]
     chosen = {id(p) for p in hidden}
     rest = [p for p in model.parameters() if id(p) not in chosen]
-    optimisers = [Muon(hidden, muon_rate), torch.optim.AdamW(rest, rate, weight_decay=0.0)]
-    for optimiser in optimisers:
-        for group in optimiser.param_groups:
-            group["highest"] = group["lr"]
-    return optimisers
+    return [Muon(hidden, muon_rate), torch.optim.AdamW(rest, rate, weight_decay=0.0)]
 
 
 def save_checkpoint(path: Path, model: RAFT, optimisers: list[torch.optim.Optimizer], progress: Progress) -> None:
@@ -143,9 +140,10 @@ def train(arguments: argparse.Namespace) -> RAFT:
         print(f"resumed at {progress.seconds / 60:.1f} min, step {progress.steps}", flush=True)
     total = arguments.minutes * 60
     phases = (
-        Phase(0.0, (96, 64), arguments.batch, arguments.iterations - 1),
-        Phase(0.5, (128, 96), arguments.batch, arguments.iterations),
-        Phase(0.88, RENDER_SIZE, max(2, arguments.batch // 3), arguments.iterations),
+        Phase(0.0, (96, 64), arguments.batch, arguments.iterations, warped=1.0),
+        Phase(0.35, (96, 64), arguments.batch, arguments.iterations, warped=0.35),
+        Phase(0.75, (128, 96), arguments.batch, arguments.iterations, warped=0.2),
+        Phase(0.93, RENDER_SIZE, max(2, arguments.batch // 3), arguments.iterations),
     )
     stream = PairStream(
         arguments.seed, progress.steps, phases, arguments.workers, arguments.mujoco_share, model.warm_start
@@ -162,8 +160,9 @@ def train(arguments: argparse.Namespace) -> RAFT:
     model.train()
     for batch in stream:
         share = progress.seconds / total
-        for group in (g for o in optimisers for g in o.param_groups):
-            group["lr"] = group["highest"] * one_cycle(share)
+        for optimiser, rate in zip(optimisers, (arguments.muon_rate, arguments.rate), strict=True):
+            for group in optimiser.param_groups:
+                group["lr"] = rate * one_cycle(share)
         # The lesson of the features fades out with the rate: at the end the flow alone counts.
         weights = (arguments.foreground_weight, arguments.matching_weight * one_cycle(share))
         iterations = phase_at(phases, share).iterations
@@ -237,7 +236,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--iterations", type=int, default=3, help="of the recurrence in training (one less at first)")
     parser.add_argument("--rate", type=float, default=5e-4, help="highest learning rate of AdamW")
     parser.add_argument("--muon-rate", type=float, default=2e-3, help="highest learning rate of Muon")
-    parser.add_argument("--warm-start", choices=("none", *PRESETS), default="medium", help="DIS's flow to begin from")
+    parser.add_argument("--warm-start", choices=("none", *PRESETS), default="none", help="DIS's flow to begin from")
     parser.add_argument("--foreground-weight", type=float, default=4.0, help="extra weight of moving bodies' pixels")
     parser.add_argument("--matching-weight", type=float, default=1.0, help="of the features' own loss, at the start")
     parser.add_argument(

@@ -104,7 +104,8 @@ def generate(params: Params, first: int, stride: int, out: multiprocessing.Queue
                 out.put((chunk, examples), timeout=30)
                 break
             except queue.Full:
-                if not multiprocessing.parent_process().is_alive():
+                parent = multiprocessing.parent_process()
+                if parent is None or not parent.is_alive():
                     return
         chunk += stride
 

@@ -38,9 +38,7 @@ def areas_px(masks: np.ndarray, objects: int) -> np.ndarray:
     return counts * (480 * 320 / masks[0].size)
 
 
-def pair_view(
-    scene: Scene, position: np.ndarray, quaternion: np.ndarray, width: int, height: int
-) -> View:
+def pair_view(scene: Scene, position: np.ndarray, quaternion: np.ndarray, width: int, height: int) -> View:
     """Masks and depth of the first frame of P pairs, and the flow to the second: poses (P, 2, N, 3), (P, 2, N, 4)."""
     assert scene.camera is not None
     masks, depths, flows = [], [], []

@@ -107,8 +107,8 @@ def doubts(speed: np.ndarray, masks: np.ndarray, seconds: float) -> list[str]:
     background = [float(np.median(s[m == 0])) for s, m in zip(speed, masks, strict=True) if (m == 0).any()]
     if background and max(background) > SHAKING_PX:
         notes.append(
-            f"the background moves by up to {max(background):.1f} px a frame: the camera is taken to rest, so this "
-            "clip is not what the model and the search expect"
+            f"the flow of the background reaches {max(background):.1f} px a frame: the camera moves, which nothing "
+            "here expects, or the flow is measured badly there (flicker, plain walls)"
         )
     if masks.max(initial=0) > MAX_OBJECTS:
         notes.append(

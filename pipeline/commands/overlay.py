@@ -65,7 +65,9 @@ def draw(sheet: Sheet) -> np.ndarray:
         y = top + 24 + row * (TILE[1] + GAP)
         pen.multiline_text((GAP, y), label, font=font(14), fill=INK, spacing=3)
         for column, tile in enumerate(tiles):
-            page.paste(Image.fromarray(tile), (SIDE + column * (TILE[0] + GAP), y))
+            x = SIDE + column * (TILE[0] + GAP)
+            page.paste(Image.fromarray(tile), (x, y))
+            pen.rectangle((x - 1, y - 1, x + TILE[0], y + TILE[1]), outline=FAINT)
     return np.asarray(page)
 
 

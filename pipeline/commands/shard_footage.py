@@ -95,8 +95,11 @@ def footage(opened: Opened) -> Footage:
         motions.append(Motion("truth", scene, _trace(opened, scene), True, _events(opened)))
     answer = _answer(opened)
     if answer is not None:
-        stage, scene = answer
+        stage, row = answer
+        scene = read_scene(row["scene"])
         motions.append(Motion(stage, scene, run_scene(scene, schedule), truth is None))
+        scores = [f"{name} {row[name]:.2f}" for name in ("reward", "iou") if row.get(name) is not None]
+        opened.notes.extend([f"{stage}: {', '.join(scores)}"] if scores else [])
     seen = _pictures(opened)
     if not motions and seen.size is None:
         has = ", ".join(sorted({t for c in opened.clips.values() for t in c.shard.tables}))
@@ -119,13 +122,13 @@ def _row(opened: Opened, stage: str) -> dict[str, Any] | None:
     return next((r for r in rows if r.get("scene")), None)
 
 
-def _answer(opened: Opened) -> tuple[str, Scene] | None:
-    """The stage and the scene of an answer: of the stage that was opened, else of the furthest there is."""
+def _answer(opened: Opened) -> tuple[str, dict[str, Any]] | None:
+    """The stage and the row of an answer: of the stage that was opened, else of the furthest there is."""
     order = [s for s in (opened.stage, *ANSWERS) if s in ANSWERS]
     for stage in order:
         row = _row(opened, stage)  # the first: the greedy answer, or the best
         if row is not None:
-            return stage, read_scene(row["scene"])
+            return stage, row
     return None
 
 
@@ -176,7 +179,7 @@ def _notes(opened: Opened, motions: list[Motion], index: int) -> str:
     lines = [f"### clip {index} of {opened.suite}", ""]
     lines += [f"- **{m.name}**: {m.scene.composition}" for m in motions]
     lines += [f"- {note}" for note in opened.notes]
-    lines += ["", "from " + ", ".join(f"`{c.shard.folder}`" for c in opened.clips.values())]
+    lines += ["", "from the stages " + ", ".join(opened.clips)]
     for stage in ("tokenize", "events"):
         clip = opened.clips.get(stage)
         for column in ("completion", "think"):

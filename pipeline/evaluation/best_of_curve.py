@@ -6,7 +6,7 @@ import numpy as np
 
 
 def best_of_curve(reward: np.ndarray, score: np.ndarray) -> np.ndarray:
-    """(K,) expected `score` (K,) of the sample with the best `reward` (K,) among k drawn without replacement, k = 1 … K.
+    """(K,) expected `score` (K,) of the one with the best `reward` (K,) of k drawn without replacement, k = 1 … K.
 
     The r-th best of K is the best of k with probability C(K - r - 1, k - 1) / C(K, k), r from 0.
     """

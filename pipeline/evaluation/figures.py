@@ -1,4 +1,4 @@
-"""The report's figures, as SVG text or PNG bytes."""
+"""The report's figures, as SVG text or JPEG bytes."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import matplotlib
 import numpy as np
 
 matplotlib.use("svg")
-import matplotlib.pyplot as plt  # noqa: E402  (after the backend is chosen)
-from matplotlib.figure import Figure  # noqa: E402
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 
-from pipeline.evaluation.tables import Summary  # noqa: E402
+from pipeline.evaluation.tables import Summary
 
 COLOURS = ("#4c78a8", "#f58518", "#54a24b", "#b279a2", "#e45756", "#72b7b2")
 #: Object colours in pictures, RGB.
 PALETTE = np.array(
-    [[230, 76, 60], [52, 152, 219], [46, 204, 113], [241, 196, 15], [155, 89, 182], [26, 188, 156], [230, 126, 34]], float
+    [[230, 76, 60], [52, 152, 219], [46, 204, 113], [241, 196, 15], [155, 89, 182], [26, 188, 156], [230, 126, 34]],
+    float,
 )
 plt.rcParams.update({"svg.hashsalt": "dynamics", "font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
 
@@ -38,12 +39,16 @@ def bars(summary: Summary, metric: str, label: str) -> str:
     figure, axes = plt.subplots(figsize=(6.4, 2.8))
     width = 0.8 / len(methods)
     for k, method in enumerate(methods):
-        places = [(i, summary.estimates[s, method][metric]) for i, s in enumerate(suites) if (s, method) in summary.estimates]
+        places = [
+            (i, summary.estimates[s, method][metric]) for i, s in enumerate(suites) if (s, method) in summary.estimates
+        ]
         x = np.array([i for i, e in places if e.n]) + (k - (len(methods) - 1) / 2) * width
         kept = [e for _, e in places if e.n]
         mean = np.array([e.mean for e in kept])
         error = np.array([[e.mean - e.low for e in kept], [e.high - e.mean for e in kept]])
-        axes.bar(x, mean, width * 0.92, yerr=error if kept else None, color=COLOURS[k], label=method, error_kw={"lw": 0.8})
+        axes.bar(
+            x, mean, width * 0.92, yerr=error if kept else None, color=COLOURS[k], label=method, error_kw={"lw": 0.8}
+        )
     axes.set_xticks(range(len(suites)), suites)
     axes.set_ylabel(label)
     axes.legend(frameon=False, ncols=len(methods), loc="upper center", bbox_to_anchor=(0.5, 1.2))
@@ -81,7 +86,10 @@ def tiled(rows: Sequence[tuple[str, Sequence[np.ndarray]]], width: int = 240) ->
     """Pictures (H, W, 3) uint8 in rows, each with its title above."""
     strips = []
     for title, pictures in rows:
-        scaled = [cv2.resize(p, (width, round(width * p.shape[0] / p.shape[1])), interpolation=cv2.INTER_AREA) for p in pictures]
+        scaled = [
+            cv2.resize(p, (width, round(width * p.shape[0] / p.shape[1])), interpolation=cv2.INTER_AREA)
+            for p in pictures
+        ]
         strip = np.concatenate([np.pad(p, ((0, 0), (0, 4), (0, 0)), constant_values=255) for p in scaled], 1)
         head = np.full((18, strip.shape[1], 3), 255, np.uint8)
         cv2.putText(head, title, (2, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (40, 40, 40), 1, cv2.LINE_AA)
@@ -90,8 +98,8 @@ def tiled(rows: Sequence[tuple[str, Sequence[np.ndarray]]], width: int = 240) ->
     return np.concatenate([np.pad(s, ((0, 0), (0, longest - s.shape[1]), (0, 0)), constant_values=255) for s in strips])
 
 
-def png(picture: np.ndarray) -> bytes:
-    """An RGB picture (H, W, 3) uint8 as PNG."""
-    done, data = cv2.imencode(".png", picture[..., ::-1])
+def jpeg(picture: np.ndarray) -> bytes:
+    """An RGB picture (H, W, 3) uint8 as JPEG."""
+    done, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
     assert done
     return data.tobytes()

@@ -10,11 +10,11 @@ from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
 from pipeline.evaluation.figures import painted, tiled
 from pipeline.evaluation.scene_scores import HEIGHT, WIDTH, replay
+from pipeline.physics.batch import BatchSimulator, stack_scenes
 from pipeline.scene.scene import Scene
 from pipeline.vision.appearance import plain_appearance
 from pipeline.vision.flow_picture import flow_picture
 from pipeline.vision.render import render_raycast
-from pipeline.physics.batch import BatchSimulator, stack_scenes
 
 COLUMNS = 5
 
@@ -49,4 +49,6 @@ def _rendered(scene: Scene, schedule: Schedule, moments: np.ndarray) -> np.ndarr
     states = BatchSimulator(scene.shapes, scene.ground is not None, 1, 1).run(
         stack_scenes([scene]), schedule.frame_steps[moments]
     )
-    return render_raycast(scene, states.position[0], states.quaternion[0], plain_appearance(len(scene.objects)), 360, 240)
+    return render_raycast(
+        scene, states.position[0], states.quaternion[0], plain_appearance(len(scene.objects)), 360, 240
+    )

@@ -13,8 +13,6 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.compiled import kernel
 
-from pipeline.compiled import kernel
-
 
 @dataclass(frozen=True)
 class Counts:

@@ -22,8 +22,8 @@ WIDTH, HEIGHT = 480, 320
 
 @dataclass(frozen=True)
 class Reference:
-    """What is compared with: masks (F, H, W) of every frame at 480x320; flow (P, H, W, 2), px per frame interval, of the
-    pairs that start at `pair_frames` (P,); the true scene, where it is known."""
+    """What is compared with: masks (F, H, W) of every frame at 480x320; flow (P, H, W, 2), px per frame interval, of
+    the pairs that start at `pair_frames` (P,); the true scene, where it is known."""
 
     masks: np.ndarray
     flow: np.ndarray
@@ -42,7 +42,9 @@ class Replay:
 def replay(scene: Scene, schedule: Schedule) -> Replay:
     """Run the scene and look at every frame. Raises `SimulationError` where the numbers go bad."""
     assert scene.camera is not None
-    states = BatchSimulator(scene.shapes, scene.ground is not None, 1, 1).run(stack_scenes([scene]), schedule.frame_steps)
+    states = BatchSimulator(scene.shapes, scene.ground is not None, 1, 1).run(
+        stack_scenes([scene]), schedule.frame_steps
+    )
     if not states.valid[0]:
         raise SimulationError("the numbers go bad in the replay")
     poses = (states.position[0], states.quaternion[0])
@@ -107,17 +109,28 @@ def score(scene: Scene, reference: Reference, schedule: Schedule) -> dict[str, f
 def parameter_errors(scene: Scene, truth: Scene, pairs: np.ndarray) -> dict[str, float]:
     """Mean absolute error of each parameter, over the matched objects (P, 2) and the components of vectors, in SI units
     and degrees. Sizes and orientations are compared where the matched objects have one shape."""
-    assert scene.camera is not None and truth.camera is not None
-    assert scene.camera.pitch is not None and truth.camera.pitch is not None
+    ours, theirs = scene.camera, truth.camera
+    assert ours is not None
+    assert theirs is not None
+    assert ours.pitch is not None
+    assert theirs.pitch is not None
     errors: dict[str, list[float]] = {
-        "camera_height": [abs(scene.camera.position[2] - truth.camera.position[2])],
-        "camera_pitch": [abs(scene.camera.pitch - truth.camera.pitch)],
-        "fov": [abs(scene.camera.fov - truth.camera.fov)],
+        "camera_height": [abs(ours.position[2] - theirs.position[2])],
+        "camera_pitch": [abs(ours.pitch - theirs.pitch)],
+        "fov": [abs(ours.fov - theirs.fov)],
         "gravity": [abs(scene.gravity[2] - truth.gravity[2])],
     }
     for i, j in pairs:
         a, b = scene.objects[i], truth.objects[j]
-        for key in ("mass", "sliding_friction", "rolling_friction", "damping", "position", "velocity", "angular_velocity"):
+        for key in (
+            "mass",
+            "sliding_friction",
+            "rolling_friction",
+            "damping",
+            "position",
+            "velocity",
+            "angular_velocity",
+        ):
             errors.setdefault(key, []).append(float(np.mean(np.abs(np.subtract(getattr(a, key), getattr(b, key))))))
         if a.shape == b.shape:
             errors.setdefault("size", []).append(float(np.mean(np.abs(np.subtract(a.size, b.size)))))

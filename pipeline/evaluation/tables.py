@@ -12,19 +12,22 @@ import numpy as np
 
 from pipeline.evaluation.intervals import Estimate, bootstrap_mean
 
+COSTS = ("simulations", "seconds")
+
 
 @dataclass(frozen=True)
 class Summary:
-    """estimates[suite, method][metric]; simulations[suite, method]: mean number a clip."""
+    """estimates[suite, method][metric]; simulations, seconds [suite, method]: means a clip."""
 
     estimates: dict[tuple[str, str], dict[str, Estimate]]
     simulations: dict[tuple[str, str], float]
+    seconds: dict[tuple[str, str], float]
 
 
 def summarise(
     rows: Sequence[Mapping[str, Any]], metrics: Sequence[str], resamples: int, rng: np.random.Generator
 ) -> Summary:
-    """Sum up rows that each have suite, method, simulations and some of the metrics (a missing one counts as none)."""
+    """Sum up rows that each have suite, method, simulations, seconds and some of the metrics (others count as none)."""
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["suite"], row["method"]), []).append(row)
@@ -32,7 +35,8 @@ def summarise(
         key: {m: bootstrap_mean(np.array([r.get(m, np.nan) for r in group], float), resamples, rng) for m in metrics}
         for key, group in groups.items()
     }
-    return Summary(estimates, {key: float(np.mean([r["simulations"] for r in g])) for key, g in groups.items()})
+    spent = [{key: float(np.mean([r[name] for r in g])) for key, g in groups.items()} for name in COSTS]
+    return Summary(estimates, *spent)
 
 
 def as_json(summary: Summary) -> dict[str, Any]:
@@ -64,11 +68,14 @@ def cell(e: Estimate) -> str:
 
 def table(summary: Summary, columns: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
     """Header and rows of a table with one line per suite and method; columns: metric -> heading."""
-    header = ["suite", "method", "clips", "simulations", *columns.values()]
+    header = ["suite", "method", "clips", *COSTS, *columns.values()]
     rows = []
-    for (suite, method), metrics in summary.estimates.items():
-        n = metrics["iou"].n
-        rows.append([suite, method, str(n), f"{summary.simulations[suite, method]:g}", *(cell(metrics[m]) for m in columns)])
+    for key, metrics in summary.estimates.items():
+        cost = [
+            f"{summary.simulations[key]:.4g}",
+            "–" if np.isnan(summary.seconds[key]) else f"{summary.seconds[key]:.2g}",
+        ]
+        rows.append([*key, str(metrics["iou"].n), *cost, *(cell(metrics[m]) for m in columns)])
     return header, rows
 
 

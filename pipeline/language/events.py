@@ -30,6 +30,7 @@ CHANGES: dict[tuple[int, int], str] = {
     (REST, SLIDE): "starts_sliding",
 }
 LYING = 0.35  # sine of how far a cylinder's axis may be from level where it lies on its side
+LEVEL = 0.9  # of the speed is along the ground where a body rolls and does not fall
 LEVER = 0.1  # m; turning is rest where points at this distance move slower than `moving_speed`
 
 KINDS = (
@@ -115,8 +116,8 @@ def visibility(areas_px: np.ndarray, times: np.ndarray, thresholds: Thresholds) 
     """`enters` and `leaves`: changes of view that last two frames or more, at the first frame of the new state."""
     events = []
     for i in range(areas_px.shape[1]):
-        seen = _settled(areas_px[:, i] >= thresholds.visible_px, 2)
-        for frame in np.flatnonzero(np.diff(seen.astype(int))) + 1:
+        seen = _settled((areas_px[:, i] >= thresholds.visible_px).astype(int), 2)
+        for frame in np.flatnonzero(np.diff(seen)) + 1:
             events.append(Event(float(times[frame]), "enters" if seen[frame] else "leaves", i))
     return events
 
@@ -131,8 +132,10 @@ def regimes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds) -> np
     for i, shape in enumerate(shapes):
         grounded, slip = ground_contact(trace, i, thresholds)
         creep = np.maximum(thresholds.slip_speed, ROLLING_SHARE * along[:, i])
-        slides = (slip > creep) | (slip > SLIDING_SHARE * np.maximum(speed[:, i], LEVER * turning[:, i]))
-        without_slip = np.where(may_roll(trace, i, shape) & (along[:, i] >= thresholds.moving_speed), ROLL, TUMBLE)
+        glides = slip > SLIDING_SHARE * np.maximum(speed[:, i], LEVER * turning[:, i])
+        slides = _latched((slip > 2 * creep) | glides, (slip < creep) & ~glides)
+        travels = (along[:, i] >= thresholds.moving_speed) & (along[:, i] > LEVEL * speed[:, i])
+        without_slip = np.where(may_roll(trace, i, shape) & travels, ROLL, TUMBLE)
         regime = np.where(still[:, i], REST, np.where(slides, SLIDE, without_slip))
         out[:, i] = _settled(np.where(grounded, regime, AIR), duration)
     return out
@@ -185,21 +188,46 @@ def motion_changes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds
     return events
 
 
+def _latched(on: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """(T,) True from `on` to `off`; what comes before either is True unless `off` comes first."""
+    told = np.flatnonzero(on | off)
+    if not len(told):
+        return np.ones(len(on), bool)
+    return on[told][np.maximum(np.searchsorted(told, np.arange(len(on)), "right") - 1, 0)]
+
+
+@dataclass
+class _Run:
+    """Steps in one state, from start on; `own` of them are in it by themselves."""
+
+    state: int
+    start: int
+    own: int
+
+
 def _settled(states: np.ndarray, length: int) -> np.ndarray:
-    """(T,) the states; runs shorter than `length`, the shortest first, become what was before them (the first stays)."""
-    cuts = [0, *(np.flatnonzero(np.diff(states)) + 1)] if len(states) else []
-    runs = [[int(a), int(b), states[a]] for a, b in itertools.pairwise([*cuts, len(states)])]
-    while True:
-        short = [k for k in range(1, len(runs)) if runs[k][1] - runs[k][0] < length]
-        if not short:
-            break
-        k = min(short, key=lambda k: runs[k][1] - runs[k][0])
-        runs[k - 1][1] = runs[k][1]
-        del runs[k]
-        if k < len(runs) and runs[k][2] == runs[k - 1][2]:
-            runs[k - 1][1] = runs[k][1]
-            del runs[k]
+    """(T,) the states without those that last less than `length`; the first state stays.
+
+    A brief state between two equal ones becomes that, the shortest first. What is brief then becomes rest where rest
+    comes next (a body wobbles before it rests), else what was before; or nothing definite, `TUMBLE`, where one brief
+    state follows another for `length` or longer.
+    """
+    cuts = [0, *(np.flatnonzero(np.diff(states)) + 1), len(states)]
+    runs = [_Run(int(states[a]), int(a), int(b - a)) for a, b in itertools.pairwise(cuts) if b > a]
+    while between := [k for k in range(1, len(runs) - 1)
+                      if runs[k].own < length and runs[k - 1].state == runs[k + 1].state]:  # fmt: skip
+        k = min(between, key=lambda k: runs[k].own)
+        runs[k - 1].own += runs[k + 1].own
+        del runs[k : k + 2]
     out = states.copy()
-    for a, b, state in runs:
-        out[a:b] = state
+    lasting = [k for k, run in enumerate(runs) if k == 0 or run.own >= length]
+    for k, following in itertools.pairwise([*lasting, len(runs)]):
+        ends = runs[k + 1].start if k + 1 < len(runs) else len(states)
+        stop = runs[following].start if following < len(runs) else len(states)
+        out[runs[k].start : ends] = runs[k].state
+        if stop - ends >= length:
+            out[ends:stop] = TUMBLE
+        else:
+            rests = following < len(runs) and runs[following].state == REST
+            out[ends:stop] = REST if rests else runs[k].state
     return out

@@ -1,7 +1,5 @@
 """What shards cost to compute: times are no part of a shard's content, so they are kept in the store beside it."""
 
-import json
-
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.store import Store, default_store
 

@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from pipeline.errors import ShardError
 from pipeline.shards.arrays import write_arrays
+from pipeline.shards.cost import SECONDS
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.executor import RANK, WORLD_SIZE, SliceFinished, make_executor
 from pipeline.shards.keys import common_parts, shard_key
@@ -17,7 +18,6 @@ from pipeline.shards.manifest import ARRAYS, Manifest, total_notes
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.output_folder import FilledShard, check_replaceable, write_output
 from pipeline.shards.shard import Shard, ShardResult
-from pipeline.shards.cost import SECONDS
 from pipeline.shards.store import Store, StoredShard, default_store
 from pipeline.shards.tables import write_table
 
@@ -177,7 +177,9 @@ def _compute_task(task: _Task) -> StoredShard:
         if result.arrays:
             write_arrays(result.arrays, folder / ARRAYS)
 
-    return Store(task.store).commit(task.key, write, result.notes, {**task.parts, "shard": str(task.shard), SECONDS: seconds})
+    return Store(task.store).commit(
+        task.key, write, result.notes, {**task.parts, "shard": str(task.shard), SECONDS: seconds}
+    )
 
 
 def _size(dataset: ShardedDataset) -> int:

@@ -53,8 +53,9 @@ def scene_view(footage: Footage) -> rrb.View:
         view = pinhole(motion.scene.camera)
         right, up, back = view.rotation_world.T
         distance = float(np.linalg.norm(view.position_world - centre))
-        position = view.position_world + 0.35 * distance * right + 0.25 * distance * up + 0.3 * distance * back
-        eye = rrb.EyeControls3D(position=position, look_target=centre, eye_up=(0, 0, 1))
+        position = view.position_world + distance * (0.5 * right + 0.3 * up + 0.5 * back)
+        target = 0.7 * centre + 0.3 * view.position_world
+        eye = rrb.EyeControls3D(position=position, look_target=target, eye_up=(0, 0, 1))
     contents = ["world/**", *(f"- {CAMERA}/{kind}/**" for kind in ("depth", "masks", "flow"))]
     return rrb.Spatial3DView(origin="world", contents=contents, name="scene", line_grid=grid, eye_controls=eye)
 

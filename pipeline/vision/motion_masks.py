@@ -20,6 +20,7 @@ SHORTEST = 3  # frames; what is seen for less is noise
 LONGEST_GAP = 4  # frames that a body may be lost for and be taken for the same
 SLOW_PX = 0.3  # at 480 px of width: a flow below is no motion
 APART_PX = 2.0  # at 480 px of width: parts of one component whose flow differs by more are two bodies
+APART_SPREADS = 10  # and by so many times what it differs by inside each: a rolling body's even gradient has 4
 OPEN, CLOSE = np.ones((3, 3), np.uint8), np.ones((5, 5), np.uint8)
 
 
@@ -120,7 +121,7 @@ def split_by_flow(part: np.ndarray, flow: np.ndarray, least: float) -> list[np.n
     _, label, centre = map(np.asarray, cv2.kmeans(samples, 2, unknown, criteria, 2, cv2.KMEANS_PP_CENTERS))
     apart = np.linalg.norm(centre[0] - centre[1])
     within = np.linalg.norm(samples - centre[label[:, 0]], axis=1).mean()
-    if apart < APART_PX * part.shape[1] / 480 or apart < 4 * within:
+    if apart < APART_PX * part.shape[1] / 480 or apart < APART_SPREADS * within:
         return [part]
     halves = []
     for k in range(2):

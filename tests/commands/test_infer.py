@@ -78,7 +78,10 @@ def test_a_folder_brings_its_masks_and_the_same_seed_gives_the_same_scene(
     assert (tmp_path / "again" / "scene.yaml").read_text() == (out / "scene.yaml").read_text()
 
 
-def test_a_portrait_clip_with_raft_and_masks_from_motion(run: Run, shelf: Path, tmp_path: Path) -> None:
+def test_a_portrait_clip_with_raft_and_masks_from_motion(
+    run: Run, shelf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.commands.clip_input.FLOW_ITERATIONS", 1)
     RAFT("small").save(tmp_path / "raft")
     small_clip.write(tmp_path / "portrait.mp4", np.ascontiguousarray(small_clip.frames().swapaxes(1, 2)))
     done = run("infer", tmp_path / "portrait.mp4", "-o", tmp_path / "out", "--model", shelf / "model", "--raft",

@@ -18,7 +18,9 @@ SCHEDULE = Schedule()
 
 def test_the_true_scene_scores_full_marks() -> None:
     got = score(SCENE, true_reference(SCENE, SCHEDULE), SCHEDULE)
-    assert {m: got[m] for m, more in METRICS.items() if more} == dict.fromkeys([m for m, b in METRICS.items() if b], 1.0)
+    assert {m: got[m] for m, more in METRICS.items() if more} == dict.fromkeys(
+        [m for m, b in METRICS.items() if b], 1.0
+    )
     assert got["epe"] == got["epe_frame"] == got["epe_first"] == 0
     assert all(v == pytest.approx(0, abs=1e-4) for k, v in got.items() if k.startswith("error."))
 

@@ -92,9 +92,10 @@ def test_a_rolling_ball_that_hits_an_equal_one_keeps_its_spin_and_starts_sliding
     gap = rng.uniform(0.2, 0.4)
     ball = sphere(velocity=(1, 0, 0), angular_velocity=(0, 10, 0), sliding_friction=0.08, damping=0.3)
     found = events(run(ball, sphere(position=(0.2 + gap, 0, 0.1), sliding_friction=0.08)), "sphere", "sphere")
-    assert told(found)[:2] == [("hits_object", 0, 1), ("starts_sliding", 0, None)]
+    assert told(found)[0] == ("hits_object", 0, 1)
+    assert set(told(found)[1:3]) == {("starts_sliding", 0, None), ("starts_sliding", 1, None)}
     assert found[0].time == pytest.approx(gap / 1.0, abs=2 * STEP)
-    assert gap - 2 * STEP <= found[1].time < gap + 0.06
+    assert all(gap - 2 * STEP <= e.time < gap + 0.06 for e in found[1:3])
 
 
 def test_two_balls_collide_when_their_gap_is_closed(rng: np.random.Generator) -> None:

@@ -1,0 +1,97 @@
+"""The sections of the report, from summed-up scores, curves and pictures of clips."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.evaluation.figures import bars, curves
+from pipeline.evaluation.report import Section, drawing, folded, html_table
+from pipeline.evaluation.tables import Summary, table
+
+#: Metric -> heading of the table of scores.
+COLUMNS = {
+    "composition": "composition",
+    "iou_initial": "IoU, first frame",
+    "iou": "IoU, sequence",
+    "foreground_iou": "IoU, foreground",
+    "epe_first": "EPE, first pair",
+    "epe": "EPE, foreground",
+    "epe_frame": "EPE, whole frame",
+    "penetration": "penetration, m",
+    "valid": "valid",
+}
+#: The same for the errors of parameters, with their units.
+ERRORS = {
+    "error.camera_height": "camera height, m",
+    "error.camera_pitch": "camera pitch, deg",
+    "error.fov": "field of view, deg",
+    "error.gravity": "gravity, m/s²",
+    "error.size": "size, m",
+    "error.position": "position, m",
+    "error.velocity": "velocity, m/s",
+    "error.angular_velocity": "angular velocity, rad/s",
+    "error.orientation": "orientation, deg",
+    "error.mass": "mass, kg",
+    "error.sliding_friction": "sliding friction",
+    "error.rolling_friction": "rolling friction, m",
+    "error.damping": "damping",
+}
+_SCORES = (
+    "Means with 95 % bootstrap intervals over clips, at 480×320. Sampled suites are compared with their exact masks "
+    "and flow in all frames; the suite real with its given masks, and with estimated flow in the model's ten pairs. "
+    "Simulations and seconds (of one worker): what the answer cost a clip, without the model's own time."
+)
+_ERRORS = (
+    "Mean absolute errors over clips whose composition is right. The mass of a body that touches nothing movable, and "
+    "the absolute scale, are not determined by a clip."
+)
+Curve = tuple[Sequence[float], Sequence[float]]
+
+
+@dataclass(frozen=True)
+class ShownClip:
+    """A clip in the gallery: its picture as HTML, what the model wrote, and the scene after the search."""
+
+    picture: str
+    written: str
+    scene: str
+
+
+def lines(rows: Sequence[Mapping[str, Any]], x: str, y: str) -> dict[str, Curve]:
+    """Rows with a suite, x and y, as one curve a suite."""
+    suites = list(dict.fromkeys(r["suite"] for r in rows))
+    return {s: ([r[x] for r in rows if r["suite"] == s], [r[y] for r in rows if r["suite"] == s]) for s in suites}
+
+
+def sections(
+    summary: Summary,
+    best_of_k: Sequence[Mapping[str, Any]],
+    cmaes: Sequence[Mapping[str, Any]],
+    training: Mapping[str, Curve],
+    gallery: Mapping[str, Sequence[ShownClip]],
+) -> list[Section]:
+    """best_of_k: rows of suite, k, iou; cmaes: rows of suite, iteration, reward; training: losses by name; gallery: the
+    clips shown of each suite."""
+    best, reward = lines(best_of_k, "k", "iou"), lines(cmaes, "iteration", "reward")
+    figures = [
+        drawing(bars(summary, "iou", "sequence IoU"), "Sequence IoU by suite and method, with 95 % intervals."),
+        drawing(curves(best, "k", "IoU"), "Expected IoU of the best of k samples, at the search's size."),
+        drawing(curves(reward, "iteration", "reward"), "Best reward (IoU − EPE) so far in CMA-ES."),
+        drawing(curves(training, "step", "loss, nats a token"), "Fine-tuning."),
+    ]
+    out = [
+        Section("Scores", _SCORES, html_table(*table(summary, COLUMNS))),
+        Section("Curves", "", f'<div class="row">{"".join(figures)}</div>'),
+        Section("Parameter errors", _ERRORS, html_table(*table(summary, ERRORS))),
+    ]
+    for suite, clips in gallery.items():
+        body = "".join(
+            clip.picture
+            + folded("what the model wrote (greedy)", clip.written)
+            + folded("the scene after the search", clip.scene)
+            for clip in clips
+        )
+        out.append(Section(f"Clips of {suite}", "The first clips of the suite, not chosen.", body))
+    return out
