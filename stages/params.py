@@ -8,7 +8,8 @@ workers there are must not run anything again.
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from stages.params_file import Section, read_params_file
 from stages.params_view import ParamsView
@@ -93,6 +94,13 @@ class Clip(Section):
     seconds: Positive
     fps: Count
     model_frames: Annotated[int, Field(ge=2, multiple_of=2)]
+
+    @model_validator(mode="after")
+    def _pairs_fit(self) -> "Clip":
+        frames = round(self.seconds * self.fps)
+        if self.model_frames >= frames:
+            raise PydanticCustomError("pairs", f"`model_frames` must be less than the {frames} frames of seconds x fps")
+        return self
 
 
 class Render(Section):

@@ -248,6 +248,15 @@ def train(args: argparse.Namespace) -> None:
         maker.terminate()
 
 
+def export(checkpoint: Path, out: Path) -> None:
+    """Write the model of a checkpoint as it stands."""
+    tokenizer = build_tokenizer()
+    model = build_tiny(tokenizer, TinySize(), seed=0)
+    model.load_state_dict(torch.load(checkpoint, map_location="cpu", weights_only=True)["model"])
+    Base(model, tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens)).save(out)
+    print(f"saved to {out}", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=90, help="whole training time, earlier runs counted in")
@@ -264,7 +273,12 @@ def main() -> None:
     parser.add_argument("--validation", type=int, default=64)
     parser.add_argument("--log-seconds", type=float, default=120)
     parser.add_argument("--save-seconds", type=float, default=180)
-    train(parser.parse_args())
+    parser.add_argument("--export", action="store_true", help="write the last checkpoint to --out and train nothing")
+    args = parser.parse_args()
+    if args.export:
+        export(args.work / "checkpoint.pt", args.out)
+    else:
+        train(args)
 
 
 if __name__ == "__main__":

@@ -13,12 +13,16 @@ from pipeline.scene.mjcf import STEPS_PER_SECOND
 class Schedule:
     """`seconds` of video at `fps`, of which `model_frames` uniformly spaced ones go to the model.
 
-    Each of those is the first of a pair of neighbouring frames: its flow leads to the frame after it.
+    Each of those is the first of a pair of neighbouring frames: its flow leads to the frame after it. So there are
+    fewer of them than frames.
     """
 
     seconds: float = 1.0
     fps: int = 30
     model_frames: int = 10
+
+    def __post_init__(self) -> None:
+        assert self.model_frames < self.frames
 
     @property
     def frames(self) -> int:
@@ -37,5 +41,5 @@ class Schedule:
     @property
     def pairs(self) -> np.ndarray:
         """(model_frames, 2) frame indices of the pairs whose flow the model sees."""
-        first = np.arange(self.model_frames) * (self.frames // self.model_frames)
+        first = np.arange(self.model_frames) * self.frames // self.model_frames
         return np.stack([first, first + 1], 1)

@@ -19,7 +19,6 @@ FLOW_SIZE = (240, 160)  # px at which the flow is measured
 FLOW_ITERATIONS = 12
 STILL_PX = 0.3  # px of 480x320 per frame interval: a slower body does not move
 SHAKING_PX = 0.5  # of the background: the camera moves
-LEAST_FRAMES = 11  # ten pairs of neighbours
 
 
 @dataclass(frozen=True)
@@ -40,14 +39,14 @@ class ClipInput:
 
 def clip_schedule(place: Path, seconds: float) -> Schedule:
     """The frames of a clip of `seconds`. Raises VideoError where they are too few for the model."""
-    schedule = Schedule(seconds=seconds)
-    if not seconds > 0 or schedule.frames < LEAST_FRAMES:
-        needed = LEAST_FRAMES / schedule.fps
+    usual = Schedule()
+    if round(seconds * usual.fps) <= usual.model_frames:
+        needed = (usual.model_frames + 1) / usual.fps
         raise VideoError(
-            f"{place}: {seconds:g} s are too short: the model sees {schedule.model_frames} pairs of frames at "
-            f"{schedule.fps} FPS, for which {needed:.2f} s are needed"
+            f"{place}: {seconds:g} s are too short: the model sees {usual.model_frames} pairs of frames at {usual.fps} "
+            f"FPS, for which {needed:.2f} s are needed"
         )
-    return schedule
+    return Schedule(seconds=seconds)
 
 
 def read_input(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
-from pipeline.commands.replay import Replay, pictures, replay, run_scene
+from pipeline.commands.replay import Replay, pictures, replay, run_scene, run_schedule
 from pipeline.commands.scene_source import read_scene_source, with_camera
 from pipeline.commands.shard_footage import footage, open_clip, shard_folder
 from pipeline.errors import OutputError, SceneError, ShardError
@@ -75,8 +75,7 @@ def _footage(place: Path, clip: int | None, seconds: float) -> Footage:
 
 def scene_footage(scene: Scene, name: str, seconds: float) -> Footage:
     """A scene that is run for `seconds`, as its camera sees it, or one that sees it all."""
-    schedule = Schedule(seconds=seconds)
-    schedule = Schedule(seconds=seconds, model_frames=min(10, max(1, schedule.frames - 1)))
+    schedule = run_schedule(seconds)
     trace = run_scene(scene, schedule)
     seen, note = with_camera(scene, trace.position)
     text = "\n".join([f"### {name}", "", *([f"- {note}"] if note else []), "", "```yaml", write_scene(scene), "```"])

@@ -8,6 +8,7 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import areas_px, frame_masks, pair_view, trace_pairs
+from pipeline.errors import SceneError
 from pipeline.language.events import Event, Thresholds, find_events
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
@@ -33,6 +34,15 @@ class Replay:
     @property
     def event_texts(self) -> list[str]:
         return [f"t={e.time:.2f}s: {event_text(e, self.scene)}" for e in self.events]
+
+
+def run_schedule(seconds: float) -> Schedule:
+    """The frames of a run of any length. Raises SceneError where there are fewer than two."""
+    usual = Schedule()
+    frames = round(seconds * usual.fps)
+    if frames < 2:
+        raise SceneError(f"{seconds:g} s are less than two frames; valid: at least {2 / usual.fps:.3f} s")
+    return Schedule(seconds=seconds, model_frames=min(usual.model_frames, frames - 1))
 
 
 def run_scene(scene: Scene, schedule: Schedule) -> Trace:

@@ -30,7 +30,10 @@ def read_scene_source(place: Path) -> Scene:
         raise SceneError(f"{place}: there is no such file")
     if place.suffix.lower() == ".xml":
         raise SceneError(f"{place} is MJCF, which is written and not read; give the {SCENE_FILE} beside it")
-    text = place.read_bytes().decode("utf-8", errors="replace")
+    try:
+        text = place.read_bytes().decode("utf-8", errors="replace")
+    except OSError as error:
+        raise SceneError(f"{place} cannot be read: {error.strerror}") from error
     if "<answer>\n" in text:
         return read_completion(text.strip()).scene
     return load_scene(place)

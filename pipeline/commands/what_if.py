@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.commands.lettering import side_by_side
 from pipeline.commands.progress import Progress
-from pipeline.commands.replay import pictures, replay, run_scene
+from pipeline.commands.replay import pictures, replay, run_scene, run_schedule
 from pipeline.commands.result_folder import check_replaceable, result_folder, write_result
 from pipeline.commands.scene_edits import edited
 from pipeline.commands.scene_source import SCENE_FILE, read_scene_source, with_camera
@@ -50,7 +50,7 @@ def what_if(place: Path, edits: Sequence[str], seconds: float, out: Path | None,
 
     Raises DynamicsError; nothing is written then.
     """
-    schedule = _schedule(seconds)
+    schedule = run_schedule(seconds)
     if out is not None:
         check_replaceable(out, force)
     before = read_scene_source(place)
@@ -79,14 +79,6 @@ def what_if(place: Path, edits: Sequence[str], seconds: float, out: Path | None,
         }
         write_result(folder, "simulate", result)
     print(f"written    {out}: replay.mp4 shows both")
-
-
-def _schedule(seconds: float) -> Schedule:
-    """The frames of a run. Raises SceneError where there are fewer than two."""
-    frames = Schedule(seconds=seconds).frames
-    if frames < 2:
-        raise SceneError(f"{seconds:g} s are less than two frames; valid: at least {2 / Schedule().fps:.3f} s")
-    return Schedule(seconds=seconds, model_frames=min(Schedule().model_frames, frames - 1))
 
 
 def departures(scene: Scene, original: Trace, changed: Trace) -> list[Departure]:

@@ -92,7 +92,7 @@ def _events(objects: int, seconds: float) -> Grammar:
         phrase = yield Choice(kinds)
         if _PHRASE_KINDS[phrase] == "hits_object":
             yield Choice(tuple(n for n in names if n != first))
-    yield Choice((_END_OF_THINK,))
+    yield Literal(_END_OF_THINK)
 
 
 def _scene(shapes: list[str] | None) -> Grammar:
@@ -170,7 +170,8 @@ def write_completion(scene: Scene, events: list[Event] | None, seconds: float) -
             values += [".\nt=", event.time, str(event.first + 1), EVENT_PHRASES[event.kind]]
             if event.second is not None:
                 values.append(str(event.second + 1))
-        values.append(_END_OF_THINK)
+        if len(events) < MAX_EVENTS:
+            values.append(_END_OF_THINK)
     values += [scene.camera.position[2], scene.camera.pitch, scene.camera.fov, -scene.gravity[2]]
     for i, obj in enumerate(scene.objects):
         if events is None:

@@ -6,8 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from safetensors import SafetensorError
 from torch.nn import functional
-from transformers import PreTrainedTokenizerBase, Qwen2_5_VLForConditionalGeneration
+from transformers import (
+    AutoConfig,
+    PreTrainedTokenizerBase,
+    Qwen2_5_VLConfig,
+    Qwen2_5_VLForConditionalGeneration,
+)
 from transformers.utils import logging
 
 from pipeline.language.codec import Codec
@@ -48,9 +54,12 @@ def load_base(name: str, width: int = 336, height: int = 224, frames: int = 10, 
     layout = read_layout(name, width, height, frames)
     tokenizer = load_tokenizer(name)
     try:
+        kind = AutoConfig.from_pretrained(name, local_files_only=True).model_type
+        if kind != Qwen2_5_VLConfig.model_type:
+            raise ValueError(f"it is of the type {kind}, not {Qwen2_5_VLConfig.model_type}")
         model = Qwen2_5_VLForConditionalGeneration.from_pretrained(
             name, local_files_only=True, dtype=getattr(torch, dtype)
         )
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, SafetensorError) as error:
         raise unavailable(name, error) from None
     return Base(model, tokenizer, layout, Codec(tokenizer, layout.tokens))

@@ -46,9 +46,12 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
             layout = PatchLayout(**stored)
         else:
             vision = AutoConfig.from_pretrained(name, local_files_only=True).vision_config
+            unit = vision.patch_size * vision.spatial_merge_size
+            if width % unit or height % unit:
+                raise ModelError(f"model.width, model.height: {width} x {height}; valid for {name}: multiples of {unit} px")
             layout = PatchLayout(width, height, frames, vision.patch_size, vision.temporal_patch_size,
                                  vision.spatial_merge_size)  # fmt: skip
-    except (OSError, ValueError, KeyError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
         raise unavailable(name, error) from None
     if layout.frames != frames:
         raise ModelError(f"clip.model_frames is {frames}; valid: {layout.frames}, on which {name} was trained")

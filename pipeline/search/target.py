@@ -30,7 +30,7 @@ class Target:
 
 def make_target(masks: np.ndarray, flow: np.ndarray, width: int, height: int) -> Target:
     """A target of width x height px from masks (F, H, W) and flow (F, h, w, 2) in px of their own sizes."""
-    small = np.stack([cv2.resize(m, (width, height), interpolation=cv2.INTER_NEAREST) for m in masks])
+    small = np.stack([cv2.resize(m, (width, height), interpolation=cv2.INTER_NEAREST_EXACT) for m in masks])
     return Target(small, resize_flow(flow, width, height), int(masks.max(initial=0)))
 
 

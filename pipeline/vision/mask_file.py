@@ -35,7 +35,7 @@ def read_masks(path: Path | str, size: tuple[int, int], count: int | None = None
     ids = np.where(masks == 0, 0, np.searchsorted(values, masks) + 1).astype(np.uint8)
     if fit is not None and fit.source == (ids.shape[2], ids.shape[1]):
         return np.stack([fit.apply(m, nearest=True) for m in ids])
-    return np.stack([cv2.resize(m, size, interpolation=cv2.INTER_NEAREST) for m in ids])
+    return np.stack([cv2.resize(m, size, interpolation=cv2.INTER_NEAREST_EXACT) for m in ids])
 
 
 def read_values(path: Path) -> np.ndarray:

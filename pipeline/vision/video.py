@@ -40,7 +40,7 @@ class Fit:
         cut = picture[top : top + height, left : left + width]
         x, y, w, h = self.place
         shrinks = w * h < width * height
-        how = cv2.INTER_NEAREST if nearest else cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+        how = cv2.INTER_NEAREST_EXACT if nearest else cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
         inner = cut if (w, h) == (width, height) else cv2.resize(cut, (w, h), interpolation=how)
         if (w, h) == self.size:
             return inner
@@ -162,7 +162,7 @@ def read_clip(
 
 
 def frame_times(path: Path | str, assume_fps: float | None = None) -> np.ndarray:
-    """Times (N,), s from the first, of all frames of a video, from its packets: nothing is decoded. Raises VideoError."""
+    """Times (N,), s from the first, of all frames of a video, from its packets, without decoding. Raises VideoError."""
     decoder = Decoder(Path(path), 0.0, None)
     try:
         stamps = [p.pts for p in decoder.container.demux(decoder.stream) if p.pts is not None]
@@ -172,7 +172,7 @@ def frame_times(path: Path | str, assume_fps: float | None = None) -> np.ndarray
         decoder.close()
     if assume_fps is not None:
         return np.arange(len(stamps)) / assume_fps
-    return np.unique(np.array(stamps, float) * float(decoder.stream.time_base)) - decoder.first
+    return np.unique(np.array(stamps, float) * float(decoder.stream.time_base or 1)) - decoder.first
 
 
 def check_file(path: Path) -> None:

@@ -14,7 +14,9 @@ from rerun.chunk import RrdReader
 
 from pipeline.commands.clip_input import check_motion, doubts, read_input, recorded_pairs
 from pipeline.commands.progress import Progress
-from pipeline.commands.scoring import budget, relabelled
+from pipeline.commands.replay import replay, run_scene
+from pipeline.commands.scene_edits import edited
+from pipeline.commands.scoring import budget, evaluator_of, overlap, ranked, relabelled
 from pipeline.errors import VideoError
 from pipeline.physics.simulate import simulate
 from pipeline.scene.text import load_scene
@@ -115,6 +117,20 @@ def test_flow_is_measured_over_recorded_times_and_told_per_frame_interval() -> N
     first, second, scale = recorded_pairs(np.arange(5) * interval, pairs, interval)
     np.testing.assert_array_equal(np.stack([first, second], 1), pairs)
     np.testing.assert_allclose(scale, 1)
+
+
+def test_the_scene_that_was_filmed_is_the_one_that_fits_its_clip(shelf: Path) -> None:
+    truth = small_clip.scene()
+    moved = edited(truth, ["objects[ball].velocity=[-0.6, 0, 0]", "objects[crate].position[0]=0.6"])
+    with Progress(2) as progress:
+        clip = read_input(shelf / "clip.mp4", 0, 1.0, None, shelf / "masks.npz", DIS(), progress)
+    ranking = ranked(evaluator_of(clip), [moved, truth])
+    assert ranking.order.tolist() == [1, 0]
+    assert ranking.rewards.iou[1] > 0.92  # at 120x80
+    assert ranking.rewards.epe_frame[1] < ranking.rewards.epe_frame[0]
+    seen = overlap(replay(truth, run_scene(truth, clip.schedule), clip.schedule).masks, 2, clip)
+    assert min(seen.sequence, seen.initial, seen.foreground) > 0.95
+    assert seen.pairs.tolist() == [[0, 0], [1, 1]]
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ import pytest
 from sampled_scenes import distribution
 
 from pipeline.scene.digits import DECIMALS, rounded_object, rounded_scene
+from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.sample import compositions, draw_composition, draw_scene
 from pipeline.scene.scene import BASIC_SHAPES, Scene, SceneObject
 from pipeline.scene.solid import reach_below
@@ -18,6 +19,10 @@ HELD_OUT = ("box+box+box+sphere", "cylinder+cylinder+sphere+sphere")
 
 def within(value: float, bounds: tuple[float, float], slack: float) -> bool:
     return bounds[0] - slack <= value <= bounds[1] + slack
+
+
+def axis(obj: SceneObject) -> np.ndarray:
+    return matrix_from_quaternion(np.array(obj.orientation))[:, 2]
 
 
 def drawn(rng: np.random.Generator, count: int = 200) -> list[Scene]:
@@ -56,14 +61,10 @@ def test_bodies_that_start_to_roll_do_so_without_slip(rng: np.random.Generator) 
     for shape in ("sphere", "cylinder"):
         for _ in range(20):
             (obj,) = draw_scene(rng, [shape], d).objects
-            radius = obj.size[0]
-            contact = np.array(obj.velocity) + np.cross(obj.angular_velocity, [0, 0, -radius])
-            across = contact if shape == "sphere" else contact * np.sign(np.abs(np.cross(obj.angular_velocity, [0, 0, 1])))
-            if shape == "sphere":
-                np.testing.assert_allclose(across, 0, atol=0.01)
-            else:  # along its axis a cylinder cannot roll
-                forward = np.cross(obj.angular_velocity, [0, 0, 1])
-                assert abs(contact @ forward) / max(np.linalg.norm(forward), 1) < 0.02
+            slip = np.array(obj.velocity) + np.cross(obj.angular_velocity, [0, 0, -obj.size[0]])
+            if shape == "cylinder":  # which cannot roll along its axis
+                slip -= (slip @ axis(obj)) * axis(obj)
+            np.testing.assert_allclose(slip, 0, atol=0.01)
 
 
 def test_drawn_scenes_are_canonical_and_rounded_and_read_back(rng: np.random.Generator) -> None:
@@ -73,7 +74,9 @@ def test_drawn_scenes_are_canonical_and_rounded_and_read_back(rng: np.random.Gen
         for obj in scene.objects:
             again = canonical_object(obj)
             np.testing.assert_allclose(again.size, obj.size)
-            np.testing.assert_allclose(again.orientation, obj.orientation, atol=0.002)
+            lies_within_a_digit = obj.shape == "cylinder" and abs(axis(obj)[2]) < 0.002  # either end may be the upper
+            if not lies_within_a_digit:
+                np.testing.assert_allclose(again.orientation, obj.orientation, atol=0.002)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 6])

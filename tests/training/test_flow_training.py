@@ -3,6 +3,7 @@
 import itertools
 import math
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -16,6 +17,7 @@ from training.motion import sample_motion
 from training.muon import Muon, orthogonal
 from training.pair_stream import Phase, phase_at
 from training.raft import Progress, make_optimisers, one_cycle, save_checkpoint, stays_inside
+from training.warped_pairs import warped_pair
 
 
 def test_a_pair_of_one_generator_state_is_always_the_same():
@@ -46,6 +48,19 @@ def test_a_mirrored_pair_moves_the_other_way(rng):
     assert np.array_equal(twice.flow_px, pair.flow_px)
     assert np.array_equal(pair.mirrored().flow_px[:, 0, 0], -pair.flow_px[:, -1, 0])
     assert np.array_equal(pair.mirrored().frame_a[:, 0], pair.frame_a[:, -1])
+
+
+def test_the_second_frame_of_a_warped_pair_pulled_back_along_the_flow_is_the_first(rng):
+    errors = []
+    for _ in range(6):
+        pair = warped_pair(rng, 96, 64)
+        y, x = np.mgrid[:64, :96].astype(np.float32)
+        at = np.stack([x, y], axis=-1) + pair.flow_px
+        back = cv2.remap(pair.frame_b, at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+        inside = (at[..., 0] > 1) & (at[..., 0] < 94) & (at[..., 1] > 1) & (at[..., 1] < 62)
+        errors.append(np.abs(back.astype(int) - pair.frame_a).max(-1)[inside])
+        assert pair.foreground.all()
+    assert np.mean(np.concatenate(errors) <= 3) > 0.8  # the others are hidden in the second frame, or on an edge
 
 
 def test_augmentation_leaves_the_flow_alone_but_for_mirroring(rng):

@@ -1,0 +1,142 @@
+"""Tokenizers: the small one, and any other, cut where the grammar's segments meet."""
+
+import numpy as np
+import pytest
+from sampled_scenes import draw
+from test_grammar import random_walk
+from tokenizers import Tokenizer, decoders, models, pre_tokenizers, trainers
+from transformers import PreTrainedTokenizerFast
+
+from pipeline.language.codec import END_TOKEN, VIDEO_TOKEN, Codec
+from pipeline.language.completion import PROMPT, completion_grammar, read_completion, write_completion
+from pipeline.language.events import Event
+from pipeline.language.grammar import GrammarError, Literal, Number, split
+from pipeline.language.tokenizer import CHAT_TEMPLATE, SPECIAL_TOKENS, build_tokenizer
+from pipeline.model.walker import Tries, Walker
+
+SMALL = build_tokenizer()
+
+
+def byte_level_bpe() -> PreTrainedTokenizerFast:
+    """A tokenizer like Qwen's, trained on a few completions."""
+    core = Tokenizer(models.BPE())
+    core.pre_tokenizer = pre_tokenizers.ByteLevel(add_prefix_space=False)
+    core.decoder = decoders.ByteLevel()
+    trainer = trainers.BpeTrainer(vocab_size=400, initial_alphabet=pre_tokenizers.ByteLevel.alphabet(),
+                                  special_tokens=list(SPECIAL_TOKENS), show_progress=False)  # fmt: skip
+    rng = np.random.default_rng(0)
+    core.train_from_iterator([random_walk(rng, completion_grammar(True, 1.0))[0] for _ in range(20)] + [PROMPT], trainer)
+    return PreTrainedTokenizerFast(tokenizer_object=core, pad_token="<|endoftext|>", eos_token="<|im_end|>",
+                                   chat_template=CHAT_TEMPLATE, clean_up_tokenization_spaces=False)  # fmt: skip
+
+
+TOKENIZERS = {"small": SMALL, "bpe": byte_level_bpe()}
+
+
+@pytest.fixture(params=list(TOKENIZERS))
+def codec(request: pytest.FixtureRequest) -> Codec:
+    return Codec(TOKENIZERS[request.param], 12)
+
+
+@pytest.mark.parametrize("reasoning", [True, False])
+def test_what_is_encoded_is_decoded(rng: np.random.Generator, codec: Codec, reasoning: bool) -> None:
+    for _ in range(10):
+        text, _ = random_walk(rng, completion_grammar(reasoning, 1.0))
+        tokens = codec.encode(text, reasoning, 1.0)
+        assert codec.decode(tokens.ids[tokens.prompt_length :].tolist()) == text
+        assert tokens.ids[-1] == codec.end_id
+        assert len(tokens.ids) == len(tokens.free) == len(tokens.numeric)
+        assert not tokens.free[: tokens.prompt_length].any()
+        assert (tokens.free | ~tokens.numeric).all()
+
+
+def test_free_tokens_are_the_choices_and_numeric_ones_the_numbers(rng: np.random.Generator, codec: Codec) -> None:
+    text, _ = random_walk(rng, completion_grammar(True, 1.0))
+    tokens = codec.encode(text, True, 1.0)
+    segments = split(completion_grammar(True, 1.0), text)
+    chosen = "".join(piece for element, piece in segments if not isinstance(element, Literal))
+    numbers = "".join(piece for element, piece in segments if isinstance(element, Number))
+    assert codec.decode(tokens.ids[tokens.free].tolist()) == chosen
+    assert codec.decode(tokens.ids[tokens.numeric].tolist()) == numbers
+
+
+@pytest.mark.parametrize("reasoning", [True, False])
+def test_the_small_tokenizer_cuts_a_whole_text_as_its_segments(rng: np.random.Generator, reasoning: bool) -> None:
+    codec = Codec(SMALL, 12)
+    for _ in range(20):
+        text, _ = random_walk(rng, completion_grammar(reasoning, 1.0))
+        tokens = codec.encode(text, reasoning, 1.0)
+        assert SMALL(text, add_special_tokens=False)["input_ids"] == tokens.ids[tokens.prompt_length : -1].tolist()
+
+
+def test_the_small_tokenizer_takes_two_tokens_a_number(rng: np.random.Generator) -> None:
+    (scene,) = draw(int(rng.integers(2**31)), [0], {1: 1.0}).scenes
+    text = write_completion(scene, [Event(0.5, "hits_ground", 0)], 1.0)
+    tokens = Codec(SMALL, 12).encode(text, True, 1.0)
+    numbers = sum(isinstance(e, Number) for e, _ in split(completion_grammar(True, 1.0), text))
+    assert tokens.numeric.sum() == 2 * numbers
+    assert SMALL.unk_token_id not in tokens.ids
+
+
+def test_the_prompt_is_a_chat_with_a_place_for_each_piece_of_the_video(codec: Codec) -> None:
+    ids = codec.prompt_ids
+    place = ids.index(codec.video_token_id)
+    assert ids[place : place + 12] == [codec.video_token_id] * 12
+    assert ids.count(codec.video_token_id) == 12
+    words = codec.tokenizer.decode(ids)
+    assert PROMPT in words
+    assert words.endswith("<|im_start|>assistant\n")
+    assert words.startswith("<|im_start|>user\n<|vision_start|>" + VIDEO_TOKEN)
+    assert codec.end_id == codec.tokenizer.convert_tokens_to_ids(END_TOKEN)
+
+
+def test_a_text_of_another_grammar_is_not_encoded(codec: Codec) -> None:
+    with pytest.raises(GrammarError):
+        codec.encode("<think>\nhello", True, 1.0)
+    with pytest.raises(GrammarError):
+        codec.encode("<answer>\n", True, 1.0)
+
+
+@pytest.mark.parametrize("reasoning", [True, False])
+def test_a_walker_on_random_choices_writes_what_encode_cuts_alike(
+    rng: np.random.Generator, codec: Codec, reasoning: bool
+) -> None:
+    tries = Tries(codec)
+    for _ in range(8):
+        walker = Walker(completion_grammar(reasoning, 1.0), codec, tries)
+        ids, options = walker.forced(), 0
+        while not walker.finished:
+            allowed = walker.allowed
+            assert len(allowed) > 1
+            ends = [t for t in allowed if "</" in codec.decode([t])]  # else random events go on for long
+            token = ends[0] if ends and rng.random() < 0.3 else int(rng.choice(allowed))
+            options += len(allowed)
+            walker.take(token)
+            ids += [token, *walker.forced()]
+        read_completion(walker.text)
+        assert codec.decode(ids) == walker.text
+        tokens = codec.encode(walker.text, reasoning, 1.0)
+        assert ids == tokens.ids[tokens.prompt_length : -1].tolist()
+
+
+def test_a_walker_can_write_every_completion(rng: np.random.Generator, codec: Codec) -> None:
+    tries = Tries(codec)
+    for _ in range(5):
+        text, _ = random_walk(rng, completion_grammar(True, 1.0))
+        tokens = codec.encode(text, True, 1.0)
+        walker = Walker(completion_grammar(True, 1.0), codec, tries)
+        wanted = tokens.ids[tokens.prompt_length : -1].tolist()
+        done = len(walker.forced())
+        while not walker.finished:
+            assert wanted[done] in walker.allowed
+            walker.take(wanted[done])
+            done += 1 + len(walker.forced())
+        assert walker.text == text
+
+
+def test_the_tokenizer_is_saved_and_loaded_the_same(tmp_path: object, rng: np.random.Generator) -> None:
+    SMALL.save_pretrained(str(tmp_path))
+    again = PreTrainedTokenizerFast.from_pretrained(str(tmp_path))
+    text, _ = random_walk(rng, completion_grammar(True, 1.0))
+    assert again(text)["input_ids"] == SMALL(text)["input_ids"]
+    assert Codec(again, 4).prompt_ids == Codec(SMALL, 4).prompt_ids

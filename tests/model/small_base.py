@@ -1,0 +1,33 @@
+"""Models so small that a test can train them, and made-up clips for them."""
+
+import numpy as np
+
+from pipeline.language.codec import Codec, Tokens
+from pipeline.language.completion import write_completion
+from pipeline.language.events import Event
+from pipeline.language.tokenizer import build_tokenizer
+from pipeline.model.base import Base
+from pipeline.model.patches import PatchLayout
+from pipeline.model.tiny import TinySize, build_tiny
+from pipeline.scene.scene import Camera, Scene, SceneObject
+
+LAYOUT = PatchLayout(64, 32, 4, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
+SIZE = TinySize(hidden=48, layers=2, heads=2, intermediate=64, vision_hidden=32, vision_depth=2, vision_heads=2,
+                vision_intermediate=64, patch=16)  # fmt: skip
+
+
+def small_base(seed: int = 0) -> Base:
+    tokenizer = build_tokenizer()
+    model = build_tiny(tokenizer, SIZE, seed).eval()
+    return Base(model, tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens))
+
+
+def random_clips(rng: np.random.Generator, count: int) -> np.ndarray:
+    """(B, T, H, W, 3) uint8."""
+    return rng.integers(0, 256, (count, LAYOUT.frames, LAYOUT.height, LAYOUT.width, 3), dtype=np.uint8)
+
+
+def random_tokens(rng: np.random.Generator, base: Base) -> Tokens:
+    ball = SceneObject("sphere", (float(rng.uniform(0.05, 0.3)),), 1.0, position=tuple(rng.uniform(-1, 1, 3)))
+    scene = Scene((ball,), Camera((0, -2, float(rng.uniform(0.5, 1.5))), 40, pitch=-20))
+    return base.codec.encode(write_completion(scene, [Event(0.25, "hits_ground", 0)], 1.0), True, 1.0)

@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+import torch
+from small_base import LAYOUT, SIZE, random_clips, small_base
+
+from pipeline.language.completion import completion_grammar, read_completion
+from pipeline.language.grammar import GrammarError, split
+from pipeline.model.base import Base
+from pipeline.model.generate import Completed, Sampling, batches, generate
+from pipeline.model.inputs import positions
+from pipeline.model.patches import pack_video
+from pipeline.model.walker import Tries, Walker
+
+BASE = small_base()
+TRIES = Tries(BASE.codec)
+
+
+@torch.no_grad()
+def logits_of(base: Base, clip: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Next-token logits (L, V) after each of the ids, in one pass without a cache."""
+    out = base.model(
+        input_ids=torch.as_tensor(ids.astype(np.int64))[None],
+        pixel_values_videos=pack_video(torch.as_tensor(clip[None]), base.layout),
+        video_grid_thw=torch.tensor([base.layout.grid]),
+        position_ids=positions(base, len(ids))[:, None],
+        use_cache=False,
+    )
+    return out.logits[0].double().numpy()
+
+
+def told(text: str, reasoning: bool, logits: np.ndarray) -> list[tuple[list[int], int, np.ndarray]]:
+    """Each choice of a completion: the allowed tokens, which was taken, and their log-probabilities."""
+    tokens = BASE.codec.encode(text, reasoning, 1.0)
+    walker = Walker(completion_grammar(reasoning, 1.0), BASE.codec, TRIES)
+    at = tokens.prompt_length + len(walker.forced())
+    choices = []
+    while not walker.finished:
+        scores = logits[at - 1][walker.allowed]
+        log_p = scores - np.log(np.exp(scores - scores.max()).sum()) - scores.max()
+        token = int(tokens.ids[at])
+        choices.append((walker.allowed, walker.allowed.index(token), log_p))
+        walker.take(token)
+        at += 1 + len(walker.forced())
+    return choices
+
+
+def recomputed(clip: np.ndarray, answer: Completed, reasoning: bool) -> list[tuple[list[int], int, np.ndarray]]:
+    ids = BASE.codec.encode(answer.text, reasoning, 1.0).ids
+    return told(answer.text, reasoning, logits_of(BASE, clip, ids))
+
+
+@pytest.mark.parametrize("reasoning", [True, False])
+def test_greedy_takes_the_likeliest_allowed_token_as_without_a_cache(rng: np.random.Generator, reasoning: bool) -> None:
+    clips = random_clips(rng, 2)
+    answers = generate(BASE, clips, Sampling(reasoning=reasoning), [1, 2], TRIES)
+    for clip, (answer,) in zip(clips, answers, strict=True):
+        for _, taken, log_p in recomputed(clip, answer, reasoning):
+            assert log_p[taken] >= log_p.max() - 1e-4
+
+
+@pytest.mark.parametrize("temperature", [0.0, 1.5])
+def test_the_log_probability_is_that_of_its_choices_without_a_cache(rng: np.random.Generator, temperature: float) -> None:
+    clips = random_clips(rng, 2)
+    sampling = Sampling(samples=1 if temperature == 0 else 3, temperature=temperature, top_p=0.95)
+    for clip, answers in zip(clips, generate(BASE, clips, sampling, [1, 2], TRIES), strict=True):
+        for answer in answers:
+            expected = sum(log_p[taken] for _, taken, log_p in recomputed(clip, answer, True))
+            assert answer.log_probability == pytest.approx(expected, abs=0.02)
+
+
+def test_samples_are_among_the_nucleus(rng: np.random.Generator) -> None:
+    clips = random_clips(rng, 1)
+    sampling = Sampling(samples=4, temperature=1.0, top_p=0.5, reasoning=False)
+    for answer in generate(BASE, clips, sampling, [7], TRIES)[0]:
+        for _, taken, log_p in recomputed(clips[0], answer, False):
+            p = np.exp(log_p)
+            assert p[p > p[taken] + 1e-6].sum() <= 0.5 + 1e-4
+
+
+def test_samples_repeat_by_their_seed_whatever_else_is_in_the_batch(rng: np.random.Generator) -> None:
+    clips = random_clips(rng, 3)
+    sampling = Sampling(samples=3, temperature=1.0, top_p=0.9, reasoning=False)
+    together = generate(BASE, clips, sampling, [5, 6, 7], TRIES)
+    again = generate(BASE, clips[1:2], sampling, [6], TRIES)
+    assert [a.text for a in again[0]] == [a.text for a in together[1]]
+    np.testing.assert_allclose([a.log_probability for a in again[0]], [a.log_probability for a in together[1]], atol=0.02)
+    assert len({a.text for answers in together for a in answers}) > 3
+    other = generate(BASE, clips[1:2], sampling, [8], TRIES)
+    assert [a.text for a in other[0]] != [a.text for a in together[1]]
+
+
+def test_fewer_samples_are_the_first_of_more(rng: np.random.Generator) -> None:
+    clips = random_clips(rng, 1)
+    few, many = (generate(BASE, clips, Sampling(n, 1.0, reasoning=False), [3], TRIES)[0] for n in (2, 4))
+    assert [a.text for a in few] == [a.text for a in many[:2]]
+
+
+@pytest.mark.parametrize("reasoning", [True, False])
+def test_every_answer_of_an_untrained_model_parses(rng: np.random.Generator, reasoning: bool) -> None:
+    base = small_base(int(rng.integers(1000)))
+    sampling = Sampling(samples=6, temperature=3.0, top_p=1.0, reasoning=reasoning)
+    for answers in generate(base, random_clips(rng, 2), sampling, [1, 2]):
+        for answer in answers:
+            completion = read_completion(answer.text)
+            assert bool(completion.think) == reasoning
+            assert completion.scene.objects
+            split(completion_grammar(reasoning, 1.0), answer.text)
+
+
+def test_the_clip_changes_the_answer(rng: np.random.Generator) -> None:
+    answers = generate(BASE, random_clips(rng, 4), Sampling(reasoning=False), [0] * 4, TRIES)
+    assert len({a[0].log_probability for a in answers}) > 1
+
+
+def test_batches_cover_the_clips_once_and_hold_no_more_than_fits() -> None:
+    for clips, samples, size in ((10, 8, 32), (3, 50, 32), (7, 1, 4)):
+        parts = list(batches(clips, samples, size))
+        assert [c for part in parts for c in part] == list(range(clips))
+        assert all(len(part) == 1 or len(part) * samples <= size for part in parts)
+
+
+def test_the_walker_knows_only_the_grammars_texts() -> None:
+    with pytest.raises(GrammarError):
+        BASE.codec.encode("<think>\nno", True, 1.0)
+    assert LAYOUT.tokens == BASE.codec.prompt_ids.count(BASE.codec.video_token_id)
+    assert BASE.model.config.text_config.hidden_size == SIZE.hidden
