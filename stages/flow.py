@@ -15,12 +15,14 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ModelError
+from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.vision.dis import DIS
 from pipeline.vision.flow_noise import FlowNoise, noisy_flow
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
+from pipeline.vision.measured_flow import measured_flow
 from pipeline.vision.raft import RAFT, load_raft
 from stages.main import run
 from stages.params import load
@@ -34,19 +36,21 @@ def estimator(source: str, raft: str) -> RAFT | DIS:
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
     (rendered,) = inputs
-    pairs = Schedule(**p["clip"]).pairs
+    schedule = Schedule(**p["clip"])
     flows, pictures = [], []
     for clip in shard.clips:
         if p["source"] == "exact":
             flow = rendered.array(clip, "flow")
             if p["noise"]:
                 rng = clip_rng(p["seed"], shard.suite, clip, "flow noise")
-                masks = rendered.array(clip, "mask")[pairs[:, 0]]
+                masks = rendered.array(clip, "mask")[schedule.pairs[:, 0]]
                 flow = noisy_flow(rng, flow, masks, FlowNoise().scaled(p["noise"]))
         else:
             rgb = rendered.array(clip, "rgb")
+            recorded = rendered.row(clip)["recorded"] if rendered.tables else schedule.frame_steps / STEPS_PER_SECOND
             model = estimator(p["source"], p.get("raft", ""))
-            flow = model.flow(rgb[pairs[:, 0]], rgb[pairs[:, 1]], p["iterations"], size=tuple(p["size"]))
+            flow = measured_flow(model, rgb, np.array(recorded), schedule.pairs, p["interval"], p["iterations"],
+                                 tuple(p["size"]))  # fmt: skip
         flows.append(flow.astype(np.float32))
         pictures.append(flow_picture(flow, p["picture"], scaled_max_px(flow.shape[2], p["interval"])))
     return ShardResult(arrays={"flow": np.stack(flows), "picture": np.stack(pictures)})

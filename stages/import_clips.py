@@ -1,7 +1,8 @@
 """Take in the user's clips as the suite `real`: decode, resample, and find masks.
 
 Reads the folder suites.real.path: videos, or folders that each have a video and masks (masks.npz, or a folder masks/ of
-PNGs). Writes data/render/real: table clips (clip, name, source_fps, masks_from, notes), arrays rgb and mask.
+PNGs). Writes data/render/real: table clips (clip, name, source_fps, recorded: when each frame
+was, s, masks_from, notes), arrays rgb and mask.
 Parameters: clip, suites.real, sample.shard_size. Run: python -m stages.import_clips
 """
 
@@ -26,6 +27,7 @@ SCHEMA = pa.schema(
         "clip": pa.int64(),
         "name": pa.string(),
         "source_fps": pa.float64(),
+        "recorded": pa.list_(pa.float64()),
         "masks_from": pa.string(),
         "notes": pa.list_(pa.string()),
     }
@@ -37,8 +39,16 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
     for clip in shard.clips:
         place = Path(p["clips"][clip])
         taken = read_user_clip(place, p["start"], p["seconds"], p["frames_per_second"], p["assume_fps"])
-        rows.append({"clip": clip, "name": place.stem, "source_fps": taken.clip.source_fps,
-                     "masks_from": taken.masks_from, "notes": taken.clip.notes})  # fmt: skip
+        rows.append(
+            {
+                "clip": clip,
+                "name": place.stem,
+                "source_fps": taken.clip.source_fps,
+                "recorded": taken.clip.source_times.tolist(),
+                "masks_from": taken.masks_from,
+                "notes": taken.clip.notes,
+            }
+        )
         frames.append(taken.clip.frames)
         masks.append(taken.masks)
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, {"rgb": np.stack(frames), "mask": np.stack(masks)})

@@ -12,6 +12,7 @@ from pipeline.commands.progress import Progress
 from pipeline.errors import VideoError
 from pipeline.language.completion import MAX_OBJECTS
 from pipeline.vision.dis import DIS
+from pipeline.vision.measured_flow import measured_flow
 from pipeline.vision.raft import RAFT
 from pipeline.vision.user_clip import UserClip, read_user_clip
 
@@ -58,34 +59,14 @@ def read_input(
     with progress.step("frames and masks"):
         taken = read_user_clip(place, start, seconds, schedule.fps, fps, masks)
     with progress.step("flow"):
-        frames, pairs = taken.clip.frames, schedule.pairs
-        first, second, scale = recorded_pairs(taken.clip.source_times, pairs, 1 / schedule.fps)
-        flow = estimator.flow(frames[first], frames[second], FLOW_ITERATIONS, size=FLOW_SIZE)
-        flow *= scale.astype(np.float32)[:, None, None, None]
+        pairs = schedule.pairs
+        flow = measured_flow(estimator, taken.clip.frames, taken.clip.source_times, pairs, 1 / schedule.fps,
+                             FLOW_ITERATIONS, FLOW_SIZE)  # fmt: skip
     speed = np.linalg.norm(flow, axis=-1)
     seen = taken.masks[pairs[:, 0]]
     check_motion(place, speed, seen)
     notes = [*taken.clip.notes, *doubts(speed, seen, seconds)]
     return ClipInput(taken, schedule, flow, tuple(notes))
-
-
-def recorded_pairs(
-    recorded: np.ndarray, pairs: np.ndarray, interval: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frames between which the flow of pairs (P, 2) is measured, and by what it is multiplied to be per `interval`, s.
-
-    recorded: (T,) s, when each frame was recorded. At a low or uneven frame rate a frame may repeat the one before,
-    which would be no motion: then the next one that differs is taken, or at the end the one before.
-    """
-    first, second = pairs[:, 0].copy(), pairs[:, 1].copy()
-    last = len(recorded) - 1
-    for k in range(len(pairs)):
-        while second[k] < last and recorded[second[k]] <= recorded[first[k]]:
-            second[k] += 1
-        while first[k] > 0 and recorded[second[k]] <= recorded[first[k]]:
-            first[k] -= 1
-    between = recorded[second] - recorded[first]
-    return first, second, np.where(between > 0, interval / np.maximum(between, 1e-9), 0.0)
 
 
 def check_motion(place: Path, speed: np.ndarray, masks: np.ndarray) -> None:

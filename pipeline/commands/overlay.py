@@ -114,4 +114,3 @@ def _painted(picture: np.ndarray, masks: np.ndarray) -> np.ndarray:
     colours = np.array([(0, 0, 0), *(object_colour(i) for i in range(255))], np.uint8)
     painted = np.where(masks[..., None] > 0, colours[masks] // 4 * 3 + picture // 4, pale)
     return _tile(painted.astype(np.uint8))
-

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 import torch
-from peft import LoraConfig, get_peft_model
+from peft import LoraConfig, PeftModel, get_peft_model
 from torch.utils.data import Dataset
 from transformers import Qwen2_5_VLForConditionalGeneration, Trainer, TrainerCallback, TrainingArguments
 
@@ -68,6 +68,17 @@ class _Trainer(Trainer):
         return loss.detach(), None, None
 
 
+    def _load_from_checkpoint(self, resume_from_checkpoint: str, model: Any = None) -> None:
+        """As the Trainer, but for whole models under the names of the file, which are not those of the module."""
+        if isinstance(self.model, PeftModel):
+            super()._load_from_checkpoint(resume_from_checkpoint, model)
+            return
+        stored = type(self.base.model).from_pretrained(
+            resume_from_checkpoint, local_files_only=True, dtype=self.base.model.dtype
+        )
+        self.base.model.load_state_dict(stored.state_dict())
+
+
 class _Report(TrainerCallback):
     def __init__(self, report: Callable[[dict[str, float]], None]) -> None:
         self._report = report
@@ -88,6 +99,7 @@ def finetune(
     whole = base.model
     if plan.lora_rank:
         config = LoraConfig(r=plan.lora_rank, lora_alpha=2 * plan.lora_rank, target_modules=list(LORA_TARGETS))
+        torch.manual_seed(plan.seed)  # for the adapters' first weights
         adapted = get_peft_model(whole, config)
     arguments = TrainingArguments(
         output_dir=str(work),

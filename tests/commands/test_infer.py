@@ -12,7 +12,7 @@ from conftest import Run, files_no_larger_than
 from PIL import Image
 from rerun.chunk import RrdReader
 
-from pipeline.commands.clip_input import check_motion, doubts, read_input, recorded_pairs
+from pipeline.commands.clip_input import check_motion, doubts, read_input
 from pipeline.commands.progress import Progress
 from pipeline.commands.replay import replay, run_scene
 from pipeline.commands.scene_edits import edited
@@ -21,6 +21,7 @@ from pipeline.errors import VideoError
 from pipeline.physics.simulate import simulate
 from pipeline.scene.text import load_scene
 from pipeline.vision.dis import DIS
+from pipeline.vision.measured_flow import recorded_pairs
 from pipeline.vision.raft import RAFT
 from pipeline.vision.video import read_clip
 
