@@ -1,6 +1,6 @@
 """Foreground end-point error and time of our RAFT beside OpenCV's DIS, in one run.
 
-    python benchmarks/flow.py [--weights models/raft-small] [--seed N] [--iterations 8]
+    python benchmarks/flow.py [--weights models/raft-small] [--seed N] [--iterations 4]
 
 On 200 rendered pairs of a fresh seed (half by our ray caster, half by MuJoCo where OpenGL works), and on the clips of
 another engine (in DYNAMICS_DATA or ../shared/data; skipped where there are none).
@@ -37,7 +37,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--weights", type=Path, default=Path("models/raft-small"))
     parser.add_argument("--seed", type=int, default=None, help="of the rendered pairs; a fresh one by default")
-    parser.add_argument("--iterations", type=int, default=8)
+    parser.add_argument("--iterations", type=int, default=4)
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)

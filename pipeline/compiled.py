@@ -40,6 +40,6 @@ numba.config.CACHE_DIR = str(_kernel_folder())  # type: ignore[attr-defined]
 kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
 #: The same with `numba.prange` in threads.
 parallel_kernel = numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-#: The same as `kernel` for a function that is called for each pixel and takes arrays: put into its callers, for otherwise each
+#: As `kernel`, for a function that is called for each pixel and takes arrays: put into its callers, for otherwise each
 #: call counts references to its arrays, which doubles the time.
 inlined_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -22,7 +22,7 @@ from training.warped_pairs import warped_pair
 
 RENDER_SIZE = (240, 160)  # px, width and height of the whole picture
 REUSE = 2
-COLD = 0.15
+COLD = 0.5
 WILD = 0.25  # of the pairs; the others are of the project's own clips
 POOL_LEAST, POOL_MOST = 32, 500  # pairs
 

@@ -122,7 +122,7 @@ def append_row(path: Path, row: dict[str, float | str]) -> None:
         writer.writerow(row)
 
 
-def train(arguments: argparse.Namespace) -> RAFT:
+def train(arguments: argparse.Namespace) -> tuple[RAFT, Progress]:
     torch.set_num_threads(arguments.threads)
     torch.manual_seed(arguments.seed)
     out: Path = arguments.out
@@ -140,10 +140,10 @@ def train(arguments: argparse.Namespace) -> RAFT:
         print(f"resumed at {progress.seconds / 60:.1f} min, step {progress.steps}", flush=True)
     total = arguments.minutes * 60
     phases = (
-        Phase(0.0, (96, 64), arguments.batch, arguments.iterations, warped=1.0),
-        Phase(0.35, (96, 64), arguments.batch, arguments.iterations, warped=0.35),
+        Phase(0.0, (96, 64), arguments.batch, arguments.iterations, warped=arguments.warped),
+        Phase(0.25, (96, 64), arguments.batch, arguments.iterations, warped=0.35),
         Phase(0.75, (128, 96), arguments.batch, arguments.iterations, warped=0.2),
-        Phase(0.93, RENDER_SIZE, max(2, arguments.batch // 3), arguments.iterations),
+        Phase(0.95, RENDER_SIZE, max(2, arguments.batch // 3), arguments.iterations),
     )
     stream = PairStream(
         arguments.seed, progress.steps, phases, arguments.workers, arguments.mujoco_share, model.warm_start
@@ -208,7 +208,7 @@ def train(arguments: argparse.Namespace) -> RAFT:
     if stopped.is_set():
         print(f"stopped and saved at {progress.seconds / 60:.1f} min; the same command goes on from there", flush=True)
         raise SystemExit(1)
-    return model
+    return model, progress
 
 
 def new_model(arguments: argparse.Namespace) -> RAFT:
@@ -217,11 +217,11 @@ def new_model(arguments: argparse.Namespace) -> RAFT:
     )
 
 
-def export(model: RAFT, folder: Path, log: Path) -> None:
+def export(model: RAFT, folder: Path, progress: Progress) -> None:
     """Write the weights and the model card with the errors measured now."""
     model.eval().to("cpu")
     model.save(folder)
-    write_card(folder, model, log)
+    write_card(folder, model, progress.steps, progress.pairs)
     print(f"wrote {folder}", flush=True)
 
 
@@ -239,6 +239,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--warm-start", choices=("none", *PRESETS), default="none", help="DIS's flow to begin from")
     parser.add_argument("--foreground-weight", type=float, default=4.0, help="extra weight of moving bodies' pixels")
     parser.add_argument("--matching-weight", type=float, default=1.0, help="of the features' own loss, at the start")
+    parser.add_argument("--warped", type=float, default=1.0, help="share of warped textures in the first quarter")
     parser.add_argument(
         "--mujoco-share",
         type=float,
@@ -257,12 +258,14 @@ def parse() -> argparse.Namespace:
 def main() -> None:
     arguments = parse()
     if arguments.export is None:
-        model = train(arguments)
+        model, progress = train(arguments)
     else:
         torch.set_num_threads(arguments.threads)
         model = new_model(arguments)
-        model.load_state_dict(torch.load(arguments.out / "checkpoint.pt", weights_only=True)["model"])
-    export(model, arguments.export or arguments.weights, arguments.out / "log.csv")
+        state = torch.load(arguments.out / "checkpoint.pt", map_location="cpu", weights_only=True)
+        model.load_state_dict(state["model"])
+        progress = Progress(**state["progress"])
+    export(model, arguments.export or arguments.weights, progress)
 
 
 if __name__ == "__main__":

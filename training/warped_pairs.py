@@ -25,8 +25,9 @@ def warped_pair(rng: np.random.Generator, width: int, height: int) -> Pair:
     """
     y, x = np.mgrid[:height, :width].astype(np.float32)
     place = np.stack([x, y], axis=-1)
-    frame_a = frame_b = np.zeros((height, width, 3), np.float32)
-    flow = np.zeros((height, width, 2), np.float32)
+    frame_a: np.ndarray = np.zeros((height, width, 3), np.float32)
+    frame_b: np.ndarray = frame_a
+    flow: np.ndarray = np.zeros((height, width, 2), np.float32)
     for layer in range(1 + int(rng.integers(0, LAYERS + 1))):
         own = smooth_flow(rng, width, height)
         texture = random_texture(rng, width, height)

@@ -53,7 +53,7 @@ class Event:
 class Thresholds:
     """impact_speed: approach along the normal, m/s, below which a touch is no hit. separation: s without contact
     before a touch counts as new and the body as having flown. slip_speed, moving_speed: m/s. duration: s that a regime
-    has to last. visible_px: area, px of 480x320, from which an object is in view. most: events kept, the earliest first."""
+    has to last. visible_px: area, px of 480x320, from which an object is in view. most: events kept, the first ones."""
 
     impact_speed: float = 0.2
     separation: float = 0.1

@@ -48,7 +48,8 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
             vision = AutoConfig.from_pretrained(name, local_files_only=True).vision_config
             unit = vision.patch_size * vision.spatial_merge_size
             if width % unit or height % unit:
-                raise ModelError(f"model.width, model.height: {width} x {height}; valid for {name}: multiples of {unit} px")
+                size = f"{width} x {height}"
+                raise ModelError(f"model.width, model.height: {size}; valid for {name}: multiples of {unit} px")
             layout = PatchLayout(width, height, frames, vision.patch_size, vision.temporal_patch_size,
                                  vision.spatial_merge_size)  # fmt: skip
     except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:

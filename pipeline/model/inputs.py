@@ -11,7 +11,7 @@ from pipeline.model.base import Base
 def prompt_positions(base: Base) -> torch.Tensor:
     """Rotary positions (3, P) of the prompt: time, height and width (Qwen2-VL, section 2.1). All prompts share them."""
     ids = torch.tensor([base.codec.prompt_ids])
-    kinds = 2 * torch.eq(ids, base.codec.video_token_id).long()  # 2: video, 0: text
+    kinds = 2 * (ids == torch.tensor(base.codec.video_token_id)).long()  # 2: video, 0: text
     grid = torch.tensor([base.layout.grid])
     positions, _ = base.model.model.get_rope_index(ids, kinds, video_grid_thw=grid)
     return positions[:, 0]

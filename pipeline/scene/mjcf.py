@@ -98,8 +98,8 @@ def scene_mjcf(scene: Scene) -> mjcf.RootElement:
             shape["mesh"] = obj.name
         else:
             shape["size"] = geom_sizes(obj.shape, half_extents(obj)[None])[0]
-        body.add("geom", name=obj.name, mass=obj.mass, friction=friction(obj), solref=solref(np.array(obj.damping)), condim=6,
-                 priority=OBJECT_PRIORITY, **shape)  # fmt: skip
+        body.add("geom", name=obj.name, mass=obj.mass, friction=friction(obj), solref=solref(np.array(obj.damping)),
+                 condim=6, priority=OBJECT_PRIORITY, **shape)  # fmt: skip
     root.keyframe.add("key", name="initial", qpos=initial_qpos(scene), qvel=initial_qvel(scene))
     return root
 

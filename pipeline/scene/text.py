@@ -192,13 +192,15 @@ def _camera(c: _CameraText) -> Camera:
 
 
 def _object(o: Any) -> SceneObject:
-    values: dict[str, Any] = {key: getattr(o, key) for key in OBJECT_KEYS}
+    values: dict[str, Any] = {
+        key: tuple(value) if isinstance(value := getattr(o, key), list) else value for key in OBJECT_KEYS
+    }
     return SceneObject(
         shape=o.shape,
         size=tuple(getattr(o, key) for key in SIZE_KEYS[o.shape]),
         name=o.name or "",
         file=getattr(o, "file", None),
-        **{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()},
+        **values,
     )
 
 

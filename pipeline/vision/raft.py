@@ -325,6 +325,7 @@ class RAFT(nn.Module):
         folder.mkdir(parents=True, exist_ok=True)
         weights = {k: v.detach().cpu().contiguous() for k, v in self.state_dict().items()}
         save_file(weights, folder / (WEIGHTS + ".part"), metadata={"format": "pt"})
+        (folder / (WEIGHTS + ".part")).chmod(0o644)  # safetensors writes for its owner alone
         (folder / (WEIGHTS + ".part")).replace(folder / WEIGHTS)
         config = {
             "model_type": "raft",

@@ -84,5 +84,7 @@ def test_scenes_are_of_the_compositions_asked_for(rng: np.random.Generator) -> N
     scenes = draw_clips(seed_of(rng), "test", range(8), distribution(), filters(), SCHEDULE, {1: 1.0}, only=only).scenes
     assert {s.composition for s in scenes} <= set(only)
     without = ["box+box", "box+cylinder", "cylinder+cylinder", "cylinder+sphere", "sphere+sphere"]
-    scenes = draw_clips(seed_of(rng), "test", range(4), distribution(), filters(), SCHEDULE, {2: 1.0}, (), without).scenes
+    scenes = draw_clips(
+        seed_of(rng), "test", range(4), distribution(), filters(), SCHEDULE, {2: 1.0}, (), without
+    ).scenes
     assert {s.composition for s in scenes} == {"box+sphere"}

@@ -11,7 +11,9 @@ def test_a_second_at_30_frames_has_ten_pairs_three_frames_apart() -> None:
     np.testing.assert_array_equal(schedule.pairs, [[3 * i, 3 * i + 1] for i in range(10)])
 
 
-@pytest.mark.parametrize(("seconds", "fps", "model_frames"), [(1, 30, 16), (0.5, 25, 10), (2, 30, 10), (1, 30, 29), (1, 7, 2)])
+@pytest.mark.parametrize(
+    ("seconds", "fps", "model_frames"), [(1, 30, 16), (0.5, 25, 10), (2, 30, 10), (1, 30, 29), (1, 7, 2)]
+)
 def test_pairs_are_spread_evenly_and_stay_inside_the_clip(seconds: float, fps: int, model_frames: int) -> None:
     schedule = Schedule(seconds, fps, model_frames)
     first, second = schedule.pairs.T

@@ -167,8 +167,8 @@ def test_a_cylinder_on_its_side_rolls_and_a_box_tumbles() -> None:
 
 
 def test_a_box_that_chatters_over_the_ground_slides() -> None:
-    chattering = SceneObject("box", (0.285, 0.276, 0.206), 0.33, sliding_friction=0.49, damping=0.3,
-                             position=(0, 0, 0.103), velocity=(-0.8, -1.06, 0), angular_velocity=(0, 0, 0.94))  # fmt: skip
+    chattering = box(size=(0.285, 0.276, 0.206), mass=0.33, sliding_friction=0.49, damping=0.3, position=(0, 0, 0.103),
+                     velocity=(-0.8, -1.06, 0), angular_velocity=(0, 0, 0.94))  # fmt: skip
     trace = run(chattering)
     contacts = np.bincount(trace.contacts.step, minlength=240)
     assert (contacts[:100] == 0).mean() > 0.2, "it hops"

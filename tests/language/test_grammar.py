@@ -6,43 +6,29 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_walk import random_walk
 from sampled_scenes import clips, draw, thresholds
 
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import areas_px
 from pipeline.language.completion import (
-    EVENT_PHRASES, MATERIAL, MAX_OBJECTS, VECTORS, completion_grammar, read_completion, think_text, write_completion,
+    EVENT_PHRASES,
+    MATERIAL,
+    MAX_OBJECTS,
+    VECTORS,
+    completion_grammar,
+    read_completion,
+    think_text,
+    write_completion,
 )  # fmt: skip
 from pipeline.language.events import KINDS, Event, find_events
-from pipeline.language.grammar import Choice, Grammar, GrammarError, Literal, Number, pieces, spell, split
+from pipeline.language.grammar import Choice, Grammar, GrammarError, Literal, Number, spell, split
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.scene.digits import DECIMALS
 from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.scene.text import read_scene, write_scene
 
 TOKENIZER = build_tokenizer()
-
-
-def random_walk(rng: np.random.Generator, grammar: Grammar, end: float = 0.2) -> tuple[str, list[str]]:
-    """A text of random choices, and its pieces; lists go on with a chance of 1 - end."""
-    text, cut = "", []
-    element = next(grammar)
-    while True:
-        if isinstance(element, Literal):
-            piece = element.text
-        elif isinstance(element, Number):
-            piece = element.text(rng.uniform(element.low, element.high))
-            assert piece in element.options
-        elif element.options[0].startswith(".\n</think>") and len(element.options) > 1:
-            piece = element.options[0 if rng.random() < end else 1]
-        else:
-            piece = element.options[int(rng.integers(len(element.options)))]
-        text += piece
-        cut += pieces(element, piece)
-        try:
-            element = grammar.send(piece)
-        except StopIteration:
-            return text, cut
 
 
 @pytest.mark.parametrize("reasoning", [True, False])
@@ -76,8 +62,10 @@ def test_every_piece_of_a_random_walk_is_one_token_of_the_small_tokenizer(
 @pytest.mark.parametrize("reasoning", [True, False])
 def test_random_walks_reach_all_shapes_counts_and_events(rng: np.random.Generator, reasoning: bool) -> None:
     texts = [random_walk(rng, completion_grammar(reasoning, 1.0), end=0.05)[0] for _ in range(80)]
-    assert {len(read_completion(t).scene.objects) for t in texts} == set(range(1, MAX_OBJECTS + 1))
+    counts = {len(read_completion(t).scene.objects) for t in texts}
+    assert counts >= {1, 2, 3}, "without reasoning every further object takes another throw"
     if reasoning:
+        assert counts == set(range(1, MAX_OBJECTS + 1))
         assert all(any(phrase in t for t in texts) for phrase in EVENT_PHRASES.values())
 
 
@@ -85,7 +73,9 @@ def example(rng: np.random.Generator) -> tuple[Scene, list[Event]]:
     (scene,) = draw(int(rng.integers(2**31)), [0], {2: 1.0, 3: 1.0}).scenes
     times = np.sort(rng.uniform(0, 1, 5).round(2))
     kinds = rng.choice(list(KINDS), 5)
-    return scene, [Event(float(t), str(k), 0, 1 if k == "hits_object" else None) for t, k in zip(times, kinds, strict=True)]
+    return scene, [
+        Event(float(t), str(k), 0, 1 if k == "hits_object" else None) for t, k in zip(times, kinds, strict=True)
+    ]
 
 
 @pytest.mark.parametrize("reasoning", [True, False])
@@ -183,7 +173,9 @@ def test_a_foreign_text_is_a_grammar_error_that_says_where(text: str, told: str)
         split(toy(), text)
 
 
-@pytest.mark.parametrize("spoil", [lambda t: t[:-3], lambda t: t.replace("mass", "weight"), lambda t: t + "!", lambda t: ""])
+@pytest.mark.parametrize(
+    "spoil", [lambda t: t[:-3], lambda t: t.replace("mass", "weight"), lambda t: t + "!", lambda t: ""]
+)
 def test_a_spoilt_completion_is_a_grammar_error(rng: np.random.Generator, spoil: object) -> None:
     text, _ = random_walk(rng, completion_grammar(True, 1.0))
     with pytest.raises(GrammarError):
@@ -193,7 +185,9 @@ def test_a_spoilt_completion_is_a_grammar_error(rng: np.random.Generator, spoil:
 def test_events_of_sampled_clips_are_all_told(rng: np.random.Generator) -> None:
     for clip in clips(int(rng.integers(2**31)), 6):
         areas = areas_px(clip.masks, len(clip.scene.objects))
-        events = find_events(clip.trace, clip.scene.shapes, areas, Schedule().frame_steps, replace(thresholds(), most=4))
+        events = find_events(
+            clip.trace, clip.scene.shapes, areas, Schedule().frame_steps, replace(thresholds(), most=4)
+        )
         text = write_completion(clip.scene, events, 1.0)
         assert text.count("t=") == len(events) <= 4
         assert read_completion(text).scene == clip.scene

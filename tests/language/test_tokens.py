@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from random_walk import random_walk
 from sampled_scenes import draw
-from test_grammar import random_walk
 from tokenizers import Tokenizer, decoders, models, pre_tokenizers, trainers
 from transformers import PreTrainedTokenizerFast
 
@@ -25,7 +25,9 @@ def byte_level_bpe() -> PreTrainedTokenizerFast:
     trainer = trainers.BpeTrainer(vocab_size=400, initial_alphabet=pre_tokenizers.ByteLevel.alphabet(),
                                   special_tokens=list(SPECIAL_TOKENS), show_progress=False)  # fmt: skip
     rng = np.random.default_rng(0)
-    core.train_from_iterator([random_walk(rng, completion_grammar(True, 1.0))[0] for _ in range(20)] + [PROMPT], trainer)
+    core.train_from_iterator(
+        [random_walk(rng, completion_grammar(True, 1.0))[0] for _ in range(20)] + [PROMPT], trainer
+    )
     return PreTrainedTokenizerFast(tokenizer_object=core, pad_token="<|endoftext|>", eos_token="<|im_end|>",
                                    chat_template=CHAT_TEMPLATE, clean_up_tokenization_spaces=False)  # fmt: skip
 

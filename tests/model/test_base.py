@@ -27,7 +27,12 @@ def test_what_is_saved_is_loaded_the_same(rng: np.random.Generator, saved: Path)
     batch = make_batch(base, [random_tokens(rng, base)], random_clips(rng, 1))
     with torch.no_grad():
         torch.testing.assert_close(batch_loss(again, batch)[0], batch_loss(base, batch)[0])
-    assert {f.name for f in saved.iterdir()} >= {"model.safetensors", "config.json", "tokenizer.json", "clip_layout.json"}
+    assert {f.name for f in saved.iterdir()} >= {
+        "model.safetensors",
+        "config.json",
+        "tokenizer.json",
+        "clip_layout.json",
+    }
 
 
 def test_the_fast_patch_embedding_is_the_convolution(rng: np.random.Generator) -> None:
@@ -49,13 +54,15 @@ def test_a_checkpoint_without_a_layout_takes_the_frames_of_the_parameters(saved:
 @pytest.mark.parametrize("name", ["models/nowhere", "Qwen/Qwen2.5-VL-3B-Instruct-that-nobody-has"])
 def test_a_model_that_is_not_there_is_told_how_to_get(name: str) -> None:
     for load in (load_base, load_tokenizer):
-        with pytest.raises(ModelError, match=rf"model\.base: '{name}'.*Valid: models/tiny, or fetch .*hf download") as caught:
+        with pytest.raises(
+            ModelError, match=rf"model\.base: '{name}'.*Valid: models/tiny, or fetch .*hf download"
+        ) as caught:
             load(name)
         assert "\n" not in str(caught.value)
 
 
 def test_a_folder_that_is_no_checkpoint_or_a_damaged_one_is_refused(saved: Path, tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match="neither a folder with a Qwen2.5-VL checkpoint"):
+    with pytest.raises(ModelError, match=r"neither a folder with a Qwen2\.5-VL checkpoint"):
         load_base(str(tmp_path))
     for file in saved.iterdir():
         (tmp_path / file.name).write_bytes(file.read_bytes())

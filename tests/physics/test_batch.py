@@ -84,7 +84,9 @@ def test_a_batch_lands_and_slides_as_single_scenes_do(rng: np.random.Generator) 
     for _ in range(4):
         ball = SceneObject("sphere", (rng.uniform(0.05, 0.2),), *rng.uniform(0.2, 1, 4), position=(0, 0, 0.3),
                            velocity=(1, rng.normal(), 0), angular_velocity=tuple(rng.normal(size=3)))  # fmt: skip
-        brick = SceneObject("box", (0.4, 0.4, 0.1), *rng.uniform(0.2, 1, 4), position=(1, 0, 0.051), velocity=(0.5, 1, 0))
+        brick = SceneObject(
+            "box", (0.4, 0.4, 0.1), *rng.uniform(0.2, 1, 4), position=(1, 0, 0.051), velocity=(0.5, 1, 0)
+        )
         scenes.append(Scene((ball, brick)))
     states = simulator_of(scenes).run(stack_scenes(scenes), np.arange(0, 121, 8))
     for row, scene in enumerate(scenes):

@@ -41,7 +41,11 @@ def test_free_fall_is_a_parabola(rng: np.random.Generator) -> None:
     trace = simulate(Scene((obj,), gravity=tuple(g), ground=None))
     t = trace.times[:, None]
     # semi-implicit steps: the velocity of the end of each step carries through it
-    expected = obj.position + np.array(obj.velocity) * t + np.array(Scene((), gravity=tuple(g)).gravity) * t * (t + 1 / 240) / 2
+    expected = (
+        obj.position
+        + np.array(obj.velocity) * t
+        + np.array(Scene((), gravity=tuple(g)).gravity) * t * (t + 1 / 240) / 2
+    )
     np.testing.assert_allclose(trace.position[:, 0], expected, atol=1e-9)
 
 
@@ -67,7 +71,9 @@ def test_momentum_is_conserved_in_a_collision_in_the_air(rng: np.random.Generato
         turn = matrix_from_quaternion(trace.quaternion[:, i])
         inertia = turn * (obj.mass * unit_inertia(obj.shape, half_extents(obj)[None])[0]) @ turn.swapaxes(1, 2)
         angular += np.einsum("tij,tj->ti", inertia, trace.angular_velocity[:, i])
-    np.testing.assert_allclose(angular, np.tile(angular[0], (241, 1)), atol=0.02)  # steps of 1/240 s turn bodies so well
+    np.testing.assert_allclose(
+        angular, np.tile(angular[0], (241, 1)), atol=0.02
+    )  # steps of 1/240 s turn bodies so well
 
 
 def test_energy_does_not_grow_without_a_contact(rng: np.random.Generator) -> None:

@@ -14,7 +14,9 @@ from pipeline.scene.scene import Camera, Scene, SceneObject
 SCENE = Scene(
     (
         SceneObject("sphere", (0.1,), 0.5, 0.3, 0.004, 0.6, (0, 0, 0.4), (1, 0.2, 0.5), (1, 2, 3)),
-        SceneObject("box", (0.2, 0.3, 0.1), 2.0, 0.6, 0.0, 0.2, (0.6, 0.1, 0.3), (-1, 0, 0), (0, 4, 1), (1, 0.2, 0.3, 0)),
+        SceneObject(
+            "box", (0.2, 0.3, 0.1), 2.0, 0.6, 0.0, 0.2, (0.6, 0.1, 0.3), (-1, 0, 0), (0, 4, 1), (1, 0.2, 0.3, 0)
+        ),
         SceneObject("cylinder", (0.1, 0.3), 1.0, 0.5, 0.01, 1.0, (-0.6, 0, 0.15), (0, 0, 0), (0, 0, 5), name="can"),
     ),
     Camera((0, -2, 0.8), 42, pitch=-22),
@@ -97,7 +99,7 @@ def test_a_contacts_spring_is_one_that_the_time_step_follows(rng: np.random.Gene
 
 
 def test_a_scene_that_mujoco_refuses_is_a_simulation_error_in_its_words() -> None:
-    with pytest.raises(SimulationError, match="compiler refuses the scene: .*mass and inertia"):
+    with pytest.raises(SimulationError, match=r"compiler refuses the scene: .*mass and inertia"):
         simulate(Scene((SceneObject("sphere", (1e-6,), 1e-18),)))
 
 

@@ -100,7 +100,9 @@ def test_only_the_compositions_asked_for_are_drawn(rng: np.random.Generator) -> 
 
 
 def test_rounding_keeps_the_decimals_of_each_number(rng: np.random.Generator) -> None:
-    obj = SceneObject("box", tuple(rng.uniform(0.1, 1, 3)), 1.23456, *rng.uniform(0, 1, 3), orientation=(1, 0.2, 0.3, 0.4))
+    obj = SceneObject(
+        "box", tuple(rng.uniform(0.1, 1, 3)), 1.23456, *rng.uniform(0, 1, 3), orientation=(1, 0.2, 0.3, 0.4)
+    )
     rounded = rounded_object(obj)
     for key, decimals in DECIMALS.items():
         if "camera" not in key and key not in ("gravity", "orientation"):

@@ -31,7 +31,9 @@ def surface_points(rng: np.random.Generator, obj: SceneObject, count: int) -> np
     if obj.shape == "box":
         return rng.choice([-1.0, 1.0], (count, 3)) * half
     if obj.shape == "cylinder":
-        return np.stack([half[0] * np.cos(around), half[0] * np.sin(around), half[2] * rng.choice([-1.0, 1.0], count)], 1)
+        return np.stack(
+            [half[0] * np.cos(around), half[0] * np.sin(around), half[2] * rng.choice([-1.0, 1.0], count)], 1
+        )
     caps = np.array([0, 0, half[2] - half[0]]) * rng.choice([-1.0, 1.0], (count, 1))
     return unit * half[0] + caps
 

@@ -67,7 +67,9 @@ def test_all_equal_descriptions_of_a_box_have_one_canonical_form(rng: np.random.
         w = np.sqrt(max(0.0, 1 + np.trace(matrix))) / 2
         if w < 0.1:
             continue  # this way to a quaternion needs a turn of less than half a circle
-        parts = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]) / (4 * w)
+        parts = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]]) / (
+            4 * w
+        )
         other = canonical_object(replace(obj, size=tuple(size), orientation=(w, *parts)))
         np.testing.assert_allclose(other.size, wanted.size, atol=1e-5)
         np.testing.assert_allclose(other.orientation, wanted.orientation, atol=1e-4)
