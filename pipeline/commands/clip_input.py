@@ -17,7 +17,7 @@ from pipeline.vision.raft import RAFT
 from pipeline.vision.user_clip import UserClip, read_user_clip
 
 FLOW_SIZE = (240, 160)  # px at which the flow is measured
-FLOW_ITERATIONS = 12
+FLOW_ITERATIONS = 4
 STILL_PX = 0.3  # px of 480x320 per frame interval: a slower body does not move
 SHAKING_PX = 0.5  # of the background: the camera moves
 

@@ -87,5 +87,3 @@ def build_tokenizer() -> PreTrainedTokenizerFast:
         chat_template=CHAT_TEMPLATE,
     )
     return tokenizer
-
-

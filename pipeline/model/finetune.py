@@ -67,7 +67,6 @@ class _Trainer(Trainer):
             loss, _ = batch_loss(self.base, inputs["batch"])
         return loss.detach(), None, None
 
-
     def _load_from_checkpoint(self, resume_from_checkpoint: str, model: Any = None) -> None:
         """As the Trainer, but for whole models under the names of the file, which are not those of the module."""
         if isinstance(self.model, PeftModel):

@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.errors import VideoError
 
 DIFFERENT = 18  # of 255: a channel that differs so much from the background is not noise
-SMALLEST_SHARE = 0.0008  # of the picture's area; smaller components are noise
+SMALLEST_SHARE = 0.0004  # of the picture's area; smaller components are noise
 SHORTEST = 3  # frames; what is seen for less is noise
 LONGEST_GAP = 4  # frames that a body may be lost for and be taken for the same
 SLOW_PX = 0.3  # at 480 px of width: a flow below is no motion
