@@ -141,24 +141,31 @@ def regimes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds) -> np
     return out
 
 
+def ground_slips(trace: Trace, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Steps (C,) of the object's contact points on the ground, and how fast each slips, (C,) m/s."""
+    c = trace.contacts
+    rows = np.flatnonzero((c.second == GROUND) & (c.first == index))
+    moving = point_velocity(trace, c.step[rows], c.first[rows], c.position[rows])
+    along = moving - np.sum(moving * c.normal[rows], 1, keepdims=True) * c.normal[rows]
+    return c.step[rows], np.linalg.norm(along, axis=1)
+
+
 def ground_contact(trace: Trace, index: int, thresholds: Thresholds) -> tuple[np.ndarray, np.ndarray]:
     """(S,) whether the object is on the ground, hops shorter than `separation` included, and (S,) its slip, m/s.
 
     The slip is that of its contact points in the mean over the last half of `duration`, so that a body that chatters
     over the ground slides as one that glides does.
     """
-    c, steps = trace.contacts, len(trace.position) - 1
-    rows = np.flatnonzero((c.second == GROUND) & (c.first == index))
-    if not len(rows):
+    steps = len(trace.position) - 1
+    at, slips = ground_slips(trace, index)
+    if not len(at):
         return np.zeros(steps, bool), np.zeros(steps)
-    moving = point_velocity(trace, c.step[rows], c.first[rows], c.position[rows])
-    along = moving - np.sum(moving * c.normal[rows], 1, keepdims=True) * c.normal[rows]
     window = np.ones(max(round(thresholds.duration / 2 * trace.rate), 1))
-    number, total = (np.convolve(np.bincount(c.step[rows], weights, steps), window)[:steps]
-                     for weights in (np.ones(len(rows)), np.linalg.norm(along, axis=1)))  # fmt: skip
+    number, total = (np.convolve(np.bincount(at, weights, steps), window)[:steps]
+                     for weights in (np.ones(len(at)), slips))  # fmt: skip
     near = np.flatnonzero(number > 0.5)
     slip = np.interp(np.arange(steps), near, total[near] / number[near])
-    touched = np.unique(c.step[rows])
+    touched = np.unique(at)
     gap = round(thresholds.separation * trace.rate)
     grounded = np.zeros(steps, bool)
     for before, after in itertools.pairwise([-1, *touched, steps]):
@@ -183,9 +190,24 @@ def motion_changes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds
     for i in range(len(shapes)):
         for step in np.flatnonzero(np.diff(table[:, i])) + 1:
             kind = CHANGES.get((int(table[step - 1, i]), int(table[step, i])))
-            if kind is not None:
+            if kind is not None and _borne_out(trace, i, kind, int(step), thresholds):
                 events.append(Event(float(step / trace.rate), kind, i))
     return events
+
+
+def _borne_out(trace: Trace, index: int, kind: str, step: int, thresholds: Thresholds) -> bool:
+    """Whether the contacts of the `duration` after a start, or before a stop, slip or hold as the event says."""
+    starts, duration = kind.startswith("starts"), round(thresholds.duration * trace.rate)
+    begin, end = (step, step + duration) if starts else (max(step - duration, 0), step)
+    at, slips = ground_slips(trace, index)
+    slips = slips[(at >= begin) & (at < end)]
+    if not len(slips):
+        return False
+    along = np.linalg.norm(trace.velocity[begin:end, index, :2], axis=-1).mean()
+    creep = max(thresholds.slip_speed, ROLLING_SHARE * along)
+    if kind.endswith("rolling"):
+        return slips.mean() < 2 * creep
+    return (slips.mean() if starts else slips.max()) > creep
 
 
 def _latched(on: np.ndarray, off: np.ndarray) -> np.ndarray:

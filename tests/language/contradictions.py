@@ -193,7 +193,7 @@ class _Clip:
             if len(earlier) and alone and moved and earlier.max() < slips.mean():
                 faults.append("it slipped less before")
         else:
-            if share < 0.1 or slips.max() < 0.05:
+            if share < 0.05 or slips.max() < 0.05:
                 faults.append(f"its contacts hold: they slip at {slips.mean():.3f} m/s of {after.mean():.3f}")
             if len(earlier) and alone and earlier.mean() > slips.mean():
                 faults.append("it slipped more before")
