@@ -196,18 +196,23 @@ def motion_changes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds
 
 
 def _borne_out(trace: Trace, index: int, kind: str, step: int, thresholds: Thresholds) -> bool:
-    """Whether the contacts of the `duration` after a start, or before a stop, slip or hold as the event says."""
+    """Whether the contacts of the `duration` after a start, or before a stop, slip or hold as the event says, and after
+    a start more or less than before it."""
     starts, duration = kind.startswith("starts"), round(thresholds.duration * trace.rate)
-    begin, end = (step, step + duration) if starts else (max(step - duration, 0), step)
     at, slips = ground_slips(trace, index)
-    slips = slips[(at >= begin) & (at < end)]
-    if not len(slips):
+    before, after = slips[(at >= step - duration) & (at < step)], slips[(at >= step) & (at < step + duration)]
+    told = after if starts else before
+    if not len(told):
         return False
-    along = np.linalg.norm(trace.velocity[begin:end, index, :2], axis=-1).mean()
+    begin = step if starts else max(step - duration, 0)
+    along = np.linalg.norm(trace.velocity[begin : begin + duration, index, :2], axis=-1).mean()
     creep = max(thresholds.slip_speed, ROLLING_SHARE * along)
+    slipped = starts and len(before) and before.mean() > thresholds.slip_speed
+    if slipped and (after.mean() < before.mean()) != (kind == "starts_rolling"):
+        return False
     if kind.endswith("rolling"):
-        return slips.mean() < 2 * creep
-    return (slips.mean() if starts else slips.max()) > creep
+        return told.mean() < 2 * creep
+    return (told.mean() if starts else told.max()) > creep
 
 
 def _latched(on: np.ndarray, off: np.ndarray) -> np.ndarray:
@@ -230,9 +235,9 @@ class _Run:
 def _settled(states: np.ndarray, length: int) -> np.ndarray:
     """(T,) the states without those that last less than `length`; the first state stays.
 
-    A brief state between two equal ones becomes that, the shortest first. What is brief then becomes rest where rest
-    comes next (a body wobbles before it rests), else what was before; or nothing definite, `TUMBLE`, where one brief
-    state follows another for `length` or longer.
+    A brief state between two equal ones becomes that, the shortest first. What is brief then becomes what was before;
+    or rest where that comes within half of `length` (a body wobbles before it rests); or nothing definite, `TUMBLE`,
+    where one brief state follows another for `length` or longer.
     """
     cuts = [0, *(np.flatnonzero(np.diff(states)) + 1), len(states)]
     runs = [_Run(int(states[a]), int(a), int(b - a)) for a, b in itertools.pairwise(cuts) if b > a]
@@ -250,6 +255,6 @@ def _settled(states: np.ndarray, length: int) -> np.ndarray:
         if stop - ends >= length:
             out[ends:stop] = TUMBLE
         else:
-            rests = following < len(runs) and runs[following].state == REST
+            rests = following < len(runs) and runs[following].state == REST and 2 * (stop - ends) <= length
             out[ends:stop] = REST if rests else runs[k].state
     return out

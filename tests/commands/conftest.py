@@ -1,40 +1,14 @@
 """Files that the tests of the commands share, and how a command is run."""
 
-import resource
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 import small_clip
+from command_run import Ran, Run
 
 from pipeline.commands import infer_outputs, what_if
 from pipeline.commands.main import main
-
-
-@dataclass(frozen=True)
-class Ran:
-    """What a command left: its exit code, and what it wrote to stdout and stderr."""
-
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Ran]
-
-
-@contextmanager
-def files_no_larger_than(size: int) -> Iterator[None]:
-    """What a full disk is to a program: writing more than `size` bytes into a file fails."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.fixture(autouse=True)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 import small_clip
-from conftest import Run, files_no_larger_than
+from command_run import Run, files_no_larger_than
 from PIL import Image
 from rerun.chunk import RrdReader
 

@@ -6,7 +6,7 @@ import sys
 import time
 
 import pytest
-from conftest import Run
+from command_run import Run
 
 from pipeline.commands import verbs
 from pipeline.commands.main import verb_names

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 import small_clip
-from conftest import Run, files_no_larger_than
+from command_run import Run, files_no_larger_than
 
 from pipeline.commands.scene_source import read_scene_source, with_camera
 from pipeline.language.completion import write_completion

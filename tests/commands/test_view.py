@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import small_clip
-from conftest import Run
+from command_run import Run
 from rerun.chunk import RrdReader
 from toy_suite import CLIPS, make_suite
 

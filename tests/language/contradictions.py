@@ -153,8 +153,8 @@ class _Clip:
     def stop(self, time: float, body: int, motion: str) -> list[str]:
         end = self.undisturbed(body, time, time + 0.2)
         faults = []
-        gone = self.travel(body, time + HALF_CENT, end)
-        if gone > 2 * MOVING * (end - time) + 0.002:  # it may rock a little
+        gone = self.travel(body, time + HALF_CENT, max(end, time + HALF_CENT))
+        if end > time + 0.02 and gone > 2 * MOVING * (end - time) + 0.002:  # it may rock a little
             faults.append(f"it goes on: {1000 * gone:.1f} mm in {end - time:.2f} s")
         gone = self.travel(body, time - 0.2, time)
         if gone < MOVING * 0.1:
@@ -173,11 +173,16 @@ class _Clip:
         return faults
 
     def start(self, time: float, body: int, motion: str) -> list[str]:
-        end = self.undisturbed(body, time + 0.02, time + 0.15)  # it may hop first
-        after, _ = self.speeds(body, time + HALF_CENT, end)
+        end = self.undisturbed(body, time + 0.02, time + 0.1)
         slips = self.slips(body, time + HALF_CENT, end)
+        if not len(slips) and end == time + 0.1:  # it may hop first
+            end = self.undisturbed(body, time + 0.02, time + 0.15)
+            slips = self.slips(body, time + HALF_CENT, end)
+        after, _ = self.speeds(body, time + HALF_CENT, end)
         if not len(slips) or not len(after):
             return [] if end < time + 0.15 else ["it is not on the ground then"]
+        if end < time + 0.06:
+            return []  # hit again too soon to tell
         alone = self.undisturbed(body, time - 0.15, time) == time
         earlier = self.slips(body, time - 0.1, time - HALF_CENT)
         share = slips.mean() / max(after.mean(), 1e-9)

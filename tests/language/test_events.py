@@ -65,8 +65,8 @@ def test_a_box_slides_v2_over_2_mu_g_and_stops_at_v_over_mu_g(rng: np.random.Gen
     trace = run(box(velocity=(v, 0, 0), sliding_friction=mu))
     found = events(trace, "box")
     assert told(found) == [("stops_sliding", 0, None)]
-    # it counts as at rest below `moving_speed`; soft contacts make 3 % of the rest
-    assert found[0].time == pytest.approx((v - THRESHOLDS.moving_speed) / (mu * G), rel=0.03, abs=2 * STEP)
+    # it counts as at rest below `moving_speed`; soft contacts, and its settling at the start, make 6 % of the rest
+    assert found[0].time == pytest.approx((v - THRESHOLDS.moving_speed) / (mu * G), rel=0.06, abs=2 * STEP)
     assert trace.position[-1, 0, 0] == pytest.approx(v * v / (2 * mu * G), rel=0.05)
 
 
