@@ -21,6 +21,7 @@ AIR, SLIDE, ROLL, REST, TUMBLE = range(5)
 #: Slip over the speed of the centre: 1 of a body that slides, 0 of one that rolls. Above the one share it slides,
 #: however slow it is; below the other it rolls, however fast: soft contacts creep.
 SLIDING_SHARE, ROLLING_SHARE = 0.5, 0.1
+CLEARLY = 1.25  # times as much slip after a start of sliding as before it, or less after one of rolling
 CHANGES: dict[tuple[int, int], str] = {
     (SLIDE, REST): "stops_sliding",
     (ROLL, REST): "stops_rolling",
@@ -76,7 +77,7 @@ def find_events(
     physical = [*collisions(trace, thresholds), *motion_changes(trace, shapes, thresholds)]
     events = [*visibility(areas_px, times, thresholds), *(e for e in physical if _in_view(e, seen, times))]
     events.sort(key=lambda e: (round(e.time, 2), e.first, KINDS.index(e.kind), -1 if e.second is None else e.second))
-    return events[: thresholds.most]
+    return _without_repeats(events)[: thresholds.most]
 
 
 def _in_view(event: Event, seen: np.ndarray, times: np.ndarray) -> bool:
@@ -196,23 +197,50 @@ def motion_changes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds
 
 
 def _borne_out(trace: Trace, index: int, kind: str, step: int, thresholds: Thresholds) -> bool:
-    """Whether the contacts of the `duration` after a start, or before a stop, slip or hold as the event says, and after
-    a start more or less than before it."""
-    starts, duration = kind.startswith("starts"), round(thresholds.duration * trace.rate)
+    """Whether the contacts of the `duration` before a stop, or after a start, slip or hold as the event says, and after
+    a start more or less than before it. What comes after ends where the object is hit."""
+    c, duration = trace.contacts, round(thresholds.duration * trace.rate)
+    hit = c.step[((c.first == index) | (c.second == index)) & (c.second != GROUND) & (c.step > step + duration // 4)]
     at, slips = ground_slips(trace, index)
-    before, after = slips[(at >= step - duration) & (at < step)], slips[(at >= step) & (at < step + duration)]
-    told = after if starts else before
-    if not len(told):
-        return False
-    begin = step if starts else max(step - duration, 0)
-    along = np.linalg.norm(trace.velocity[begin : begin + duration, index, :2], axis=-1).mean()
+    before = slips[(at >= step - duration) & (at < step)]
+    after = slips[(at >= step) & (at < min(step + duration, hit.min(initial=step + duration)))]
+    begin = step if kind.startswith("starts") else max(step - duration, 0)
+    shown = slice(begin, begin + duration)
+    along = np.linalg.norm(trace.velocity[shown, index, :2], axis=-1).mean()
     creep = max(thresholds.slip_speed, ROLLING_SHARE * along)
-    slipped = starts and len(before) and before.mean() > thresholds.slip_speed
-    if slipped and (after.mean() < before.mean()) != (kind == "starts_rolling"):
+    if kind == "stops_rolling":
+        return len(before) > 0 and before.mean() < 2 * creep
+    if kind == "stops_sliding":
+        speed = np.linalg.norm(trace.velocity[shown, index], axis=-1).mean()
+        turning = np.linalg.norm(trace.angular_velocity[shown, index], axis=-1).mean()
+        return len(before) > 0 and before.max() > creep and before.mean() > ROLLING_SHARE * max(speed, LEVER * turning)
+    if not len(after):
         return False
-    if kind.endswith("rolling"):
-        return told.mean() < 2 * creep
-    return (told.mean() if starts else told.max()) > creep
+    earlier = before.mean() if len(before) else 0.0
+    if kind == "starts_rolling":
+        slipped = earlier > thresholds.slip_speed
+        most = earlier / CLEARLY if slipped else np.inf
+        return after.mean() < min(2 * creep, SLIDING_SHARE * along, most)
+    lasting = after[len(after) // 2 :]  # a slip that dies at once is none
+    return min(after.mean(), lasting.mean()) > max(creep, CLEARLY * earlier)
+
+
+def _without_repeats(events: list[Event]) -> list[Event]:
+    """Without starts of what an object was last told to do, and stops of what it was not, unless it was hit since."""
+    doing: dict[int, str] = {}
+    kept = []
+    for event in events:
+        verb, _, motion = event.kind.partition("_")
+        if verb == "hits":
+            doing.pop(event.first, None)
+            doing.pop(-1 if event.second is None else event.second, None)
+        elif verb in ("starts", "stops"):
+            last = doing.get(event.first)
+            if (verb == "starts" and last == motion) or (verb == "stops" and last not in (None, motion)):
+                continue
+            doing[event.first] = motion if verb == "starts" else "resting"
+        kept.append(event)
+    return kept
 
 
 def _latched(on: np.ndarray, off: np.ndarray) -> np.ndarray:

@@ -221,5 +221,5 @@ def _sequences(text: str, objects: int) -> list[str]:
                 wrong.append(f"{line!r}: it did so already")
             if verb == "stops" and state not in ("", motion):
                 wrong.append(f"{line!r}: it was {state}")
-            state = motion if verb == "starts" else "at rest"
+            state = motion if verb == "starts" else "resting"
     return wrong
