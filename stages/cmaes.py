@@ -1,8 +1,8 @@
 """CMA-ES from the best samples: types fixed, everything else free and bounded.
 
 Reads data/best_of_k/<suite>, data/render/<suite> (masks), data/flow/<suite>. Writes data/cmaes/<suite>: clip, scene,
-reward, iou, simulations, history (best reward after each iteration). Parameters: seed, clip, search, cmaes.
-Run: python -m stages.cmaes SUITE
+reward, iou, simulations, spent and history (best reward after so many simulations). Parameters: seed, clip, search,
+cmaes. Run: python -m stages.cmaes SUITE
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ import pyarrow as pa
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
-from pipeline.scene.text import read_scene, write_scene
+from pipeline.scene.text import write_scene
 from pipeline.search.cmaes import Budget, search
 from pipeline.search.evaluator import Evaluator
 from pipeline.shards.clip_rng import clip_rng
@@ -22,7 +22,7 @@ from pipeline.shards.tables import table_from_rows
 from stages.main import run
 from stages.params import load
 from stages.run_shards import run_shards
-from stages.search_target import search_target
+from stages.search_target import distinct_starts, search_target
 
 SCHEMA = pa.schema(
     {
@@ -31,6 +31,7 @@ SCHEMA = pa.schema(
         "reward": pa.float64(),
         "iou": pa.float64(),
         "simulations": pa.int32(),
+        "spent": pa.list_(pa.int32()),
         "history": pa.list_(pa.float64()),
     }
 )
@@ -40,13 +41,13 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
     ranked, rendered, flow = inputs
     rows, invalid = [], 0
     for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
-        best = [row["scene"] for row in ranked.rows(clip)]
-        starts = [read_scene(text) for text in list(dict.fromkeys(best))[: p["starts"]]]
+        starts = distinct_starts(ranked, clip, p["starts"])
         evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
         found = search(evaluator, starts, Budget(p["population"], p["iterations"], p["sigma"]),
                        clip_rng(p["seed"], shard.suite, clip, "cmaes"))  # fmt: skip
         rows.append({"clip": clip, "scene": write_scene(found.scene), "reward": found.reward, "iou": found.iou,
-                     "simulations": found.simulations, "history": found.history.tolist()})  # fmt: skip
+                     "simulations": found.simulations, "spent": found.spent.tolist(),
+                     "history": found.history.tolist()})  # fmt: skip
         invalid += found.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)

@@ -174,6 +174,10 @@ class Cmaes(Section):
     sigma: Positive
 
 
+class Fit(Section):
+    simulations: Annotated[int, Field(ge=200)]
+
+
 class Score(Section):
     bootstrap: Count
     gallery: Annotated[int, Field(ge=0)]
@@ -197,6 +201,7 @@ class Params(Section):
     infer: Infer
     search: Search
     cmaes: Cmaes
+    fit: Fit
     score: Score
     executor: ExecutorSettings
 
@@ -214,6 +219,7 @@ READS: dict[str, tuple[str, ...]] = {
     "infer": ("seed", "clip", "model.input", "model.reasoning", "model.dtype", "infer"),
     "best_of_k": ("clip", "search"),
     "cmaes": ("seed", "clip", "search", "cmaes"),
+    "fit": ("seed", "clip", "search", "fit"),
     "score": ("seed", "clip", "score", "model", "flow.source"),
 }
 """Stage -> the keys it reads, as narrow as can be; `{suite}` is the suite that the stage runs for."""

@@ -1,7 +1,7 @@
 """Score every answer of every suite, and write the report.
 
-Reads data/{sample,render,flow,infer,best_of_k,cmaes}/<suite> and data/finetune. Writes reports/: scores.json (metrics),
-scores.csv, scores.md, parameters.md, clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
+Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit}/<suite> and data/finetune. Writes reports/: scores.json
+(metrics), scores.csv, scores.md, parameters.md, clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
 Parameters: seed, clip, score, and for the page's head model, flow.source. Run: python -m stages.score
 """
 
@@ -14,9 +14,9 @@ import numpy as np
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.best_of_curve import best_of_curve
 from pipeline.evaluation.figures import jpeg
 from pipeline.evaluation.gallery import clip_picture
+from pipeline.evaluation.mean_curves import best_of_curve, mean_curve
 from pipeline.evaluation.report import page, picture
 from pipeline.evaluation.scene_scores import HEIGHT, METRICS, WIDTH, Reference, score, true_reference
 from pipeline.evaluation.sections import COLUMNS, ERRORS, ShownClip, sections
@@ -36,13 +36,14 @@ PRINTED = ("composition", "iou_initial", "iou", "epe_frame")
 TITLE = "Video in, physics out: the scores"
 LEAD = (
     "Every clip is answered by the model with a scene, MuJoCo replays it, and the replay is compared with the clip: "
-    "greedy, the best of K samples by replay, and after CMA-ES from the best samples."
+    "greedy, the best of K samples by replay, after CMA-ES from the best samples, and after the search, which has a "
+    "classical guess (blobs lifted to the ground, no learning) among its starts; that guess is scored too."
 )
 Suite = dict[str, ShardedDataset]
 
 
 def open_suite(suite: str) -> Suite:
-    names = ["render", "flow", "infer", "best_of_k", "cmaes"] + ["sample"] * (suite != "real")
+    names = ["render", "flow", "infer", "best_of_k", "cmaes", "fit"] + ["sample"] * (suite != "real")
     return {name: open_shards(folder(name, suite)) for name in names}
 
 
@@ -60,41 +61,50 @@ def greedy_row(suite: Suite, clip: int) -> dict[str, Any]:
 
 def answers(suite: Suite, clip: int) -> dict[str, tuple[str, int]]:
     """By method: the answer's scene text and what it cost in simulations."""
-    ranked, searched = suite["best_of_k"][clip].rows(), suite["cmaes"][clip].row()
+    ranked = suite["best_of_k"][clip].rows()
+    searched, fitted = suite["cmaes"][clip].row(), suite["fit"][clip].row()
+    guess = {} if fitted["guess"] is None else {"guess": (fitted["guess"], fitted["guess_simulations"])}
     return {
+        **guess,
         "greedy": (greedy_row(suite, clip)["scene"], 0),
         f"best@{len(ranked)}": (ranked[0]["scene"], len(ranked)),
         "cmaes": (searched["scene"], len(ranked) + searched["simulations"]),
+        "search": (fitted["scene"], len(ranked) + fitted["simulations"]),
     }
 
 
-def seconds_by_method(suite: Suite) -> list[float]:
-    """Seconds a clip of one worker behind greedy, best-of-K and CMA-ES; NaN where the store has forgotten them."""
-    spent = [compute_seconds(suite[stage]) for stage in ("best_of_k", "cmaes")]
-    each = [np.nan if s is None else s / max(len(suite["infer"]), 1) for s in spent]
-    return [0.0, each[0], each[0] + each[1]]
+def seconds_by_method(suite: Suite) -> dict[str, float]:
+    """Seconds a clip of one worker behind best-of-K and the searches; NaN where the store has forgotten them."""
+    spent = {stage: compute_seconds(suite[stage]) for stage in ("best_of_k", "cmaes", "fit")}
+    each = {stage: np.nan if s is None else s / max(len(suite["infer"]), 1) for stage, s in spent.items()}
+    best = each["best_of_k"]
+    return {"guess": np.nan, "greedy": 0.0, "best": best, "cmaes": best + each["cmaes"], "search": best + each["fit"]}
 
 
 def score_suite(name: str, suite: Suite, schedule: Schedule) -> list[dict[str, Any]]:
     rows, seconds = [], seconds_by_method(suite)
     for clip in tqdm(range(len(suite["infer"])), desc=f"score {name}", unit="clip", disable=None):
         truth = reference(suite, clip, schedule)
-        for (method, (scene, cost)), spent in zip(answers(suite, clip).items(), seconds, strict=True):
+        for method, (scene, cost) in answers(suite, clip).items():
+            spent = seconds[method.split("@")[0]]
             head = {"suite": name, "clip": clip, "method": method, "simulations": cost, "seconds": spent}
             rows.append({**head, **score(read_scene(scene), truth, schedule)})
     return rows
 
 
 def curve_rows(name: str, suite: Suite) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """What more samples and more iterations buy, means over clips: rows of plots/best_of_k.csv and plots/cmaes.csv."""
+    """What more samples and more simulations buy, means over clips: rows of best_of_k.csv and search.csv in plots/."""
     if not len(suite["infer"]):
         return [], []
     ranked = [clip.rows() for clip in suite["best_of_k"]]
     best = [best_of_curve(np.array([r["reward"] for r in rows]), np.array([r["iou"] for r in rows])) for rows in ranked]
-    history = [clip.row()["history"] for clip in suite["cmaes"]]
+    searched = []
+    for method, stage in (("cmaes", "cmaes"), ("search", "fit")):
+        curves = [(clip.row()["spent"], clip.row()["history"]) for clip in suite[stage]]
+        searched += [{"series": f"{name}: {method}", "simulations": s, "reward": r} for s, r in mean_curve(curves)]
     return (
-        [{"suite": name, "k": k + 1, "iou": float(v)} for k, v in enumerate(np.mean(best, 0))],
-        [{"suite": name, "iteration": i + 1, "reward": float(v)} for i, v in enumerate(np.mean(history, 0))],
+        [{"series": name, "k": k + 1, "iou": float(v)} for k, v in enumerate(np.mean(best, 0))],
+        searched,
     )
 
 
@@ -107,7 +117,7 @@ def shown_clips(name: str, suite: Suite, count: int, schedule: Schedule) -> list
         image = clip_picture(seen.array("rgb"), seen.array("mask"), flow, scenes, schedule)
         label = seen.row()["name"] if name == "real" else clip
         written = greedy_row(suite, clip)["text"]
-        out.append(ShownClip(picture(jpeg(image), f"{name}/{label}"), written, found["cmaes"][0]))
+        out.append(ShownClip(picture(jpeg(image), f"{name}/{label}"), written, found["search"][0]))
     return out
 
 
@@ -133,7 +143,7 @@ def main() -> None:
     rng = np.random.default_rng(params.seed)
     summary = summarise(rows, [*METRICS, *ERRORS], params.score.bootstrap, rng)
     both = [curve_rows(name, suite) for name, suite in suites.items()]
-    best_of_k, cmaes = ([row for part in each for row in part] for each in zip(*both, strict=True))
+    best_of_k, searches = ([row for part in each for row in part] for each in zip(*both, strict=True))
     training = {
         "train": read_curve(DATA / "finetune/loss.csv"),
         "validation": read_curve(DATA / "finetune/eval_loss.csv"),
@@ -150,12 +160,12 @@ def main() -> None:
     with writing_to(REPORTS):
         write_rows(REPORTS / "clips.csv", [{k: v for k, v in row.items() if k != "seconds"} for row in rows])
         write_rows(REPORTS / "plots" / "best_of_k.csv", best_of_k)
-        write_rows(REPORTS / "plots" / "cmaes.csv", cmaes)
+        write_rows(REPORTS / "plots" / "search.csv", searches)
         (REPORTS / "scores.json").write_text(json.dumps(as_json(summary), indent=1) + "\n")
         (REPORTS / "scores.csv").write_text(as_csv(summary))
         (REPORTS / "scores.md").write_text(markdown(*table(summary, COLUMNS)))
         (REPORTS / "parameters.md").write_text(markdown(*table(summary, ERRORS)))
-        text = page(TITLE, LEAD, facts, sections(summary, best_of_k, cmaes, training, gallery))
+        text = page(TITLE, LEAD, facts, sections(summary, best_of_k, searches, training, gallery))
         (REPORTS / "index.html").write_text(text, encoding="utf-8")
     print(markdown(*table(summary, {m: COLUMNS[m] for m in PRINTED})), end="")
     print(f"score: the report is {REPORTS.resolve() / 'index.html'}", flush=True)

@@ -16,19 +16,21 @@ from pipeline.commands.infer_outputs import Outcome, write_outputs
 from pipeline.commands.progress import Progress
 from pipeline.commands.replay import replay, run_scene
 from pipeline.commands.result_folder import result_folder, write_result
-from pipeline.commands.scoring import STARTS, Overlap, budget, evaluator_of, overlap, ranked
+from pipeline.commands.scoring import Overlap, evaluator_of, overlap, ranked
 from pipeline.commands.table import Row, aligned
 from pipeline.errors import ParamsError
 from pipeline.model.base import load_base
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking
-from pipeline.search.cmaes import Found, search
 from pipeline.search.evaluator import Evaluator, Rewards
+from pipeline.search.found import Found
+from pipeline.search.solve import solve
 from pipeline.shards.content_hash import hash_path
 from pipeline.vision.dis import DIS
 from pipeline.vision.raft import RAFT, load_raft
 
-LEAST_SEARCH = 50
+LEAST_SEARCH = 200
+STARTS = 3
 _VERSIONS = ("dynamics-pipeline", "mujoco", "numpy", "opencv-python-headless", "rerun-sdk", "torch", "transformers")
 SCALE = (
     "one camera cannot tell how large things are: lengths are such that the camera stands 2 m before the middle; "
@@ -133,14 +135,12 @@ def _answers(request: Request, clip: ClipInput) -> list[Answer]:
 def _searched(
     request: Request, evaluator: Evaluator, answers: list[Answer], ranking: Ranking, progress: Progress
 ) -> Found:
-    """CMA-ES from the best answers that differ."""
-    starts = _starts(answers, ranking)
-    plan = budget(request.search, len(starts))
-    rng = np.random.default_rng(request.seed)
-    return search(
-        evaluator, starts, plan, rng,
-        lambda i, reward: progress.detail(f" {i}/{plan.iterations} iterations, reward {reward:.3f}"),
-    )  # fmt: skip
+    """The search from the best answers that differ, and from a classical guess."""
+    told = f"/{request.search} simulations, reward "
+    return solve(
+        evaluator, _starts(answers, ranking), request.search, np.random.default_rng(request.seed),
+        lambda spent, reward: progress.detail(f" {spent}{told}{reward:.3f}"),
+    ).found  # fmt: skip
 
 
 def _starts(answers: list[Answer], ranking: Ranking) -> list[Scene]:
@@ -151,7 +151,7 @@ def _starts(answers: list[Answer], ranking: Ranking) -> list[Scene]:
 def _found_method(found: Found, answers: list[Answer], ranking: Ranking, clip: ClipInput) -> Method:
     """The search's own line; its words are those of the best answer with the same shapes."""
     order = [answers[int(i)] for i in ranking.order]
-    nearest = next((a for a in order if a.parsed.scene.shapes == found.scene.shapes), order[0])
+    nearest = next((a for a in order if a.parsed.scene.composition == found.scene.composition), order[0])
     return Method("search", found.scene, nearest, found.reward, found.iou, found.iou - found.reward,
                   _seen(found.scene, clip), len(answers) + found.simulations)  # fmt: skip
 
@@ -231,6 +231,7 @@ def _result(
         ],
         "search": None if found is None else {
             "simulations": found.simulations, "invalid": found.invalid, "seconds": round(found.seconds, 2),
+            "spent": found.spent.tolist(),
             "history": [_number(v) for v in found.history],
         },
         "renderer": renderer,

@@ -13,14 +13,10 @@ from pipeline.errors import SimulationError
 from pipeline.evaluation.overlap_scores import assign, count, first_frame, foreground_iou, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
-from pipeline.search.cmaes import Budget
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.target import make_target
 
 SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward
-SIGMA = 0.1  # first step of CMA-ES, share of each parameter's range
-STARTS = 3
-LEAST_POPULATION = 8
 
 
 @dataclass(frozen=True)
@@ -52,19 +48,15 @@ def ranked(evaluator: Evaluator, scenes: Sequence[Scene]) -> Ranking:
     return ranking
 
 
-def budget(simulations: int, starts: int) -> Budget:
-    """A CMA-ES of at most so many simulations, with about as many candidates an iteration as there are iterations."""
-    left = simulations - 2 * starts  # each start is looked at twice before
-    population = max(LEAST_POPULATION, round(left**0.5))
-    return Budget(population, left // population, SIGMA)
-
-
 def overlap(masks: np.ndarray, objects: int, clip: ClipInput) -> Overlap:
     """Overlap of a replay's masks (F, H, W) with the clip's."""
     counts = count(masks, clip.taken.masks, objects, clip.objects)
     pairs, first = assign(pair_iou(counts)), first_frame(counts)
     return Overlap(
-        sequence_iou(counts, pairs), sequence_iou(first, assign(pair_iou(first))), foreground_iou(counts), pairs
+        float(sequence_iou(counts, pairs)),
+        float(sequence_iou(first, assign(pair_iou(first)))),
+        foreground_iou(counts),
+        pairs,
     )
 
 

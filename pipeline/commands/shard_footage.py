@@ -29,7 +29,7 @@ from pipeline.vision.appearance import plain_appearance
 from pipeline.vision.render import render_rgb
 
 #: Stages whose rows are answers, the furthest first; the truth is in `sample`.
-ANSWERS = ("cmaes", "best_of_k", "infer")
+ANSWERS = ("fit", "cmaes", "best_of_k", "infer")
 TRUTH = "sample"
 
 

@@ -61,8 +61,8 @@ def count(masks: np.ndarray, targets: np.ndarray, objects: int, target_objects: 
 
 
 def pair_iou(counts: Counts) -> np.ndarray:
-    """(F, N, M) IoU of every pair in every frame, NaN where both are empty."""
-    union = counts.predicted[:, :, None] + counts.true[:, None] - counts.shared
+    """(..., F, N, M) IoU of every pair in every frame, NaN where both are empty."""
+    union = counts.predicted[..., :, None] + counts.true[..., None, :] - counts.shared
     return np.where(union > 0, counts.shared / np.maximum(union, 1), np.nan)
 
 
@@ -72,22 +72,19 @@ def assign(iou: np.ndarray) -> np.ndarray:
     return np.stack([rows, columns], 1)
 
 
-def sequence_iou(counts: Counts, pairs: np.ndarray) -> float:
-    """Mean over pairs of the mean IoU over the frames in which either of the pair is seen.
+def sequence_iou(counts: Counts, pairs: np.ndarray) -> np.ndarray:
+    """Mean over pairs of the mean IoU over the frames in which either of the pair is seen; of one clip, or (...) of
+    counts with leading axes.
 
     An instance without a partner counts 0; one that is never seen, alone or with its partner, is left out.
     """
-    iou = pair_iou(counts)
-    scores = []
-    for i, j in pairs:
-        seen = iou[:, i, j][~np.isnan(iou[:, i, j])]
-        if len(seen):
-            scores.append(float(seen.mean()))
-    lone_predicted = np.setdiff1d(np.arange(counts.predicted.shape[1]), pairs[:, 0])
-    lone_true = np.setdiff1d(np.arange(counts.true.shape[1]), pairs[:, 1])
-    unmatched = int(counts.predicted[:, lone_predicted].any(0).sum() + counts.true[:, lone_true].any(0).sum())
-    scores += [0.0] * unmatched
-    return float(np.mean(scores)) if scores else 0.0
+    iou = pair_iou(counts)[..., pairs[:, 0], pairs[:, 1]]  # (..., F, P)
+    seen = ~np.isnan(iou)
+    scores = np.where(seen, iou, 0).sum(-2) / np.maximum(seen.sum(-2), 1)
+    lone_predicted = np.setdiff1d(np.arange(counts.predicted.shape[-1]), pairs[:, 0])
+    lone_true = np.setdiff1d(np.arange(counts.true.shape[-1]), pairs[:, 1])
+    unmatched = [side.any(-2).sum(-1) for side in (counts.predicted[..., lone_predicted], counts.true[..., lone_true])]
+    return scores.sum(-1) / np.maximum(seen.any(-2).sum(-1) + sum(unmatched), 1)
 
 
 def first_frame(counts: Counts) -> Counts:

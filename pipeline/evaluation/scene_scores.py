@@ -90,8 +90,8 @@ def score(scene: Scene, reference: Reference, schedule: Schedule) -> dict[str, f
     difference = np.linalg.norm(own.flow[reference.pair_frames] - reference.flow, axis=-1)  # (P, H, W)
     front = (own.masks[reference.pair_frames] > 0) | (reference.masks[reference.pair_frames] > 0)
     out = {
-        "iou_initial": sequence_iou(first_frame(counts), pairs),
-        "iou": sequence_iou(counts, pairs),
+        "iou_initial": float(sequence_iou(first_frame(counts), pairs)),
+        "iou": float(sequence_iou(counts, pairs)),
         "foreground_iou": foreground_iou(counts),
         "epe_first": float(difference[0][front[0]].mean()) if front[0].any() else 0.0,
         "epe": float(difference[front].mean()) if front.any() else 0.0,

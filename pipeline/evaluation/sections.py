@@ -60,25 +60,25 @@ class ShownClip:
 
 
 def lines(rows: Sequence[Mapping[str, Any]], x: str, y: str) -> dict[str, Curve]:
-    """Rows with a suite, x and y, as one curve a suite."""
-    suites = list(dict.fromkeys(r["suite"] for r in rows))
-    return {s: ([r[x] for r in rows if r["suite"] == s], [r[y] for r in rows if r["suite"] == s]) for s in suites}
+    """Rows with x and y, as one curve a series."""
+    names = list(dict.fromkeys(r["series"] for r in rows))
+    return {s: ([r[x] for r in rows if r["series"] == s], [r[y] for r in rows if r["series"] == s]) for s in names}
 
 
 def sections(
     summary: Summary,
     best_of_k: Sequence[Mapping[str, Any]],
-    cmaes: Sequence[Mapping[str, Any]],
+    searches: Sequence[Mapping[str, Any]],
     training: Mapping[str, Curve],
     gallery: Mapping[str, Sequence[ShownClip]],
 ) -> list[Section]:
-    """best_of_k: rows of suite, k, iou; cmaes: rows of suite, iteration, reward; training: losses by name; gallery: the
-    clips shown of each suite."""
-    best, reward = lines(best_of_k, "k", "iou"), lines(cmaes, "iteration", "reward")
+    """best_of_k: rows of series, k, iou; searches: rows of series, simulations, reward; training: losses by name;
+    gallery: the clips shown of each suite."""
+    best, reward = lines(best_of_k, "k", "iou"), lines(searches, "simulations", "reward")
     figures = [
         drawing(bars(summary, "iou", "sequence IoU"), "Sequence IoU by suite and method, with 95 % intervals."),
         drawing(curves(best, "k", "IoU"), "Expected IoU of the best of k samples, at the search's size."),
-        drawing(curves(reward, "iteration", "reward"), "Best reward (IoU − EPE) so far in CMA-ES."),
+        drawing(curves(reward, "simulations", "reward"), "Best reward (IoU − EPE) after so many simulations."),
         drawing(curves(training, "step", "loss, nats a token"), "Fine-tuning."),
     ]
     out = [

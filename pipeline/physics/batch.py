@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -17,7 +17,7 @@ from mujoco import batch as mjbatch
 from pipeline.physics.simulate import compile_xml
 from pipeline.scene.mjcf import STEPS_PER_SECOND, camera_quaternion, scene_xml, solref, start_quaternion
 from pipeline.scene.rotation import matrix_from_quaternion
-from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject, half_extents
+from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject, half_extents, size_from_half
 from pipeline.scene.solid import bounding_radii, geom_sizes, unit_inertia
 
 NO_CAMERA = Camera((0.0, -2.0, 1.0), fov=45.0, pitch=-25.0)  # stands in where a scene has none to look through
@@ -81,6 +81,25 @@ def stack_scenes(scenes: list[Scene]) -> SceneBatch:
         camera_rotation=matrix_from_quaternion(np.array([camera_quaternion(c) for c in cameras])),
         fov=np.array([c.fov for c in cameras], float),
     )
+
+
+def unstack(batch: SceneBatch, index: int, like: Scene) -> Scene:
+    """One scene of a batch; names, and what a batch does not hold, are those of `like`, which has a pitch camera."""
+    assert like.camera is not None
+    assert like.camera.pitch is not None
+    b = index
+    objects = tuple(
+        replace(obj, size=size_from_half(obj.shape, batch.half_size[b, i]), mass=float(batch.mass[b, i]),
+                sliding_friction=float(batch.sliding_friction[b, i]),
+                rolling_friction=float(batch.rolling_friction[b, i]), damping=float(batch.damping[b, i]),
+                position=tuple(batch.position[b, i]), velocity=tuple(batch.velocity[b, i]),
+                angular_velocity=tuple(batch.angular_velocity[b, i]), orientation=tuple(batch.quaternion[b, i]))
+        for i, obj in enumerate(like.objects)
+    )  # fmt: skip
+    up = batch.camera_rotation[b, :, 1]
+    camera = replace(like.camera, position=tuple(batch.camera_position[b]), fov=float(batch.fov[b]),
+                     pitch=float(np.degrees(np.arctan2(-up[1], up[2]))))  # fmt: skip
+    return replace(like, objects=objects, camera=camera, gravity=tuple(batch.gravity[b]))
 
 
 @functools.lru_cache(maxsize=64)

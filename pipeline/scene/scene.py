@@ -152,3 +152,12 @@ def half_extents(obj: SceneObject) -> np.ndarray:
     if obj.shape in ("box", "ellipsoid"):
         return np.array(obj.size) / 2
     raise ValueError(f"{obj.shape} has no analytic extents")
+
+
+def size_from_half(shape: str, half: np.ndarray) -> tuple[float, ...]:
+    """The sizes of a body with such half extents (3,), m: what `half_extents` undoes."""
+    if shape == "sphere":
+        return (float(half[0]),)
+    if shape in ("cylinder", "capsule"):
+        return (float(half[0]), 2 * float(half[2]))
+    return tuple(2 * float(v) for v in half)

@@ -48,16 +48,20 @@ def unit_inertia(shape: str, half: np.ndarray) -> np.ndarray:
 
 
 def reach_below(obj: SceneObject) -> float:
-    """How far the body reaches below its centre, m: the support function along -z."""
-    half = half_extents(obj)
-    along = np.abs(matrix_from_quaternion(np.array(obj.orientation))[2])  # |z components| of the body's axes
-    if obj.shape == "sphere":
-        return float(half[0])
-    if obj.shape == "box":
-        return float(half @ along)
-    if obj.shape == "ellipsoid":
-        return float(np.linalg.norm(half * along))
-    across = np.sqrt(max(0.0, 1 - along[2] ** 2))
-    if obj.shape == "cylinder":
-        return float(half[0] * across + half[2] * along[2])
-    return float((half[2] - half[0]) * along[2] + half[0])  # capsule
+    """How far the body reaches below its centre, m."""
+    return float(reaches_below(obj.shape, half_extents(obj)[None], np.array(obj.orientation)[None])[0])
+
+
+def reaches_below(shape: str, half: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    """The same (B,) of one shape's half extents (B, 3) m and orientations (B, 4): the support function along -z."""
+    along = np.abs(matrix_from_quaternion(quaternion)[:, 2])  # |z components| of the body's axes
+    if shape == "sphere":
+        return half[:, 0]
+    if shape == "box":
+        return np.sum(half * along, 1)
+    if shape == "ellipsoid":
+        return np.linalg.norm(half * along, axis=1)
+    if shape == "cylinder":
+        across = np.sqrt(np.maximum(0.0, 1 - along[:, 2] ** 2))
+        return half[:, 0] * across + half[:, 2] * along[:, 2]
+    return (half[:, 2] - half[:, 0]) * along[:, 2] + half[:, 0]  # capsule

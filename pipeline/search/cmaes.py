@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pipeline.evaluation.overlap_scores import assign, pair_iou
 from pipeline.physics.batch import stack_scenes
 from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
+from pipeline.search.found import Found, Record
 from pipeline.search.parameters import Space, search_space
 
 
@@ -26,29 +26,19 @@ class Budget:
     sigma: float
 
 
-@dataclass(frozen=True)
-class Found:
-    """The best scene, its reward and IoU, the best reward after each iteration, and what it cost."""
-
-    scene: Scene
-    reward: float
-    iou: float
-    history: np.ndarray
-    simulations: int
-    invalid: int
-    seconds: float
-
-
 class _Run:
     """One CMA-ES run from one start, advanced an iteration at a time."""
 
-    def __init__(self, evaluator: Evaluator, start: Scene, budget: Budget, rng: np.random.Generator) -> None:
-        self._evaluator = evaluator
+    def __init__(
+        self, evaluator: Evaluator, start: Scene, budget: Budget, rng: np.random.Generator, record: Record
+    ) -> None:
+        self._evaluator, self._record = evaluator, record
         self._space: Space = search_space(start)
         measured, _ = evaluator.measure(stack_scenes([start]))
         self._pairs = assign(pair_iou(measured.counts(0)))
         first = evaluator.rewards(stack_scenes([start]), self._pairs)
-        self.best, self.reward, self.iou = start, float(first.reward[0]), float(first.iou[0])
+        self.reward = float(first.reward[0])
+        record.offer(start, self.reward, float(first.iou[0]), self._pairs)
         options = {
             "popsize": budget.population,
             "bounds": [0, 1],
@@ -62,12 +52,13 @@ class _Run:
 
     def step(self) -> None:
         vectors = self._es.ask()
-        scenes = self._space.decode(np.array(vectors))
-        rewards = self._evaluator.rewards(stack_scenes(scenes), self._pairs)
+        rewards = self._evaluator.rewards(self._space.decode(np.array(vectors)), self._pairs)
         self._es.tell(vectors, list(-rewards.reward))
         top = int(np.argmax(rewards.reward))
-        if rewards.reward[top] > self.reward:
-            self.best, self.reward, self.iou = scenes[top], float(rewards.reward[top]), float(rewards.iou[top])
+        self.reward = max(self.reward, float(rewards.reward[top]))
+        if rewards.reward[top] > self._record.reward:
+            self._record.offer(self._space.scene(vectors[top]), float(rewards.reward[top]), float(rewards.iou[top]),
+                               self._pairs)  # fmt: skip
 
 
 def search(
@@ -82,19 +73,13 @@ def search(
     Half of the iterations are shared out evenly among the starts, the rest goes to the one that leads then. The
     answer is never worse than the best start. progress: called with the iteration and the best reward so far.
     """
-    began, simulations, invalid = time.perf_counter(), evaluator.simulations, evaluator.invalid
-    runs = [_Run(evaluator, start, budget, rng) for start in starts]
-    history: list[float] = []
+    record = Record(evaluator)
+    runs = [_Run(evaluator, start, budget, rng, record) for start in starts]
     trial = budget.iterations // 2 // len(runs) if len(runs) > 1 else 0
     plan = [run for run in runs for _ in range(trial)]
     for iteration in range(budget.iterations):
-        if iteration < len(plan):
-            run = plan[iteration]
-        else:
-            run = max(runs, key=lambda r: r.reward)
+        run = plan[iteration] if iteration < len(plan) else max(runs, key=lambda r: r.reward)
         run.step()
-        history.append(max(r.reward for r in runs))
-        progress(iteration + 1, history[-1])
-    best = max(runs, key=lambda r: r.reward)
-    return Found(best.best, best.reward, best.iou, np.array(history), evaluator.simulations - simulations,
-                 evaluator.invalid - invalid, time.perf_counter() - began)  # fmt: skip
+        record.mark()
+        progress(iteration + 1, record.reward)
+    return record.found()

@@ -9,7 +9,8 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.overlap_scores import assign, pair_iou, sequence_iou
-from pipeline.physics.batch import BatchSimulator, SceneBatch
+from pipeline.physics.batch import BatchSimulator, SceneBatch, States
+from pipeline.search.pooling import Pooling, Residuals
 from pipeline.search.reward import Measured, measure_kernel
 from pipeline.search.target import REFERENCE_WIDTH, Target
 from pipeline.vision.surface import KINDS
@@ -41,19 +42,35 @@ class Evaluator:
         self._steps, self._inverse = np.unique(steps, return_inverse=True)
         self._inverse = self._inverse.reshape(steps.shape)
         self._simulators: dict[tuple[tuple[str, ...], bool, int], BatchSimulator] = {}
+        self._pooling = Pooling(target)
         self.simulations = 0
         self.invalid = 0
 
-    def measure(self, scenes: SceneBatch) -> tuple[Measured, np.ndarray]:
-        """What the candidates' replays share with the target, and (B,) whether each run was sound."""
-        count, objects = scenes.mass.shape
+    @property
+    def frames(self) -> int:
+        return len(self._inverse)
+
+    def replay(self, scenes: SceneBatch, frames: int | None = None) -> States:
+        """Poses (B, T, N, …) of the candidates at the times of the first `frames` frames (None: all) and of those that
+        their flow leads to."""
+        count = len(scenes)
         key = (scenes.shapes, not np.isnan(scenes.ground[0]), 1 << (count - 1).bit_length())
         if key not in self._simulators:
             self._simulators[key] = BatchSimulator(*key, self.threads)
-        states = self._simulators[key].run(scenes, self._steps)
+        states = self._simulators[key].run(scenes, self._steps[: int(self._inverse[:frames].max()) + 1])
         self.simulations += count
         self.invalid += int((~states.valid).sum())
-        frames, instances = len(self._inverse), self.target.instances
+        return states
+
+    def measure(
+        self, scenes: SceneBatch, pooled: bool = False, first: int | None = None
+    ) -> tuple[Measured, np.ndarray]:
+        """What the candidates' replays share with the first frames (None: all) of the target, and (B,) whether each run
+        was sound."""
+        count, objects = scenes.mass.shape
+        states = self.replay(scenes, first)
+        inverse, instances = self._inverse[:first], self.target.instances
+        frames = len(inverse)
         out = Measured(
             np.zeros((count, frames, objects, instances), np.int64),
             np.zeros((count, frames, objects), np.int64),
@@ -61,26 +78,36 @@ class Evaluator:
             np.zeros((count, frames, 2), np.int64),
             np.zeros(count),
             np.zeros(count),
+            np.zeros((count if pooled else 0, frames, objects, *self._pooling.shape), np.float32),
         )
         kinds = np.array([KINDS[s] for s in scenes.shapes])
         numba.set_num_threads(min(self.threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
         measure_kernel(
             kinds, scenes.half_size,
-            np.ascontiguousarray(states.position[:, self._inverse]),
-            np.ascontiguousarray(states.quaternion[:, self._inverse]),
+            np.ascontiguousarray(states.position[:, inverse]),
+            np.ascontiguousarray(states.quaternion[:, inverse]),
             scenes.camera_position, np.ascontiguousarray(scenes.camera_rotation), scenes.fov, scenes.ground,
-            self.target.masks, self.target.flow,
-            out.shared, out.predicted, out.true, out.foreground, out.epe_frame, out.epe,
+            self.target.masks[:first], self.target.flow[:first], self._pooling.cell,
+            out.shared, out.predicted, out.true, out.foreground, out.epe_frame, out.epe, out.pooled,
         )  # fmt: skip
         return out, states.valid
 
     def rewards(self, scenes: SceneBatch, pairs: np.ndarray | None = None) -> Rewards:
         """Rewards of the candidates; pairs (P, 2): the same objects to instances for all, else the best for each."""
-        measured, valid = self.measure(scenes)
-        iou = np.empty(len(scenes))
-        for b in range(len(scenes)):
-            counts = measured.counts(b)
-            iou[b] = sequence_iou(counts, assign(pair_iou(counts)) if pairs is None else pairs)
+        return self._rewards(*self.measure(scenes), pairs)
+
+    def residuals(self, scenes: SceneBatch, pairs: np.ndarray, first: int | None = None) -> tuple[Residuals, Rewards]:
+        """How the pictures of the candidates' objects differ from those of the instances in `pairs`, and the rewards,
+        over the first frames (None: all)."""
+        measured, valid = self.measure(scenes, pooled=True, first=first)
+        return self._pooling.residuals(measured.pooled, pairs, valid), self._rewards(measured, valid, pairs)
+
+    def _rewards(self, measured: Measured, valid: np.ndarray, pairs: np.ndarray | None) -> Rewards:
+        if pairs is None:
+            each = [measured.counts(b) for b in range(len(valid))]
+            iou = np.array([sequence_iou(counts, assign(pair_iou(counts))) for counts in each])
+        else:
+            iou = sequence_iou(measured.all_counts, pairs)
         scale = REFERENCE_WIDTH / self.target.width
         epe_frame = measured.epe_frame * scale
         reward = np.where(valid, iou - epe_frame, INVALID_REWARD)

@@ -1,19 +1,21 @@
 """Scenes as vectors: what a search may move, scaled so that every coordinate has a like range.
 
 Types and their number are fixed. Masses are searched in their logarithm; an orientation as a rotation vector from the
-start's, without the turns that a shape's symmetry hides.
+start's, without the turns that a shape's symmetry hides. The camera's distance and heading are no parameters: moving
+and turning the whole world along with it changes no picture.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
-from pipeline.scene.rotation import quaternion_multiply
-from pipeline.scene.scene import SIZE_KEYS, Scene, SceneObject
-from pipeline.scene.solid import reach_below
+from pipeline.physics.batch import SceneBatch, stack_scenes, unstack
+from pipeline.scene.rotation import quaternion_from_rotation_vector, quaternion_multiply
+from pipeline.scene.scene import SIZE_KEYS, Scene
+from pipeline.scene.solid import reaches_below
 
 #: Low, high of every parameter; a step of 1 in the search is this whole range.
 BOUNDS: dict[str, tuple[float, float]] = {
@@ -33,7 +35,38 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "angular_velocity": (-30.0, 30.0),
     "turn": (-2.0, 2.0),
 }
+#: The step of finite differences: what moves an outline by a pixel or so of 120x80.
+STEPS: dict[str, float] = {
+    "camera_height": 0.04,
+    "camera_pitch": 1.0,
+    "fov": 1.0,
+    "gravity": 0.6,
+    "size": 0.02,
+    "log_mass": 0.4,
+    "sliding_friction": 0.08,
+    "rolling_friction": 0.004,
+    "damping": 0.1,
+    "x": 0.02,
+    "y": 0.04,
+    "z": 0.02,
+    "velocity": 0.08,
+    "angular_velocity": 1.0,
+    "turn": 0.12,
+}
+SCENE_KEYS = ("camera_height", "camera_pitch", "fov", "gravity")
+MATERIAL_KEYS = ("log_mass", "sliding_friction", "rolling_friction", "damping")
 TURNS = {"sphere": 0, "cylinder": 2, "capsule": 2, "box": 3, "ellipsoid": 3}
+assert BOUNDS.keys() == STEPS.keys()
+
+
+@dataclass(frozen=True)
+class Key:
+    """One coordinate: the name of its bounds, its object (-1: the scene), the attribute and which component of it."""
+
+    bound: str
+    index: int
+    name: str
+    part: int = 0
 
 
 @dataclass(frozen=True)
@@ -41,97 +74,127 @@ class Space:
     """The search space about a start scene with a pitch camera and downward gravity. x: (B, D) in [0, 1]."""
 
     start: Scene
-    keys: tuple[tuple[str, int, str, int], ...]  # bound, object (-1: the scene), attribute, component
+    keys: tuple[Key, ...]
 
-    @property
+    @cached_property
     def low(self) -> np.ndarray:
-        return np.array([BOUNDS[k[0]][0] for k in self.keys])
+        return np.array([BOUNDS[k.bound][0] for k in self.keys])
 
-    @property
+    @cached_property
     def span(self) -> np.ndarray:
-        return np.array([BOUNDS[k[0]][1] - BOUNDS[k[0]][0] for k in self.keys])
+        return np.array([BOUNDS[k.bound][1] - BOUNDS[k.bound][0] for k in self.keys])
+
+    @cached_property
+    def step(self) -> np.ndarray:
+        """(D,) of finite differences, in the unit of x."""
+        return np.array([STEPS[k.bound] for k in self.keys]) / self.span
+
+    @cached_property
+    def owner(self) -> np.ndarray:
+        """(D,) the object of each coordinate, -1 the scene."""
+        return np.array([k.index for k in self.keys])
+
+    @cached_property
+    def _start(self) -> SceneBatch:
+        return stack_scenes([self.start])
 
     def encode(self) -> np.ndarray:
         """(D,) the start, inside the bounds."""
-        values = [self._value(bound, index, name, part) for bound, index, name, part in self.keys]
-        return np.clip((np.array(values) - self.low) / self.span, 0, 1)
+        return np.clip((np.array([self._value(k) for k in self.keys]) - self.low) / self.span, 0, 1)
 
-    def _value(self, bound: str, index: int, name: str, part: int) -> float:
+    def _value(self, key: Key) -> float:
         camera = self.start.camera
         assert camera is not None
         assert camera.pitch is not None
-        if index < 0:
+        if key.index < 0:
             scene = {"camera_height": camera.position[2], "camera_pitch": camera.pitch, "fov": camera.fov,
                      "gravity": -self.start.gravity[2]}  # fmt: skip
-            return scene[name]
-        obj = self.start.objects[index]
-        if name == "turn":
+            return scene[key.name]
+        obj = self.start.objects[key.index]
+        if key.name == "turn":
             return 0.0
-        if name == "log_mass":
+        if key.name == "log_mass":
             return float(np.log(obj.mass))
-        value = getattr(obj, name)
-        return float(value[part] if isinstance(value, tuple) else value)
+        value = getattr(obj, key.name)
+        return float(value[key.part] if isinstance(value, tuple) else value)
 
-    def decode(self, x: np.ndarray) -> list[Scene]:
+    def decode(self, x: np.ndarray) -> SceneBatch:
         """The scenes of vectors (B, D), with no object inside the ground."""
-        return [self._scene(row) for row in np.clip(x, 0, 1) * self.span + self.low]
-
-    def _scene(self, values: np.ndarray) -> Scene:
-        camera = self.start.camera
-        assert camera is not None
-        own: list[dict[str, dict[int, float]]] = [{} for _ in self.start.objects]
-        scene: dict[str, float] = {}
-        for value, (_, index, name, part) in zip(values, self.keys, strict=True):
-            if index < 0:
-                scene[name] = float(value)
+        values = np.clip(x, 0, 1) * self.span + self.low
+        count, shapes = len(values), self.start.shapes
+        batch = SceneBatch(shapes, **{f.name: np.repeat(getattr(self._start, f.name), count, axis=0)
+                                      for f in fields(SceneBatch) if f.name != "shapes"})  # fmt: skip
+        turns = np.zeros((count, len(shapes), 3))
+        for column, key in zip(values.T, self.keys, strict=True):
+            if key.index < 0:
+                _set_scene(batch, key.name, column)
+            elif key.name == "size":
+                batch.half_size[:, key.index, _EXTENTS[shapes[key.index]][key.part]] = (
+                    column[:, None] * _HALVES[shapes[key.index]][key.part]
+                )
+            elif key.name == "log_mass":
+                batch.mass[:, key.index] = np.exp(column)
+            elif key.name == "turn":
+                turns[:, key.index, key.part] = column
+            elif key.name in ("position", "velocity", "angular_velocity"):
+                getattr(batch, key.name)[:, key.index, key.part] = column
             else:
-                own[index].setdefault(name, {})[part] = float(value)
-        objects = []
-        for obj, fields in zip(self.start.objects, own, strict=True):
-            changed: dict[str, Any] = {}
-            for name, parts in fields.items():
-                if name == "turn":
-                    changed["orientation"] = tuple(_turned(obj.orientation, parts))
-                elif name == "log_mass":
-                    changed["mass"] = float(np.exp(parts[0]))
-                else:
-                    old = getattr(obj, name)
-                    vector = isinstance(old, tuple)
-                    changed[name] = tuple(parts.get(i, v) for i, v in enumerate(old)) if vector else parts[0]
-            objects.append(_above_ground(replace(obj, **changed), self.start.ground))
-        x, y, _ = camera.position
-        return Scene(
-            tuple(objects),
-            replace(camera, position=(x, y, scene["camera_height"]), pitch=scene["camera_pitch"], fov=scene["fov"]),
-            (0.0, 0.0, -scene["gravity"]),
-            self.start.ground,
-        )
+                getattr(batch, key.name)[:, key.index] = column
+        batch.quaternion[:] = quaternion_multiply(quaternion_from_rotation_vector(turns), batch.quaternion)
+        if self.start.ground is not None:
+            for i, shape in enumerate(shapes):
+                reach = reaches_below(shape, batch.half_size[:, i], batch.quaternion[:, i])
+                batch.position[:, i, 2] = np.maximum(batch.position[:, i, 2], self.start.ground + reach)
+        return batch
+
+    def scene(self, x: np.ndarray) -> Scene:
+        """The scene of one vector (D,)."""
+        return unstack(self.decode(x[None]), 0, self.start)
+
+    def fixing_camera(self) -> Space:
+        """The space of the objects alone; camera and gravity are the start's."""
+        return Space(self.start, tuple(k for k in self.keys if k.index >= 0))
 
 
-def _above_ground(obj: SceneObject, ground: float | None) -> SceneObject:
-    if ground is None:
-        return obj
-    x, y, z = obj.position
-    return replace(obj, position=(x, y, max(z, ground + reach_below(obj))))
+def _set_scene(batch: SceneBatch, name: str, values: np.ndarray) -> None:
+    """Write one of SCENE_KEYS (B,) into the batch."""
+    if name == "camera_height":
+        batch.camera_position[:, 2] = values
+    elif name == "camera_pitch":
+        pitch = np.radians(values)
+        batch.camera_rotation[:, 1, 1], batch.camera_rotation[:, 2, 2] = -np.sin(pitch), -np.sin(pitch)
+        batch.camera_rotation[:, 2, 1], batch.camera_rotation[:, 1, 2] = np.cos(pitch), -np.cos(pitch)
+    elif name == "fov":
+        batch.fov[:] = values
+    else:
+        batch.gravity[:, 2] = -values
 
 
-def _turned(orientation: tuple[float, ...], parts: dict[int, float]) -> np.ndarray:
-    """The orientation after the rotation vector `parts`, rad, about the world's axes (x, y, and z where free)."""
-    vector = np.array([parts.get(i, 0.0) for i in range(3)])
-    angle = np.linalg.norm(vector)
-    if angle < 1e-12:
-        return np.array(orientation)
-    turn = np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * vector / angle])
-    return quaternion_multiply(turn, np.array(orientation))
+#: Of each shape's sizes: which half extents they set, and their share.
+_EXTENTS: dict[str, tuple[tuple[int, ...], ...]] = {
+    "sphere": ((0, 1, 2),), "cylinder": ((0, 1), (2,)), "capsule": ((0, 1), (2,)),
+    "box": ((0,), (1,), (2,)), "ellipsoid": ((0,), (1,), (2,)),
+}  # fmt: skip
+_HALVES: dict[str, tuple[float, ...]] = {
+    "sphere": (1.0,), "cylinder": (1.0, 0.5), "capsule": (1.0, 0.5),
+    "box": (0.5, 0.5, 0.5), "ellipsoid": (0.5, 0.5, 0.5),
+}  # fmt: skip
+
+
+def object_keys(shape: str, index: int) -> list[Key]:
+    """The coordinates of one object: size, material, position, motion, turn."""
+    return [
+        *(Key("size", index, "size", part) for part in range(len(SIZE_KEYS[shape]))),
+        *(Key(k, index, k) for k in MATERIAL_KEYS),
+        *(Key(axis, index, "position", part) for part, axis in enumerate("xyz")),
+        *(Key(k, index, k, part) for k in ("velocity", "angular_velocity") for part in range(3)),
+        *(Key("turn", index, "turn", part) for part in range(TURNS[shape])),
+    ]
 
 
 def search_space(start: Scene) -> Space:
     """Everything but the types: camera, gravity, and of every object size, material and motion."""
-    keys: list[tuple[str, int, str, int]] = [(k, -1, k, 0) for k in ("camera_height", "camera_pitch", "fov", "gravity")]
-    for i, obj in enumerate(start.objects):
-        keys += [("size", i, "size", part) for part in range(len(SIZE_KEYS[obj.shape]))]
-        keys += [(k, i, k, 0) for k in ("log_mass", "sliding_friction", "rolling_friction", "damping")]
-        keys += [(axis, i, "position", part) for part, axis in enumerate("xyz")]
-        keys += [(k, i, k, part) for k in ("velocity", "angular_velocity") for part in range(3)]
-        keys += [("turn", i, "turn", part) for part in range(TURNS[obj.shape])]
+    keys = [Key(k, -1, k) for k in SCENE_KEYS]
+    for i, shape in enumerate(start.shapes):
+        keys += object_keys(shape, i)
     return Space(start, tuple(keys))

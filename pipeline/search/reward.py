@@ -1,6 +1,7 @@
 """The reward of candidates, compiled: masks and exact flow of every frame against the target's, in parallel.
 
-Reward = IoU - EPE over the whole frame (px of 480x320 per frame interval). See docs/formats.md, "Metrics".
+Reward = IoU - EPE over the whole frame (px of 480x320 per frame interval). See docs/formats.md, "Metrics". Where a
+search wants to know in which direction to go, each object's mask and flow are pooled too (`pipeline.search.pooling`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from numba import prange
 
 from pipeline.compiled import parallel_kernel
 from pipeline.evaluation.overlap_scores import Counts, count_frame
+from pipeline.search.pooling import pool_frame
 from pipeline.vision.exact_flow import exact_flow_frame
 from pipeline.vision.rasteriser import fill_background, rasterise_frame
 
@@ -19,7 +21,7 @@ from pipeline.vision.rasteriser import fill_background, rasterise_frame
 @dataclass(frozen=True)
 class Measured:
     """Counts of B candidates, with a leading axis B each, and epe_frame, epe (B,): mean flow errors over all pixels
-    and over the pixels that are foreground in either, px of the target's size."""
+    and over the pixels that are foreground in either, px of the target's size; pooled (B, F, N, 3, h, w), or empty."""
 
     shared: np.ndarray
     predicted: np.ndarray
@@ -27,6 +29,11 @@ class Measured:
     foreground: np.ndarray
     epe_frame: np.ndarray
     epe: np.ndarray
+    pooled: np.ndarray
+
+    @property
+    def all_counts(self) -> Counts:
+        return Counts(self.shared, self.predicted, self.true, self.foreground)
 
     def counts(self, candidate: int) -> Counts:
         b = candidate
@@ -37,12 +44,13 @@ class Measured:
 def measure_kernel(
     kinds: np.ndarray, half_size: np.ndarray, position: np.ndarray, quaternion: np.ndarray,
     camera_position: np.ndarray, camera_rotation: np.ndarray, fov: np.ndarray, ground: np.ndarray,
-    target_masks: np.ndarray, target_flow: np.ndarray,
+    target_masks: np.ndarray, target_flow: np.ndarray, cell: int,
     shared: np.ndarray, predicted: np.ndarray, true: np.ndarray, foreground: np.ndarray,
-    epe_frame: np.ndarray, epe: np.ndarray,
+    epe_frame: np.ndarray, epe: np.ndarray, pooled: np.ndarray,
 ) -> None:  # fmt: skip
     """Fill the fields of `Measured`. position (B, F, 2, N, 3), quaternion (B, F, 2, N, 4): poses in each frame and in
-    the frame its flow leads to; the rest as `SceneBatch` and `Target`."""
+    the frame its flow leads to; cell: px between the nodes of `pooled`, where that is not empty; the rest as
+    `SceneBatch` and `Target`."""
     frames, height, width = target_masks.shape
     for b in prange(position.shape[0]):
         background = np.empty((height, width), np.float32)
@@ -57,6 +65,8 @@ def measure_kernel(
             exact_flow_frame(position[b, k, 0], quaternion[b, k, 0], position[b, k, 1], quaternion[b, k, 1],
                              camera_position[b], camera_rotation[b], fov[b], mask, depth, flow)  # fmt: skip
             count_frame(mask, target_masks[k], shared[b, k], predicted[b, k], true[b, k], foreground[b, k])
+            if pooled.size:
+                pool_frame(mask, flow, cell, pooled[b, k])
             for row in range(height):
                 for col in range(width):
                     u = flow[row, col, 0] - target_flow[k, row, col, 0]

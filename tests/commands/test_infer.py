@@ -16,7 +16,7 @@ from pipeline.commands.clip_input import check_motion, doubts, read_input
 from pipeline.commands.progress import Progress
 from pipeline.commands.replay import replay, run_scene
 from pipeline.commands.scene_edits import edited
-from pipeline.commands.scoring import budget, evaluator_of, overlap, ranked, relabelled
+from pipeline.commands.scoring import evaluator_of, overlap, ranked, relabelled
 from pipeline.errors import VideoError
 from pipeline.physics.simulate import simulate
 from pipeline.scene.text import load_scene
@@ -39,7 +39,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_clip_becomes_a_folder_of_results(run: Run, shelf: Path, out: Path) -> None:
-    done = run(*words(shelf, shelf / "clip.mp4", out, "--search", 60, "--masks", shelf / "masks.npz", "--seed", 7))
+    done = run(*words(shelf, shelf / "clip.mp4", out, "--search", 210, "--masks", shelf / "masks.npz", "--seed", 7))
     assert done.code == 0
     assert sorted(p.name for p in out.iterdir()) == FILES
     result = json.loads((out / "result.json").read_text())
@@ -50,7 +50,7 @@ def test_a_clip_becomes_a_folder_of_results(run: Run, shelf: Path, out: Path) ->
     methods = {m["method"]: m for m in result["methods"]}
     assert list(methods) == ["greedy", "best of K", "search"]
     assert methods["greedy"]["reward"] <= methods["best of K"]["reward"] <= methods["search"]["reward"]
-    assert methods["search"]["simulations"] <= 3 + 60
+    assert methods["search"]["simulations"] <= 3 + 210
     assert all(0 <= m["sequence_iou"] <= 1 for m in methods.values())
     for name, method in methods.items():
         assert name in done.out
@@ -77,7 +77,7 @@ def test_a_folder_brings_its_masks_and_the_same_seed_gives_the_same_scene(
     folder.mkdir()
     os.link(shelf / "clip.mp4", folder / "clip.mp4")
     os.link(shelf / "masks.npz", folder / "masks.npz")
-    assert run(*words(shelf, folder, tmp_path / "again", "--search", 60, "--seed", 7)).code == 0
+    assert run(*words(shelf, folder, tmp_path / "again", "--search", 210, "--seed", 7)).code == 0
     assert (tmp_path / "again" / "scene.yaml").read_text() == (out / "scene.yaml").read_text()
 
 
@@ -181,7 +181,7 @@ def broken(shelf: Path, tmp_path: Path) -> Path:
         ("../clip.mp4", ("--model", "Qwen/Qwen2.5-VL-3B-Instruct"), "hf download Qwen/Qwen2.5-VL-3B-Instruct"),
         ("../clip.mp4", ("--flow", "raft", "--raft", "broken/none"), "no RAFT weights"),
         ("../clip.mp4", ("--flow", "raft", "--raft", "broken/weights"), "has no model.safetensors"),
-        ("../clip.mp4", ("--search", 7), "at least 50"),
+        ("../clip.mp4", ("--search", 7), "at least 200"),
     ],
 )
 def test_bad_input_is_one_error_and_nothing_is_written(
@@ -230,15 +230,6 @@ def test_an_existing_result_is_replaced_with_force_alone(run: Run, shelf: Path, 
     assert refused.code == 2
     assert "--force" in refused.err
     assert [p.name for p in out.iterdir()] == ["result.json"]
-
-
-def test_a_search_keeps_to_its_budget() -> None:
-    for simulations in (50, 576, 3_000, 12_800):
-        for starts in (1, 3):
-            plan = budget(simulations, starts)
-            spent = 2 * starts + plan.population * plan.iterations
-            assert 0.8 * simulations <= spent <= simulations
-            assert plan.iterations >= 4
 
 
 def test_masks_take_the_ids_of_the_objects_they_belong_to() -> None:

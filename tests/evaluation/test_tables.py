@@ -6,9 +6,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from pipeline.evaluation.best_of_curve import best_of_curve
 from pipeline.evaluation.figures import bars, curves, jpeg, painted, tiled
 from pipeline.evaluation.intervals import bootstrap_mean
+from pipeline.evaluation.mean_curves import best_of_curve, mean_curve
 from pipeline.evaluation.report import Section, folded, html_table, page
 from pipeline.evaluation.tables import Summary, as_csv, as_json, markdown, summarise, table
 
@@ -75,3 +75,12 @@ def test_the_page_escapes_what_it_is_given() -> None:
     for raw in ("<t>", "<y>", "<h>", "<c>", "<p>\n"):
         assert raw not in text.replace("<p>a", "").replace("<p>", "", 1)
     assert "&lt;c&gt;" in text and "n &amp; m" in text
+
+
+def test_a_mean_curve_holds_each_clips_best_until_a_better_one() -> None:
+    curve = mean_curve([([10, 20, 40], [0.1, 0.2, 0.6]), ([15, 30], [0.3, 0.5]), ([], [])], points=26)
+    assert curve[0] == (15, pytest.approx((0.1 + 0.3) / 2))
+    assert dict(curve)[20] == pytest.approx((0.2 + 0.3) / 2)
+    assert curve[-1] == (40, pytest.approx((0.6 + 0.5) / 2))
+    assert (np.diff([r for _, r in curve]) >= 0).all()
+    assert mean_curve([]) == []

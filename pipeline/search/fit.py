@@ -1,0 +1,172 @@
+"""The search of choice: descents of Gauss-Newton, and leaps object by object where they end.
+
+1. From every start: the best of many variations is taken object by object, the first frames are matched, then more,
+   then all (late frames mislead as long as early ones do not match).
+2. The best of these leaps: some of the objects that do not match yet are varied, go down with the camera fixed, and are
+   kept, each group of objects that meet on its own, where they match better than before.
+3. With all coordinates free it goes down again. So on, as long as the budget lasts.
+
+Leaps and descents go by the pooled residuals; the answer is what had the best reward on the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.evaluation.overlap_scores import assign, pair_iou
+from pipeline.physics.batch import SceneBatch, stack_scenes, unstack
+from pipeline.scene.scene import Scene
+from pipeline.search.evaluator import Evaluator
+from pipeline.search.found import Found, Record
+from pipeline.search.gauss_newton import Descent, neighbours
+from pipeline.search.moves import moved
+from pipeline.search.parameters import Space, search_space
+
+VARIATIONS = 64
+ALTERNATIVES = 6  # of the variations, of which a leap takes one
+HORIZONS = (3, 6)  # of ten frames, matched before all are
+STEPS = 3  # of Gauss-Newton before a horizon moves on
+LEAP_STEPS = 5
+MATCHED = 0.02  # cost of an object that needs no leap
+LEAST = 150  # simulations, below which nothing new is begun
+SPARE = 8  # simulations kept back for looks at single scenes
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A scene and the cost of each object (N,)."""
+
+    scene: Scene
+    cost: np.ndarray
+
+
+class Island:
+    """One start and where it got to by cost. pairs (P, 2): its objects to the target's instances; None: by overlap."""
+
+    def __init__(
+        self, evaluator: Evaluator, record: Record, budget: int, rng: np.random.Generator, start: Scene,
+        pairs: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
+        self._evaluator, self._record, self._budget, self._rng = evaluator, record, budget, rng
+        if pairs is None:
+            measured, _ = evaluator.measure(stack_scenes([start]))
+            pairs = assign(pair_iou(measured.counts(0)))
+        self.pairs = pairs
+        self.here = self._look(start)
+
+    @property
+    def _left(self) -> int:
+        return self._budget - SPARE - self._record.simulations
+
+    def _look(self, scene: Scene) -> Candidate:
+        residuals, rewards = self._evaluator.residuals(stack_scenes([scene]), self.pairs)
+        self._record.offer(scene, float(rewards.reward[0]), float(rewards.iou[0]), self.pairs)
+        return Candidate(scene, residuals.cost[0])
+
+    def settle(self) -> None:
+        """From the start down."""
+        movable = list(range(len(self.here.scene.objects)))
+        if self._left > VARIATIONS:
+            near = self.approach(self.vary(self.here.scene, movable, HORIZONS[0]), HORIZONS, camera=True)
+            self._take(self.descend(search_space(near)))
+
+    def _take(self, candidate: Candidate) -> None:
+        if candidate.cost.sum() < self.here.cost.sum():
+            self.here = candidate
+
+    def vary(self, scene: Scene, movable: list[int], frames: int | None, apart: bool = False) -> Scene:
+        """The scene with each movable object as in the best of many variations over the first frames; apart: as in one
+        of the best that are not as it was."""
+        batch = moved(self._rng, stack_scenes([scene]), max(2, min(VARIATIONS, self._left)), movable)
+        residuals, _ = self._evaluator.residuals(batch, self.pairs, frames)
+        chosen = stack_scenes([scene])
+        for i in movable:
+            order = np.argsort(residuals.cost[:, i], kind="stable")
+            if apart:
+                order = order[order > 0][:ALTERNATIVES]
+                self._rng.shuffle(order)
+            copy_object(batch, int(order[0]), chosen, i)
+        return unstack(chosen, 0, scene)
+
+    def approach(self, scene: Scene, horizons: Sequence[int], camera: bool) -> Scene:
+        """A few steps on the first frames alone, then on more."""
+        for frames in horizons:
+            space = search_space(scene) if camera else search_space(scene).fixing_camera()
+            run = Descent.start(self._evaluator, space, space.encode(), self.pairs, frames)
+            for _ in range(STEPS):
+                if run.done or self._left < run.most_simulations:
+                    break
+                run.step()
+            scene = space.scene(run.point.x)
+        return scene
+
+    def descend(self, space: Space, most: int | None = None) -> Candidate:
+        """Gauss-Newton over all frames; where it ends by cost. The best by reward goes on record."""
+        run = Descent.start(self._evaluator, space, space.encode(), self.pairs)
+        steps = 0
+        while not run.done and self._left >= run.most_simulations and (most is None or steps < most):
+            run.step()
+            steps += 1
+        best = run.best
+        if best.reward > self._record.reward:
+            self._record.offer(space.scene(best.x), best.reward, best.iou, self.pairs)
+        self._record.mark()
+        return Candidate(space.scene(run.point.x), run.point.cost)
+
+    def leap(self) -> None:
+        """Leap with some of what does not match yet, and keep what got better."""
+        here = self.here
+        unmatched = [int(i) for i in np.flatnonzero(here.cost > MATCHED)] or [int(np.argmax(here.cost))]
+        movable = [i for i in unmatched if self._rng.random() < 0.5] or [int(self._rng.choice(unmatched))]
+        horizons = HORIZONS[int(self._rng.integers(len(HORIZONS) + 1)) :]
+        leapt = self.vary(here.scene, movable, horizons[0] if horizons else None, apart=True)
+        leapt = self.approach(leapt, horizons, camera=False)
+        there = self.descend(search_space(leapt).fixing_camera(), LEAP_STEPS)
+        chosen, other = stack_scenes([here.scene]), stack_scenes([there.scene])
+        space = search_space(here.scene)
+        better = [g for g in neighbours(self._evaluator, space, space.encode())
+                  if there.cost[g].sum() < here.cost[g].sum()]  # fmt: skip
+        for i in (i for group in better for i in group):
+            copy_object(other, 0, chosen, i)
+        if better:
+            mixed = self._look(unstack(chosen, 0, here.scene))
+            self._take(mixed)
+            self._take(self.descend(search_space(mixed.scene)))
+
+
+def copy_object(source: SceneBatch, row: int, target: SceneBatch, i: int) -> None:
+    """Write object i of one scene of `source` into the first scene of `target`."""
+    for name in ("half_size", "mass", "sliding_friction", "rolling_friction", "damping", "position", "velocity",
+                 "angular_velocity", "quaternion"):  # fmt: skip
+        getattr(target, name)[0, i] = getattr(source, name)[row, i]
+
+
+def fit(
+    evaluator: Evaluator,
+    record: Record,
+    starts: Sequence[Scene],
+    simulations: int,
+    rng: np.random.Generator,
+    progress: Callable[[int, float], None] = lambda spent, reward: None,
+) -> Found:
+    """The best scene found from any of the starts, the most promising first, when `record` is at so many simulations.
+
+    The answer is never worse than the best start that can be had without overlap. progress: called with the
+    simulations spent and the best reward so far.
+    """
+    islands: list[Island] = []
+    for start in starts:
+        if islands and simulations - record.simulations < LEAST:
+            break
+        islands.append(Island(evaluator, record, simulations, rng, start))
+        islands[-1].settle()
+        progress(record.simulations, record.reward)
+    best = min(islands, key=lambda i: i.here.cost.sum())
+    while simulations - record.simulations >= LEAST:
+        best.leap()
+        progress(record.simulations, record.reward)
+    record.mark()
+    return record.found()

@@ -1,0 +1,107 @@
+"""A classical guess of the scene: blobs of moving pixels, lifted to the ground by the camera, and tracked.
+
+It needs no learning: every instance stands on the ground where the lowest pixel of its mask is, is as large as its
+outline, and moves as its foot does over the first frames. The camera is the middle of those that scenes have. What
+shape an instance has is given, or tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.scene.scene import Camera, Scene, SceneObject
+from pipeline.scene.solid import reach_below
+from pipeline.search.target import Target
+from pipeline.vision.camera import Pinhole, focal_px, pinhole
+
+CAMERA = Camera((0.0, -2.0, 0.95), fov=37.0, pitch=-22.4)
+GRAVITY = 7.0  # m/s²; the scale of a clip is not known, so neither is this
+NEAREST, FARTHEST = 0.6, 6.0  # m of planar depth at which a foot may be
+LEAST_HALF, MOST_HALF = 0.03, 0.38  # m
+FASTEST = 3.0  # m/s
+TRACK_SECONDS = 0.35  # of the track from which the velocity is
+
+
+@dataclass(frozen=True)
+class Track:
+    """Where an instance is seen: frames (T,) of the target, feet_px (T, 2) the lowest point under its middle, size_px
+    (T, 2) width and height of its outline, whole (T,): whether the picture's border cuts none of it off."""
+
+    frames: np.ndarray
+    feet_px: np.ndarray
+    size_px: np.ndarray
+    whole: np.ndarray
+
+
+def track(masks: np.ndarray, instance: int) -> Track:
+    """The track of instance number `instance` (from 0) in masks (F, H, W)."""
+    height, width = masks.shape[1:]
+    frames, feet, sizes, whole = [], [], [], []
+    for k, mask in enumerate(masks):
+        rows, columns = np.nonzero(mask == instance + 1)
+        if len(rows) < 4:
+            continue
+        left, right, top, bottom = columns.min(), columns.max() + 1, rows.min(), rows.max() + 1
+        frames.append(k)
+        feet.append(((left + right) / 2, bottom))
+        sizes.append((right - left, bottom - top))
+        whole.append(left > 0 and top > 0 and right < width and bottom < height)
+    return Track(np.array(frames, int), np.array(feet, float).reshape(-1, 2), np.array(sizes, float).reshape(-1, 2),
+                 np.array(whole, bool))  # fmt: skip
+
+
+def on_ground(points_px: np.ndarray, camera: Pinhole, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where rays through points (T, 2) px meet the ground z = 0, (T, 3) m, and their planar depths (T,) m, kept between
+    NEAREST and FARTHEST."""
+    focal = focal_px(camera.fov_y_deg, height)
+    local = np.stack([(points_px[:, 0] - width / 2) / focal, (height / 2 - points_px[:, 1]) / focal,
+                      -np.ones(len(points_px))], 1)  # fmt: skip
+    rays = local @ camera.rotation_world.T
+    fall = np.minimum(rays[:, 2], -1e-6)
+    depth = np.clip(-camera.position_world[2] / fall, NEAREST, FARTHEST)
+    return camera.position_world + depth[:, None] * rays, depth
+
+
+def guess_object(shape: str, seen: Track, target: Target, times: np.ndarray, camera: Pinhole) -> SceneObject:
+    """One body of that shape for one track; times (F,) s of the target's frames."""
+    if not len(seen.frames):
+        return SceneObject(shape, _size(shape, 0.15, 0.15), 1.0, position=(0.0, 1.0, 0.15))
+    feet, depth = on_ground(seen.feet_px, camera, target.width, target.height)
+    metres = seen.size_px * (depth / focal_px(camera.fov_y_deg, target.height))[:, None]
+    use = seen.whole if seen.whole.any() else np.ones(len(depth), bool)
+    half = np.clip(metres[use][:3].mean(0) / 2, LEAST_HALF, MOST_HALF)
+    first = times[seen.frames[0]]
+    early = np.flatnonzero(times[seen.frames] <= first + TRACK_SECONDS)
+    velocity = np.zeros(3)
+    if len(early) > 1:
+        velocity[:2] = np.polyfit(times[seen.frames[early]], feet[early, :2], 1)[0]
+        velocity *= min(1.0, FASTEST / max(float(np.linalg.norm(velocity)), 1e-9))
+    sight = feet[0] - camera.position_world
+    along = np.hypot(sight[0], sight[1])
+    # The foot is the near side of where a body stands; of a ball, where the lowest line of sight that touches it ends.
+    behind = half[0] * (np.tan(np.arctan2(-sight[2], along) / 2) if shape == "sphere" else 1.0)
+    middle = feet[0] + behind * np.array([sight[0], sight[1], 0]) / along - velocity * first
+    obj = SceneObject(shape, _size(shape, *half), 1.0, 0.4, 0.002, 0.6, velocity=tuple(velocity))
+    spin = np.cross([0.0, 0.0, 1.0], velocity) / half[0] if shape == "sphere" else np.zeros(3)
+    return SceneObject(shape, obj.size, 1.0, 0.4, 0.002, 0.6, (middle[0], middle[1], reach_below(obj)),
+                       tuple(velocity), tuple(spin))  # fmt: skip
+
+
+def _size(shape: str, across: float, up: float) -> tuple[float, ...]:
+    """Sizes of a body whose outline has those half width and half height."""
+    if shape == "sphere":
+        return (0.5 * (across + up),)
+    if shape in ("cylinder", "capsule"):
+        return (across, max(2 * up, 2.1 * across if shape == "capsule" else 0.0))
+    return (1.6 * across, 1.6 * across, 1.8 * up)
+
+
+def guess_scene(target: Target, shapes: Sequence[str], times: np.ndarray, camera: Camera = CAMERA) -> Scene:
+    """A scene with object i of shapes[i] for instance i."""
+    assert len(shapes) == target.instances
+    view = pinhole(camera)
+    objects = [guess_object(shape, track(target.masks, i), target, times, view) for i, shape in enumerate(shapes)]
+    return Scene(tuple(objects), camera, (0.0, 0.0, -GRAVITY))

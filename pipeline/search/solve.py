@@ -1,0 +1,47 @@
+"""A clip's search from everything at hand: the model's answers, and a classical guess."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.scene.scene import Scene
+from pipeline.search.best_of_k import rank
+from pipeline.search.composition import compose
+from pipeline.search.evaluator import Evaluator
+from pipeline.search.fit import fit
+from pipeline.search.found import Found, Record
+
+COMPOSING = 1200  # simulations, from which a search has enough left after a guess has found its shapes
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What the search found; guess: the classical guess, None where the budget or the target has no room for one, and
+    how many of the simulations it took."""
+
+    found: Found
+    guess: Scene | None
+    guess_simulations: int
+
+
+def solve(
+    evaluator: Evaluator,
+    answers: Sequence[Scene],
+    simulations: int,
+    rng: np.random.Generator,
+    progress: Callable[[int, float], None] = lambda spent, reward: None,
+) -> Solved:
+    """The best scene for the evaluator's target found with so many simulations, from the answers and the guess."""
+    record, guess, guessing = Record(evaluator), None, 0
+    starts = list(answers)
+    if evaluator.target.instances and (simulations >= COMPOSING or not starts):
+        guess = compose(evaluator, record, simulations, rng)
+        guessing = record.simulations
+        progress(record.simulations, record.reward)
+        starts.append(guess)
+    order = rank(evaluator, starts).order
+    found = fit(evaluator, record, [starts[i] for i in order], simulations, rng, progress)
+    return Solved(found, guess, guessing)

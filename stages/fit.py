@@ -1,0 +1,68 @@
+"""The search of choice: Gauss-Newton and leaps from the best samples and a classical guess.
+
+Reads data/best_of_k/<suite>, data/render/<suite> (masks), data/flow/<suite>. Writes data/fit/<suite>: clip, guess (the
+classical guess, a scene) and guess_simulations, scene, reward, iou, simulations, spent and history (best reward after
+so many simulations). Parameters: seed, clip, search, fit. Run: python -m stages.fit SUITE
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pyarrow as pa
+from tqdm import tqdm
+
+from pipeline.clips.schedule import Schedule
+from pipeline.scene.text import write_scene
+from pipeline.search.evaluator import Evaluator
+from pipeline.search.solve import solve
+from pipeline.shards.clip_rng import clip_rng
+from pipeline.shards.opened_shard import OpenShard
+from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.tables import table_from_rows
+from stages.main import run
+from stages.params import load
+from stages.run_shards import run_shards
+from stages.search_target import distinct_starts, search_target
+
+SCHEMA = pa.schema(
+    {
+        "clip": pa.int64(),
+        "guess": pa.string(),
+        "guess_simulations": pa.int32(),
+        "scene": pa.string(),
+        "reward": pa.float64(),
+        "iou": pa.float64(),
+        "simulations": pa.int32(),
+        "spent": pa.list_(pa.int32()),
+        "history": pa.list_(pa.float64()),
+    }
+)
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+    ranked, rendered, flow = inputs
+    rows, invalid = [], 0
+    for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
+        evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
+        starts = distinct_starts(ranked, clip, p["starts"])
+        solved = solve(evaluator, starts, p["simulations"], clip_rng(p["seed"], shard.suite, clip, "fit"))
+        found = solved.found
+        rows.append({"clip": clip, "guess": None if solved.guess is None else write_scene(solved.guess),
+                     "guess_simulations": solved.guess_simulations, "scene": write_scene(found.scene),
+                     "reward": found.reward, "iou": found.iou, "simulations": found.simulations,
+                     "spent": found.spent.tolist(), "history": found.history.tolist()})  # fmt: skip
+        invalid += found.invalid
+    notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
+    return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)
+
+
+def main(suite: str) -> None:
+    params = load("fit", suite)
+    parameters = {"seed": params.seed, "clip": params.clip.model_dump(), **params.search.model_dump(),
+                  **params.fit.model_dump()}  # fmt: skip
+    run_shards("fit", suite, compute, parameters, ["best_of_k", "render", "flow"],
+               versions=["mujoco", "numba"])  # fmt: skip
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,179 @@
+"""The search: its parts, and that it finds what it should."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sampled_scenes import SCHEDULE
+from targets import evaluator, exact_target, sampled
+
+from pipeline.physics.batch import stack_scenes, unstack
+from pipeline.physics.overlap import penetration, separated, sunk
+from pipeline.scene.scene import BASIC_SHAPES, Scene, SceneObject
+from pipeline.search.composition import compose
+from pipeline.search.evaluator import Evaluator
+from pipeline.search.fit import fit
+from pipeline.search.found import DEEPEST, Record
+from pipeline.search.gauss_newton import Descent, evaluate, neighbours, slope, stepped_together
+from pipeline.search.guess import guess_scene, on_ground, track
+from pipeline.search.moves import moved
+from pipeline.search.parameters import search_space
+from pipeline.search.solve import COMPOSING, solve
+from pipeline.vision.camera import pinhole, project
+
+TIMES = SCHEDULE.pairs[:, 0] / SCHEDULE.fps
+
+
+def pairs(scene: Scene) -> np.ndarray:
+    return np.stack([np.arange(len(scene.objects))] * 2, 1)
+
+
+def apart() -> Scene:
+    """Two balls that never meet."""
+    balls = tuple(SceneObject("sphere", (0.15,), 1.0, position=(x, 0.2, 0.15), velocity=(0, -0.3, 0))
+                  for x in (-0.5, 0.5))  # fmt: skip
+    return replace(sampled(np.random.default_rng(0), 1), objects=balls)
+
+
+def test_objects_that_keep_apart_are_stepped_together_and_those_that_meet_are_not() -> None:
+    scene = apart()
+    space = search_space(scene)
+    e = evaluator(scene)
+    assert neighbours(e, space, space.encode()) == [[0], [1]]
+    together = stepped_together(space, [[0], [1]])
+    assert sorted(d for columns in together for d in columns) == list(range(len(space.keys)))
+    assert len(together) == 4 + (len(space.keys) - 4) // 2
+    meeting = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], velocity=(-1.5, 0, 0))))
+    space = search_space(meeting)
+    assert neighbours(e, space, space.encode()) == [[0, 1]]
+    assert max(map(len, stepped_together(space, [[0, 1]]))) == 1
+
+
+def test_derivatives_of_objects_stepped_together_are_those_of_each_alone() -> None:
+    scene = apart()
+    space, e = search_space(scene), evaluator(apart())
+    x = space.encode()
+    x[space.owner >= 0] += 0.01
+    values, _ = evaluate(e, space, x[None], pairs(scene), None)
+    got = slope(e, space, x, values[0], pairs(scene), None)
+    for d in np.flatnonzero(space.owner >= 0)[::3]:
+        one = x.copy()
+        step = -space.step[d] if x[d] > 0.5 else space.step[d]
+        one[d] += step
+        alone, _ = evaluate(e, space, one[None], pairs(scene), None)
+        np.testing.assert_allclose(got.jacobian[d], (alone[0] - values[0]) / step, atol=1e-3)
+
+
+def test_a_descent_goes_down_and_reaches_the_truth_nearby(rng: np.random.Generator) -> None:
+    reached = []
+    for _ in range(6):
+        scene = sampled(rng, 1)
+        space = search_space(scene)
+        x = np.clip(space.encode() + 0.03 * rng.choice([-1, 1], len(space.keys)), 0, 1)
+        run = Descent.start(evaluator(scene), space, x, pairs(scene))
+        first, costs = run.point.cost.sum(), []
+        while not run.done:
+            run.step()
+            costs.append(run.point.cost.sum())
+        assert (np.diff([first, *costs]) <= 0).all()
+        reached.append(costs[-1] < 0.3 * first)
+    assert sum(reached) >= 4
+
+
+def test_a_point_on_the_ground_is_where_its_ray_meets_it(rng: np.random.Generator) -> None:
+    camera = sampled(rng, 1).camera
+    assert camera is not None
+    points = np.column_stack([rng.uniform(-0.5, 0.5, (5, 2)), np.zeros(5)])
+    seen, depth = project(points, pinhole(camera), 120, 80)
+    again, again_depth = on_ground(seen, pinhole(camera), 120, 80)
+    np.testing.assert_allclose(again, points, atol=1e-9)
+    np.testing.assert_allclose(again_depth, depth)
+
+
+def test_the_guess_of_a_ball_on_the_ground_is_near_it_where_the_camera_is_known(rng: np.random.Generator) -> None:
+    scene = replace(sampled(rng, 1), objects=(
+        SceneObject("sphere", (rng.uniform(0.1, 0.2),), 1.0, position=(rng.uniform(-0.3, 0.3), 0.2, 0.2),
+                    velocity=(rng.uniform(-0.4, 0.4), 0.2, 0)),))  # fmt: skip
+    ball = replace(scene.objects[0], position=(*scene.objects[0].position[:2], scene.objects[0].size[0]))
+    scene = replace(scene, objects=(ball,))
+    target = exact_target(scene, 240, 160)
+    assert track(target.masks, 0).whole.all()
+    assert scene.camera is not None
+    (found,) = guess_scene(target, ["sphere"], TIMES, scene.camera).objects
+    assert found.size[0] == pytest.approx(ball.size[0], rel=0.2)
+    np.testing.assert_allclose(found.position, ball.position, atol=0.08)
+    np.testing.assert_allclose(found.velocity[:2], ball.velocity[:2], atol=0.25)
+
+
+def test_moves_stand_on_the_ground_or_above_and_keep_to_the_movable(rng: np.random.Generator) -> None:
+    scene = sampled(rng, 3)
+    batch = moved(rng, stack_scenes([scene]), 40, [0, 2])
+    start = stack_scenes([scene])
+    np.testing.assert_array_equal(batch.position[:, 1], np.repeat(start.position[:, 1], 40, 0))
+    np.testing.assert_array_equal(batch.position[0], start.position[0])
+    assert len(np.unique(batch.position[:, 0], axis=0)) > 5
+    for b in range(40):
+        assert sunk(unstack(batch, b, scene))[[0, 2]].max() < 1e-5
+
+
+def test_parting_leaves_no_overlap(rng: np.random.Generator) -> None:
+    for _ in range(10):
+        scene = sampled(rng, 3)
+        crowded = tuple(replace(o, position=tuple(np.array(o.position) * (0.3, 0.3, 1))) for o in scene.objects)
+        assert penetration(separated(replace(scene, objects=crowded))) <= DEEPEST
+    assert separated(scene) == scene
+
+
+def test_an_answer_that_overlaps_is_parted_before_it_goes_on_record() -> None:
+    scene = apart()
+    e = evaluator(scene)
+    crowded = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], position=(-0.3, 0.2, 0.15))))
+    record = Record(e)
+    record.offer(crowded, 10.0, 1.0, pairs(scene))
+    assert record.scene is not None
+    assert penetration(crowded) > 0.05
+    assert penetration(record.scene) <= DEEPEST
+    assert record.reward < 1, "it is looked at again"
+
+
+@pytest.mark.parametrize("objects", [1, 2])
+def test_a_fit_improves_keeps_to_its_budget_and_repeats(rng: np.random.Generator, objects: int) -> None:
+    scene = sampled(rng, objects)
+    start = guess_scene(exact_target(scene), scene.shapes, TIMES)
+    first = evaluator(scene).rewards(stack_scenes([start]))
+
+    def run() -> tuple[Evaluator, object]:
+        e = evaluator(scene)
+        return e, fit(e, Record(e), [start], 400, np.random.default_rng(3))
+
+    e, found = run()
+    assert found.simulations == e.simulations <= 400  # type: ignore[attr-defined]
+    assert found.reward >= first.reward[0]  # type: ignore[attr-defined]
+    assert penetration(found.scene) <= DEEPEST  # type: ignore[attr-defined]
+    assert (np.diff(found.history) >= 0).all()  # type: ignore[attr-defined]
+    assert run()[1].scene == found.scene  # type: ignore[attr-defined]
+
+
+def test_a_search_without_answers_guesses_the_shapes_itself(rng: np.random.Generator) -> None:
+    scene = sampled(rng, 2)
+    e = evaluator(scene)
+    solved = solve(e, [], COMPOSING, rng)
+    assert solved.guess is not None
+    assert len(solved.guess.objects) == e.target.instances
+    assert set(solved.guess.shapes) <= set(BASIC_SHAPES)
+    assert 0 < solved.guess_simulations <= solved.found.simulations <= COMPOSING
+
+
+@pytest.mark.slow
+def test_most_balls_that_fly_are_told_from_boxes(rng: np.random.Generator) -> None:
+    """A textbook case of each: a ball, and a brick that turns."""
+    right = 0
+    for k in range(6):
+        x = float(rng.uniform(-0.2, 0.2))
+        ball = SceneObject("sphere", (0.16,), 1.0, position=(x, 0, 0.16), velocity=(0.4, 0, 0))
+        brick = SceneObject("box", (0.5, 0.2, 0.2), 1.0, position=(x, 0, 0.1), angular_velocity=(0, 0, 3))
+        obj = ball if k % 2 else brick
+        scene = replace(sampled(rng, 1), objects=(obj,))
+        e = Evaluator(exact_target(scene, 120, 80), SCHEDULE, 1)
+        right += compose(e, Record(e), 1200, rng).shapes == (obj.shape,)
+    assert right >= 4
