@@ -11,7 +11,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.overlap_scores import assign, pair_iou, sequence_iou
 from pipeline.physics.batch import BatchSimulator, SceneBatch, States
 from pipeline.search.pooling import Pooling, Residuals
-from pipeline.search.reward import Measured, measure_kernel
+from pipeline.search.reward import Measured, Totals, measure_kernel
 from pipeline.search.target import REFERENCE_WIDTH, Target
 from pipeline.vision.surface import KINDS
 
@@ -42,7 +42,7 @@ class Evaluator:
         self._steps, self._inverse = np.unique(steps, return_inverse=True)
         self._inverse = self._inverse.reshape(steps.shape)
         self._simulators: dict[tuple[tuple[str, ...], bool, int], BatchSimulator] = {}
-        self._pooling = Pooling(target)
+        self._pooling, self._totals = Pooling(target), Totals.of(target)
         self.simulations = 0
         self.invalid = 0
 
@@ -80,6 +80,7 @@ class Evaluator:
             np.zeros(count),
             np.zeros((count if pooled else 0, frames, objects, *self._pooling.shape), np.float32),
         )
+        totals = self._totals
         kinds = np.array([KINDS[s] for s in scenes.shapes])
         numba.set_num_threads(min(self.threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
         measure_kernel(
@@ -87,7 +88,8 @@ class Evaluator:
             np.ascontiguousarray(states.position[:, inverse]),
             np.ascontiguousarray(states.quaternion[:, inverse]),
             scenes.camera_position, np.ascontiguousarray(scenes.camera_rotation), scenes.fov, scenes.ground,
-            self.target.masks[:first], self.target.flow[:first], self._pooling.cell,
+            self.target.masks[:first], self.target.flow[:first], totals.area, totals.foreground, totals.speed,
+            totals.speed_frame, totals.speed_foreground, self._pooling.cell,
             out.shared, out.predicted, out.true, out.foreground, out.epe_frame, out.epe, out.pooled,
         )  # fmt: skip
         return out, states.valid

@@ -140,7 +140,8 @@ class Space:
                 getattr(batch, key.name)[:, key.index, key.part] = column
             else:
                 getattr(batch, key.name)[:, key.index] = column
-        batch.quaternion[:] = quaternion_multiply(quaternion_from_rotation_vector(turns), batch.quaternion)
+        turned = quaternion_multiply(quaternion_from_rotation_vector(turns), batch.quaternion)
+        batch.quaternion[:] = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
         if self.start.ground is not None:
             for i, shape in enumerate(shapes):
                 reach = reaches_below(shape, batch.half_size[:, i], batch.quaternion[:, i])

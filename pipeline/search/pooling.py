@@ -34,16 +34,19 @@ class Residuals:
 
 
 @kernel
-def pool_frame(mask: np.ndarray, flow: np.ndarray, cell: int, out: np.ndarray) -> None:
+def pool_frame(
+    mask: np.ndarray, flow: np.ndarray, within: tuple[int, int, int, int], cell: int, out: np.ndarray
+) -> None:
     """Fill out (N, 3, h, w) with the tent-weighted sums of mask (H, W), and of flow (H, W, 2) on it, in px, at nodes
-    `cell` px apart, the first at the picture's corner."""
+    `cell` px apart, the first at the picture's corner. within: the rows and columns outside which the mask is 0."""
     out[:] = 0
     inverse = 1.0 / cell
-    for row in range(mask.shape[0]):
+    top, bottom, left, right = within
+    for row in range(top, bottom):
         y = (row + 0.5) * inverse
         j = int(y)
         b = np.float32(y - j)
-        for col in range(mask.shape[1]):
+        for col in range(left, right):
             if mask[row, col] == 0:
                 continue
             i = mask[row, col] - 1
@@ -72,7 +75,7 @@ class Pooling:
         frames = len(target.masks)
         self._target = np.zeros((frames, target.instances, *self.shape), np.float32)
         for k in range(frames):
-            pool_frame(target.masks[k], target.flow[k], self.cell, self._target[k])
+            pool_frame(target.masks[k], target.flow[k], (0, target.height, 0, target.width), self.cell, self._target[k])
         areas = self._target[:, :, 0].sum((-2, -1))  # (F, M) px
         seen = np.maximum((areas > 0).sum(0), 1)
         self._area = np.maximum(areas.sum(0) / seen, 1.0)  # (M,)

@@ -12,8 +12,9 @@ import numpy as np
 from numba import prange
 
 from pipeline.compiled import parallel_kernel
-from pipeline.evaluation.overlap_scores import Counts, count_frame
+from pipeline.evaluation.overlap_scores import Counts
 from pipeline.search.pooling import pool_frame
+from pipeline.search.target import Target
 from pipeline.vision.exact_flow import exact_flow_frame
 from pipeline.vision.rasteriser import fill_background, rasterise_frame
 
@@ -40,17 +41,41 @@ class Measured:
         return Counts(self.shared[b], self.predicted[b], self.true[b], self.foreground[b])
 
 
+@dataclass(frozen=True)
+class Totals:
+    """Of the target alone: area (F, M) and foreground (F,) in pixels; speed (F, H, W) px, the length of its flow, and
+    its sums over all pixels and over the foreground, (F,)."""
+
+    area: np.ndarray
+    foreground: np.ndarray
+    speed: np.ndarray
+    speed_frame: np.ndarray
+    speed_foreground: np.ndarray
+
+    @classmethod
+    def of(cls, target: Target) -> Totals:
+        area = np.stack([(target.masks == j + 1).sum((1, 2)) for j in range(target.instances)], 1) if target.instances \
+            else np.zeros((len(target.masks), 0), np.int64)  # fmt: skip
+        front = target.masks > 0
+        speed = np.linalg.norm(target.flow, axis=-1)
+        return cls(area, front.sum((1, 2)), speed, speed.sum((1, 2), float), (speed * front).sum((1, 2), dtype=float))
+
+
 @parallel_kernel
 def measure_kernel(
     kinds: np.ndarray, half_size: np.ndarray, position: np.ndarray, quaternion: np.ndarray,
     camera_position: np.ndarray, camera_rotation: np.ndarray, fov: np.ndarray, ground: np.ndarray,
-    target_masks: np.ndarray, target_flow: np.ndarray, cell: int,
+    target_masks: np.ndarray, target_flow: np.ndarray, area: np.ndarray, area_foreground: np.ndarray,
+    speed: np.ndarray, speed_frame: np.ndarray, speed_foreground: np.ndarray, cell: int,
     shared: np.ndarray, predicted: np.ndarray, true: np.ndarray, foreground: np.ndarray,
     epe_frame: np.ndarray, epe: np.ndarray, pooled: np.ndarray,
 ) -> None:  # fmt: skip
-    """Fill the fields of `Measured`. position (B, F, 2, N, 3), quaternion (B, F, 2, N, 4): poses in each frame and in
-    the frame its flow leads to; cell: px between the nodes of `pooled`, where that is not empty; the rest as
-    `SceneBatch` and `Target`."""
+    """Fill the fields of `Measured`, which are zero. position (B, F, 2, N, 3), quaternion (B, F, 2, N, 4): poses in
+    each frame and in the frame its flow leads to; cell: px between the nodes of `pooled`, where that is not empty; the
+    rest as `SceneBatch`, `Target` and `Totals`.
+
+    Where no object can be, the target's own sums say what there is: only the rectangle about the objects is visited.
+    """
     frames, height, width = target_masks.shape
     for b in prange(position.shape[0]):
         background = np.empty((height, width), np.float32)
@@ -60,21 +85,36 @@ def measure_kernel(
         fill_background(camera_position[b], camera_rotation[b], fov[b], ground[b], background)
         total, front, pixels = 0.0, 0.0, 0
         for k in range(frames):
-            rasterise_frame(kinds, half_size[b], position[b, k, 0], quaternion[b, k, 0], camera_position[b],
-                            camera_rotation[b], fov[b], background, mask, depth)  # fmt: skip
+            within = rasterise_frame(kinds, half_size[b], position[b, k, 0], quaternion[b, k, 0], camera_position[b],
+                                     camera_rotation[b], fov[b], background, mask, depth)  # fmt: skip
             exact_flow_frame(position[b, k, 0], quaternion[b, k, 0], position[b, k, 1], quaternion[b, k, 1],
-                             camera_position[b], camera_rotation[b], fov[b], mask, depth, flow)  # fmt: skip
-            count_frame(mask, target_masks[k], shared[b, k], predicted[b, k], true[b, k], foreground[b, k])
-            if pooled.size:
-                pool_frame(mask, flow, cell, pooled[b, k])
-            for row in range(height):
-                for col in range(width):
+                             camera_position[b], camera_rotation[b], fov[b], mask, depth, within, flow)  # fmt: skip
+            true[b, k] = area[k]
+            total += speed_frame[k]
+            front += speed_foreground[k]
+            both, either = 0, area_foreground[k]
+            top, bottom, left, right = within
+            for row in range(top, bottom):
+                for col in range(left, right):
+                    i = mask[row, col]
+                    if i == 0:
+                        continue
+                    j = target_masks[k, row, col]
                     u = flow[row, col, 0] - target_flow[k, row, col, 0]
                     v = flow[row, col, 1] - target_flow[k, row, col, 1]
                     length = np.sqrt(u * u + v * v)
-                    total += length
-                    if mask[row, col] or target_masks[k, row, col]:
+                    total += length - speed[k, row, col]
+                    predicted[b, k, i - 1] += 1
+                    if j:
+                        shared[b, k, i - 1, j - 1] += 1
+                        both += 1
+                        front += length - speed[k, row, col]
+                    else:
+                        either += 1
                         front += length
-                        pixels += 1
+            foreground[b, k, 0], foreground[b, k, 1] = both, either
+            pixels += either
+            if pooled.size:
+                pool_frame(mask, flow, within, cell, pooled[b, k])
         epe_frame[b] = total / (frames * height * width)
         epe[b] = front / max(pixels, 1)

@@ -43,14 +43,14 @@ def exact_flow_frame(
     fov_y_deg: float,
     mask: np.ndarray,
     depth: np.ndarray,
+    within: tuple[int, int, int, int],
     flow: np.ndarray,
 ) -> None:
-    """Fill flow float32 (H, W, 2), px, of one pair of poses (N, 3), (N, 4).
+    """Fill flow float32 (H, W, 2), px, of one pair of poses (N, 3), (N, 4), at the pixels of objects.
 
-    mask, depth: (H, W), the first frame's from `rasterise_frame`.
+    mask, depth: (H, W), the first frame's, and within: the rows and columns that it returned, from `rasterise_frame`.
     """
     height, width = mask.shape
-    flow[:] = 0.0
     focal = height / (2.0 * math.tan(math.radians(fov_y_deg) * 0.5))
     count = position_a.shape[0]
     motion = np.empty((count, 3, 3))  # of points in the camera's frame, from one pose to the next
@@ -64,9 +64,10 @@ def exact_flow_frame(
                 motion[i, r, c] = b[r, 0] * a[c, 0] + b[r, 1] * a[c, 1] + b[r, 2] * a[c, 2]
             shift[i, r] = b[r, 0] * (a[3, 0] - b[3, 0]) + b[r, 1] * (a[3, 1] - b[3, 1]) + b[r, 2] * (a[3, 2] - b[3, 2])
     inverse = 1.0 / focal
-    for row in range(height):
+    row0, row1, col0, col1 = within
+    for row in range(row0, row1):
         y = (0.5 * height - row - 0.5) * inverse
-        for col in range(width):
+        for col in range(col0, col1):
             if mask[row, col] == 0:
                 continue
             i = mask[row, col] - 1
@@ -79,6 +80,8 @@ def exact_flow_frame(
                 scale = focal / ahead
                 flow[row, col, 0] = right * scale - focal * x
                 flow[row, col, 1] = focal * y - up * scale
+            else:
+                flow[row, col, 0] = flow[row, col, 1] = 0.0
 
 
 @kernel
@@ -177,12 +180,13 @@ def exact_flow(
     rotation = np.ascontiguousarray(camera.rotation_world, dtype=np.float64)
     plane = math.nan if ground is None else float(ground)
     pairs = max(len(positions) - 1, 0)
-    flow = np.empty((pairs, height, width, 2), dtype=np.float32)
+    flow = np.zeros((pairs, height, width, 2), dtype=np.float32)
     hidden = np.zeros((pairs, height, width), dtype=np.bool_)
+    everywhere = (0, height, 0, width)
     for k in range(pairs):
         poses = (positions[k], quaternions[k], positions[k + 1], quaternions[k + 1])
         view = (eye, rotation, float(camera.fov_y_deg))
-        exact_flow_frame(*poses, *view, rendering.mask[k], rendering.depth[k], flow[k])
+        exact_flow_frame(*poses, *view, rendering.mask[k], rendering.depth[k], everywhere, flow[k])
         if with_hidden:
             hidden_frame(kinds, half_sizes, *poses, *view, plane, rendering.mask[k], rendering.depth[k], hidden[k])
     return ExactFlow(flow, hidden)

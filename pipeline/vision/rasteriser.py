@@ -185,8 +185,10 @@ def rasterise_frame(
     background: np.ndarray,
     mask: np.ndarray,
     depth: np.ndarray,
-) -> None:
+) -> tuple[int, int, int, int]:
     """Fill mask uint8 (H, W) and depth float32 (H, W) of one frame.
+
+    Returns the first and past-the-last rows and columns outside which no object can be.
 
     kinds: int64 (N,), codes of `surface.KINDS`. half_sizes: (N, 3) m. position: (N, 3) m. quaternion: (N, 4).
     background: float32 (H, W), from `fill_background` (it depends on the camera and the ground only).
@@ -194,6 +196,7 @@ def rasterise_frame(
     height, width = mask.shape
     mask[:] = 0
     depth[:] = background
+    top, bottom, left, right = height, 0, width, 0
     focal = height / (2.0 * math.tan(math.radians(fov_y_deg) * 0.5))
     view = np.empty((4, 3))
     for i in range(kinds.shape[0]):
@@ -202,6 +205,7 @@ def rasterise_frame(
         col0, col1, row0, row1 = pixel_rectangle(kind, half_sizes[i], view, focal, width, height)
         if col0 >= col1 or row0 >= row1:
             continue
+        top, bottom, left, right = min(top, row0), max(bottom, row1), min(left, col0), max(right, col1)
         hx, hy, hz = half_sizes[i, 0], half_sizes[i, 1], half_sizes[i, 2]
         ox, oy, oz = view[3, 0], view[3, 1], view[3, 2]
         rx, ry, rz = view[0, 0], view[0, 1], view[0, 2]
@@ -217,6 +221,7 @@ def rasterise_frame(
                 if t < depth[row, col]:
                     depth[row, col] = t
                     mask[row, col] = i + 1
+    return top, max(bottom, top), left, max(right, left)
 
 
 @kernel

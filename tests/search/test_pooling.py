@@ -22,7 +22,7 @@ def random_picture(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 def test_tents_add_up_to_area_centroid_and_flow(rng: np.random.Generator, cell: int) -> None:
     mask, flow = random_picture(rng)
     pooled = np.zeros((3, 3, -(-20 // cell) + 1, -(-30 // cell) + 1), np.float32)
-    pool_frame(mask, flow, cell, pooled)
+    pool_frame(mask, flow, (0, 20, 0, 30), cell, pooled)
     for i in range(3):
         rows, columns = np.nonzero(mask == i + 1)
         assert pooled[i, 0].sum() == pytest.approx(len(rows), rel=1e-5)
