@@ -32,6 +32,7 @@ CHANGES: dict[tuple[int, int], str] = {
 }
 LYING = 0.35  # sine of how far a cylinder's axis may be from level where it lies on its side
 LEVEL = 0.9  # of the speed is along the ground where a body rolls and does not fall
+PUSH = 0.02  # s from a touch on, within which a hit pushes
 LEVER = 0.1  # m; turning is rest where points at this distance move slower than `moving_speed`
 
 KINDS = (
@@ -99,7 +100,9 @@ def collisions(trace: Trace, thresholds: Thresholds) -> list[Event]:
         steps = np.unique(c.step[rows])
         starts = steps[np.diff(steps, prepend=-gap - 2) > gap]
         for step in starts:
-            if approach[rows[c.step[rows] == step]].max() >= thresholds.impact_speed:
+            touch = rows[(c.step[rows] >= step) & (c.step[rows] < step + PUSH * trace.rate)]
+            pushed = np.abs(c.force[touch]).max() > 0  # bodies that only graze each other's margin do not
+            if pushed and approach[rows[c.step[rows] == step]].max() >= thresholds.impact_speed:
                 kind = "hits_ground" if second == GROUND else "hits_object"
                 a, b = (first, None) if second == GROUND else (min(first, second), max(first, second))
                 events.append(Event(float(step / trace.rate), kind, a, b))

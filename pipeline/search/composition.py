@@ -17,25 +17,34 @@ from pipeline.search.fit import HORIZONS, Island
 from pipeline.search.found import Record
 from pipeline.search.guess import guess_scene
 
-SIMPLER = {"sphere": 0.6, "cylinder": 0.9, "box": 1.0}  # times its cost: of alike fits the one with fewer numbers
-assert SIMPLER.keys() == set(BASIC_SHAPES)
+ROUNDS = {"sphere": 1, "cylinder": 3, "box": 3}  # of variations: the more ways to turn, the more
+assert ROUNDS.keys() == set(BASIC_SHAPES)
 
 
 def compose(evaluator: Evaluator, record: Record, simulations: int, rng: np.random.Generator) -> Scene:
-    """The classical guess with the shape that fits the first frames best for each instance of the target."""
+    """A scene with the shape that fits best for each instance of the target.
+
+    Its camera, and the objects of that shape, are those of the one descent of the three that fits best; the others are
+    as the classical guess has them.
+    """
     target, schedule = evaluator.target, evaluator.schedule
     times = schedule.pairs[:, 0] / schedule.fps
-    cameras, costs = [], []
+    everything = list(range(target.instances))
+    pairs = np.stack([np.arange(target.instances)] * 2, 1)
+    tried, costs = [], []
     for shape in BASIC_SHAPES:
-        start = guess_scene(target, [shape] * target.instances, times)
-        island = Island(evaluator, record, simulations, rng, start, np.stack([np.arange(target.instances)] * 2, 1))
-        near = island.vary(start, list(range(target.instances)), HORIZONS[0])
-        near = island.approach(near, HORIZONS, camera=True)
-        residuals, _ = evaluator.residuals(stack_scenes([near]), island.pairs, HORIZONS[-1])
-        cameras.append(near)
-        costs.append(SIMPLER[shape] * residuals.cost[0])
+        near = guess_scene(target, [shape] * target.instances, times)
+        island = Island(evaluator, record, simulations, rng, near, pairs)
+        for _ in range(ROUNDS[shape]):
+            near = island.vary(near, everything, HORIZONS[0])
+        near = island.approach(near, (*HORIZONS, None), camera=True)
+        residuals, _ = evaluator.residuals(stack_scenes([near]), pairs)
+        tried.append(near)
+        costs.append(residuals.cost[0])
     best = np.argmin(costs, axis=0)
-    leading = cameras[int(np.argmin([c.sum() for c in costs]))]
+    leader = int(np.argmin(np.sum(costs, axis=1)))
+    leading = tried[leader]
     assert leading.camera is not None
-    shapes = [BASIC_SHAPES[k] for k in best]
-    return replace(guess_scene(target, shapes, times, leading.camera), gravity=leading.gravity)
+    guess = guess_scene(target, [BASIC_SHAPES[k] for k in best], times, leading.camera)
+    objects = (leading.objects[i] if k == leader else guess.objects[i] for i, k in enumerate(best))
+    return replace(leading, objects=tuple(replace(o, name="") for o in objects))

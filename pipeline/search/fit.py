@@ -91,8 +91,8 @@ class Island:
             copy_object(batch, int(order[0]), chosen, i)
         return unstack(chosen, 0, scene)
 
-    def approach(self, scene: Scene, horizons: Sequence[int], camera: bool) -> Scene:
-        """A few steps on the first frames alone, then on more."""
+    def approach(self, scene: Scene, horizons: Sequence[int | None], camera: bool) -> Scene:
+        """A few steps on the first frames alone, then on more (None: all)."""
         for frames in horizons:
             space = search_space(scene) if camera else search_space(scene).fixing_camera()
             run = Descent.start(self._evaluator, space, space.encode(), self.pairs, frames)

@@ -14,7 +14,7 @@ from pipeline.search.evaluator import Evaluator
 from pipeline.search.fit import fit
 from pipeline.search.found import Found, Record
 
-COMPOSING = 1200  # simulations, from which a search has enough left after a guess has found its shapes
+COMPOSING = 1800  # simulations, from which a search has enough left after a guess has found its shapes
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,133 @@
+"""How many simulations a second a search gets, beside the obvious program and bare stepping, in one run.
+
+    python -m benchmarks.search [--population 128] [--iterations 100] [--threads 2] [--seed N]
+
+One clip of four objects, exact masks and flow, the same resolution for all. Ours: pycma's ask and tell, decoding,
+simulation, masks, flow and reward of a whole CMA-ES run. The obvious program: pycma, an MjModel compiled for each
+candidate, `mj_step`, MuJoCo's renderer for the masks (no flow), IoU; a few of its generations. Bare stepping:
+`mujoco.batch` over the same steps of the same candidates, nothing else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+import time
+import warnings
+from pathlib import Path
+
+import cma
+import mujoco
+import numpy as np
+from tqdm import tqdm
+
+from pipeline.clips.draw import Filters, draw_clips
+from pipeline.clips.schedule import Schedule
+from pipeline.clips.view import pair_view, trace_pairs
+from pipeline.evaluation.overlap_scores import assign, count, pair_iou, sequence_iou
+from pipeline.physics.batch import BatchSimulator
+from pipeline.physics.simulate import simulate
+from pipeline.scene.mjcf import scene_xml
+from pipeline.scene.sample import Distribution
+from pipeline.scene.scene import Scene
+from pipeline.search.cmaes import Budget, search
+from pipeline.search.evaluator import Evaluator
+from pipeline.search.parameters import search_space
+from pipeline.search.target import make_target
+from pipeline.vision.mujoco_render import Canvas
+from pipeline.vision.render_backend import choose_backend
+from stages.params import PARAMS_FILE, Params
+from stages.params_file import read_params_file
+
+OBJECTS = 4
+OBVIOUS_CANDIDATES = 48
+
+
+def four_objects(seed: int, params: Params, schedule: Schedule) -> Scene:
+    distribution = Distribution(**params.sample.distribution.model_dump())
+    filters = Filters(**params.sample.filters.model_dump())
+    return draw_clips(seed, "benchmark", range(1), distribution, filters, schedule, {OBJECTS: 1.0}).scenes[0]
+
+
+def obvious_reward(scene: Scene, target_masks: np.ndarray, schedule: Schedule) -> float:
+    """Sequence IoU of one candidate, the way one would first write it."""
+    model = mujoco.MjModel.from_xml_string(scene_xml(scene))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    height, width = target_masks.shape[1:]
+    wanted = schedule.frame_steps[schedule.pairs[:, 0]]
+    masks = []
+    with Canvas(model, width, height) as canvas:
+        for step in range(int(wanted[-1]) + 1):
+            if step in wanted:
+                qpos = data.qpos.reshape(-1, 7)
+                masks.append(canvas.segmentation(qpos[:, :3].copy(), qpos[:, 3:].copy()))
+            mujoco.mj_step(model, data)
+    counts = count(np.stack(masks), target_masks, len(scene.objects), int(target_masks.max()))
+    return float(sequence_iou(counts, assign(pair_iou(counts))))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--population", type=int, default=128)
+    parser.add_argument("--iterations", type=int, default=100)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--width", type=int, default=120)
+    parser.add_argument("--height", type=int, default=80)
+    parser.add_argument("--seed", type=int, default=None, help="of the clip; a fresh one by default")
+    arguments = parser.parse_args()
+    seed = secrets.randbits(32) if arguments.seed is None else arguments.seed
+    params = read_params_file(Path(PARAMS_FILE), Params)
+    schedule = Schedule(**params.clip.model_dump())
+    scene = four_objects(seed, params, schedule)
+    view = pair_view(
+        scene, *trace_pairs(simulate(scene, schedule.seconds), schedule), arguments.width, arguments.height
+    )
+    target = make_target(view.mask, view.flow, arguments.width, arguments.height)
+    print(f"seed {seed}: {scene.composition}, {arguments.width}x{arguments.height}, {arguments.threads} threads")
+    rng = np.random.default_rng(0)
+    space = search_space(scene)
+    start = space.scene(np.clip(space.encode() + 0.05 * rng.choice([-1, 1], len(space.keys)), 0, 1))
+
+    evaluator = Evaluator(target, schedule, arguments.threads)
+    search(evaluator, [start], Budget(arguments.population, 1, 0.1), rng)  # compiles
+    bar = tqdm(total=arguments.iterations, desc="ours", unit="generation", disable=None, leave=False)
+    found = search(evaluator, [start], Budget(arguments.population, arguments.iterations, 0.1), rng,
+                   lambda *_: bar.update())  # fmt: skip
+    bar.close()
+    ours = found.simulations / found.seconds
+
+    around = search_space(start)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        options = {"popsize": arguments.population, "bounds": [0, 1], "seed": 1, "verbose": -9}
+        es = cma.CMAEvolutionStrategy(around.encode(), 0.1, options)
+    batch = around.decode(np.array(es.ask()))
+    steps = evaluator.schedule.frame_steps[evaluator.schedule.pairs].max(keepdims=True).ravel()
+    simulator = BatchSimulator(scene.shapes, True, len(batch), arguments.threads)
+    simulator.run(batch, steps)
+    began, repeats = time.perf_counter(), max(3, arguments.iterations // 10)
+    for _ in range(repeats):
+        simulator.run(batch, steps)
+    bare = repeats * len(batch) / (time.perf_counter() - began)
+
+    backend, why = choose_backend("auto")
+    if backend == "mujoco":
+        candidates = [around.scene(x) for x in es.ask()[:OBVIOUS_CANDIDATES]]
+        obvious_reward(start, target.masks, schedule)
+        began = time.perf_counter()
+        for candidate in candidates:
+            obvious_reward(candidate, target.masks, schedule)
+        obvious = len(candidates) / (time.perf_counter() - began)
+    print(f"ours, a whole CMA-ES run   {ours:8.0f} simulations/s   {found.simulations} in {found.seconds:.1f} s")
+    print(f"mujoco.batch, stepping     {bare:8.0f} simulations/s   ours is {ours / bare:.2f} of it")
+    if backend == "mujoco":
+        print(
+            f"the obvious program        {obvious:8.1f} simulations/s   ours is {ours / obvious:.0f} times it ({why})"
+        )
+    else:
+        print(f"the obvious program        skipped: {why}")
+
+
+if __name__ == "__main__":
+    main()
