@@ -29,9 +29,13 @@ class Target:
 
 
 def make_target(masks: np.ndarray, flow: np.ndarray, width: int, height: int) -> Target:
-    """A target of width x height px from masks (F, H, W) and flow (F, h, w, 2) in px of their own sizes."""
+    """A target of width x height px from masks (F, H, W) and flow (F, h, w, 2) in px of their own sizes.
+
+    The camera rests, so that nothing moves outside the instances: flow that was measured there is noise, and left out.
+    """
     small = np.stack([cv2.resize(m, (width, height), interpolation=cv2.INTER_NEAREST_EXACT) for m in masks])
-    return Target(small, resize_flow(flow, width, height), int(masks.max(initial=0)))
+    moving = resize_flow(flow, width, height) * (small > 0)[..., None]
+    return Target(small, np.ascontiguousarray(moving, np.float32), int(masks.max(initial=0)))
 
 
 def resize_flow(flow: np.ndarray, width: int, height: int) -> np.ndarray:
