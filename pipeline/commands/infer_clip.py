@@ -53,6 +53,7 @@ class Request:
     masks: Path | None
     samples: int
     search: int
+    incline: bool
     model: str
     flow: str
     raft: Path
@@ -139,7 +140,7 @@ def _searched(
     told = f"/{request.search} simulations, reward "
     return solve(
         evaluator, _starts(answers, ranking), request.search, np.random.default_rng(request.seed),
-        lambda spent, reward: progress.detail(f" {spent}{told}{reward:.3f}"),
+        lambda spent, reward: progress.detail(f" {spent}{told}{reward:.3f}"), request.incline,
     ).found  # fmt: skip
 
 
@@ -207,6 +208,7 @@ def _result(
             "masks_from": clip.taken.masks_from,
             "instances": clip.objects,
             "camera": "at rest, at (0, -2, h) m, looking along +y; square pixels, no distortion",
+            "incline": request.incline,
             "scale": SCALE,
             "notes": list(clip.notes),
         },

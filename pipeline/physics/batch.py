@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 from mujoco import batch as mjbatch
+from scipy.spatial.transform import Rotation
 
 from pipeline.physics.simulate import compile_xml
 from pipeline.scene.mjcf import STEPS_PER_SECOND, camera_quaternion, scene_xml, solref, start_quaternion
@@ -84,9 +85,9 @@ def stack_scenes(scenes: list[Scene]) -> SceneBatch:
 
 
 def unstack(batch: SceneBatch, index: int, like: Scene) -> Scene:
-    """One scene of a batch; names, and what a batch does not hold, are those of `like`, which has a pitch camera."""
+    """One scene of a batch; names, and what a batch does not hold, are those of `like`, and whether its camera has a
+    pitch or an orientation."""
     assert like.camera is not None
-    assert like.camera.pitch is not None
     b = index
     objects = tuple(
         replace(obj, size=size_from_half(obj.shape, batch.half_size[b, i]), mass=float(batch.mass[b, i]),
@@ -96,9 +97,13 @@ def unstack(batch: SceneBatch, index: int, like: Scene) -> Scene:
                 angular_velocity=tuple(batch.angular_velocity[b, i]), orientation=tuple(batch.quaternion[b, i]))
         for i, obj in enumerate(like.objects)
     )  # fmt: skip
-    up = batch.camera_rotation[b, :, 1]
-    camera = replace(like.camera, position=tuple(batch.camera_position[b]), fov=float(batch.fov[b]),
-                     pitch=float(np.degrees(np.arctan2(-up[1], up[2]))))  # fmt: skip
+    camera = replace(like.camera, position=tuple(batch.camera_position[b]), fov=float(batch.fov[b]))
+    if camera.pitch is not None:
+        up = batch.camera_rotation[b, :, 1]
+        camera = replace(camera, pitch=float(np.degrees(np.arctan2(-up[1], up[2]))))
+    else:
+        turn = Rotation.from_matrix(batch.camera_rotation[b]).as_quat(canonical=True, scalar_first=True)
+        camera = replace(camera, orientation=tuple(turn))
     return replace(like, objects=objects, camera=camera, gravity=tuple(batch.gravity[b]))
 
 

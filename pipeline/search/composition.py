@@ -11,18 +11,20 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.physics.batch import stack_scenes
-from pipeline.scene.scene import BASIC_SHAPES, Scene
+from pipeline.scene.scene import BASIC_SHAPES, Camera, Scene
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.fit import HORIZONS, Island
 from pipeline.search.found import Record
-from pipeline.search.guess import guess_scene
+from pipeline.search.guess import CAMERA, guess_scene
 
 ROUNDS = {"sphere": 1, "cylinder": 3, "box": 3}  # of variations: the more ways to turn, the more
 assert ROUNDS.keys() == set(BASIC_SHAPES)
 
 
-def compose(evaluator: Evaluator, record: Record, simulations: int, rng: np.random.Generator) -> Scene:
-    """A scene with the shape that fits best for each instance of the target.
+def compose(
+    evaluator: Evaluator, record: Record, simulations: int, rng: np.random.Generator, camera: Camera = CAMERA
+) -> Scene:
+    """A scene with the shape that fits best for each instance of the target, seen at first by that camera.
 
     Its camera, and the objects of that shape, are those of the one descent of the three that fits best; the others are
     as the classical guess has them.
@@ -33,7 +35,7 @@ def compose(evaluator: Evaluator, record: Record, simulations: int, rng: np.rand
     pairs = np.stack([np.arange(target.instances)] * 2, 1)
     tried, costs = [], []
     for shape in BASIC_SHAPES:
-        near = guess_scene(target, [shape] * target.instances, times)
+        near = guess_scene(target, [shape] * target.instances, times, camera)
         island = Island(evaluator, record, simulations, rng, near, pairs)
         for _ in range(ROUNDS[shape]):
             near = island.vary(near, everything, HORIZONS[0])

@@ -8,16 +8,19 @@ shape an instance has is given, or tried.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.scene.mjcf import camera_quaternion
 from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.scene.solid import reach_below
 from pipeline.search.target import Target
 from pipeline.vision.camera import Pinhole, focal_px, pinhole
 
 CAMERA = Camera((0.0, -2.0, 0.95), fov=37.0, pitch=-22.4)
+#: The same for an incline: with an orientation, which lets a search roll it and tilt gravity.
+FREE_CAMERA = replace(CAMERA, pitch=None, orientation=tuple(camera_quaternion(CAMERA)))
 GRAVITY = 7.0  # m/s²; the scale of a clip is not known, so neither is this
 NEAREST, FARTHEST = 0.6, 6.0  # m of planar depth at which a foot may be
 LEAST_HALF, MOST_HALF = 0.03, 0.38  # m

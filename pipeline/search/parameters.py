@@ -2,7 +2,9 @@
 
 Types and their number are fixed. Masses are searched in their logarithm; an orientation as a rotation vector from the
 start's, without the turns that a shape's symmetry hides. The camera's distance and heading are no parameters: moving
-and turning the whole world along with it changes no picture.
+and turning the whole world along with it changes no picture. Where the start's camera has a pitch, gravity is normal to
+the ground and the picture upright, as in the paper; where it has an orientation, the ground may be an incline: the
+camera may roll, and gravity point anywhere below.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.physics.batch import SceneBatch, stack_scenes, unstack
-from pipeline.scene.rotation import quaternion_from_rotation_vector, quaternion_multiply
+from pipeline.scene.rotation import matrix_from_quaternion, quaternion_from_rotation_vector, quaternion_multiply
 from pipeline.scene.scene import SIZE_KEYS, Scene
 from pipeline.scene.solid import reaches_below
 
@@ -21,8 +23,10 @@ from pipeline.scene.solid import reaches_below
 BOUNDS: dict[str, tuple[float, float]] = {
     "camera_height": (0.2, 2.5),
     "camera_pitch": (-70.0, 5.0),
+    "camera_turn": (-0.8, 0.8),
     "fov": (15.0, 75.0),
     "gravity": (0.5, 20.0),
+    "gravity_along": (-10.0, 10.0),
     "size": (0.02, 0.8),
     "log_mass": (float(np.log(0.02)), float(np.log(20.0))),
     "sliding_friction": (0.0, 1.5),
@@ -39,8 +43,10 @@ BOUNDS: dict[str, tuple[float, float]] = {
 STEPS: dict[str, float] = {
     "camera_height": 0.04,
     "camera_pitch": 1.0,
+    "camera_turn": 0.017,
     "fov": 1.0,
     "gravity": 0.6,
+    "gravity_along": 0.4,
     "size": 0.02,
     "log_mass": 0.4,
     "sliding_friction": 0.08,
@@ -53,7 +59,6 @@ STEPS: dict[str, float] = {
     "angular_velocity": 1.0,
     "turn": 0.12,
 }
-SCENE_KEYS = ("camera_height", "camera_pitch", "fov", "gravity")
 MATERIAL_KEYS = ("log_mass", "sliding_friction", "rolling_friction", "damping")
 TURNS = {"sphere": 0, "cylinder": 2, "capsule": 2, "box": 3, "ellipsoid": 3}
 assert BOUNDS.keys() == STEPS.keys()
@@ -71,7 +76,7 @@ class Key:
 
 @dataclass(frozen=True)
 class Space:
-    """The search space about a start scene with a pitch camera and downward gravity. x: (B, D) in [0, 1]."""
+    """The search space about a start scene. x: (B, D) in [0, 1]."""
 
     start: Scene
     keys: tuple[Key, ...]
@@ -105,11 +110,13 @@ class Space:
     def _value(self, key: Key) -> float:
         camera = self.start.camera
         assert camera is not None
-        assert camera.pitch is not None
         if key.index < 0:
-            scene = {"camera_height": camera.position[2], "camera_pitch": camera.pitch, "fov": camera.fov,
-                     "gravity": -self.start.gravity[2]}  # fmt: skip
-            return scene[key.name]
+            scene = {"camera_height": camera.position[2], "camera_pitch": camera.pitch, "camera_turn": 0.0,
+                     "fov": camera.fov, "gravity": -self.start.gravity[2],
+                     "gravity_along": self.start.gravity[key.part]}  # fmt: skip
+            value = scene[key.name]
+            assert value is not None
+            return value
         obj = self.start.objects[key.index]
         if key.name == "turn":
             return 0.0
@@ -124,10 +131,12 @@ class Space:
         count, shapes = len(values), self.start.shapes
         batch = SceneBatch(shapes, **{f.name: np.repeat(getattr(self._start, f.name), count, axis=0)
                                       for f in fields(SceneBatch) if f.name != "shapes"})  # fmt: skip
-        turns = np.zeros((count, len(shapes), 3))
+        turns, camera_turn = np.zeros((count, len(shapes), 3)), np.zeros((count, 3))
         for column, key in zip(values.T, self.keys, strict=True):
-            if key.index < 0:
-                _set_scene(batch, key.name, column)
+            if key.name == "camera_turn":
+                camera_turn[:, key.part] = column
+            elif key.index < 0:
+                _set_scene(batch, key, column)
             elif key.name == "size":
                 batch.half_size[:, key.index, _EXTENTS[shapes[key.index]][key.part]] = (
                     column[:, None] * _HALVES[shapes[key.index]][key.part]
@@ -140,6 +149,7 @@ class Space:
                 getattr(batch, key.name)[:, key.index, key.part] = column
             else:
                 getattr(batch, key.name)[:, key.index] = column
+        batch.camera_rotation[:] @= matrix_from_quaternion(quaternion_from_rotation_vector(camera_turn))
         turned = quaternion_multiply(quaternion_from_rotation_vector(turns), batch.quaternion)
         batch.quaternion[:] = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
         if self.start.ground is not None:
@@ -157,8 +167,9 @@ class Space:
         return Space(self.start, tuple(k for k in self.keys if k.index >= 0))
 
 
-def _set_scene(batch: SceneBatch, name: str, values: np.ndarray) -> None:
-    """Write one of SCENE_KEYS (B,) into the batch."""
+def _set_scene(batch: SceneBatch, key: Key, values: np.ndarray) -> None:
+    """Write one of the scene's own coordinates (B,) into the batch."""
+    name = key.name
     if name == "camera_height":
         batch.camera_position[:, 2] = values
     elif name == "camera_pitch":
@@ -167,6 +178,8 @@ def _set_scene(batch: SceneBatch, name: str, values: np.ndarray) -> None:
         batch.camera_rotation[:, 2, 1], batch.camera_rotation[:, 1, 2] = np.cos(pitch), -np.cos(pitch)
     elif name == "fov":
         batch.fov[:] = values
+    elif name == "gravity_along":
+        batch.gravity[:, key.part] = values
     else:
         batch.gravity[:, 2] = -values
 
@@ -195,7 +208,13 @@ def object_keys(shape: str, index: int) -> list[Key]:
 
 def search_space(start: Scene) -> Space:
     """Everything but the types: camera, gravity, and of every object size, material and motion."""
-    keys = [Key(k, -1, k) for k in SCENE_KEYS]
+    assert start.camera is not None
+    keys = [Key(k, -1, k) for k in ("camera_height", "fov", "gravity")]
+    if start.camera.pitch is not None:
+        keys.append(Key("camera_pitch", -1, "camera_pitch"))
+    else:  # about the camera's right and back; about its up is the world's heading, near enough
+        keys += [Key("camera_turn", -1, "camera_turn", part) for part in (0, 2)]
+        keys += [Key("gravity_along", -1, "gravity_along", part) for part in (0, 1)]
     for i, shape in enumerate(start.shapes):
         keys += object_keys(shape, i)
     return Space(start, tuple(keys))

@@ -18,6 +18,7 @@ DIFFERENT = 18  # of 255: a channel that differs so much from the background is 
 SMALLEST_SHARE = 0.0004  # of the picture's area; smaller components are noise
 SHORTEST = 3  # frames; what is seen for less is noise
 LONGEST_GAP = 4  # frames that a body may be lost for and be taken for the same
+LEAST_SHIFT = 0.03  # of what the track shifts that shifts most
 SLOW_PX = 0.3  # at 480 px of width: a flow below is no motion
 APART_PX = 2.0  # at 480 px of width: parts of one component whose flow differs by more are two bodies
 APART_SPREADS = 10  # and by so many times what it differs by inside each: a rolling body's even gradient has 4
@@ -245,17 +246,21 @@ def best_before(ids: np.ndarray, i: int, mine: np.ndarray, first: int, flow: np.
 
 
 def without_noise(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
-    """The tracks that last and move, numbered from 1 by first appearance, at most 255."""
+    """The tracks that last and move, numbered from 1 by first appearance, at most 255.
+
+    A track that shifts hardly anything beside the one that shifts most (its pixels times their flow, summed) is a
+    reflection, a flicker of light or a piece of a shadow.
+    """
     out = np.zeros_like(ids)
     slow = SLOW_PX * ids.shape[2] / 480
-    kept = 0
-    for i in range(1, int(ids.max()) + 1):
+    shifted = np.zeros(int(ids.max()) + 1)
+    for i in range(1, len(shifted)):
         mine = ids == i
         seen = np.flatnonzero(mine.any(axis=(1, 2)))
-        if len(seen) < SHORTEST or kept == 255:
-            continue
-        speeds = [np.median(np.linalg.norm(flow[t][mine[t]], axis=-1)) for t in seen if t < len(flow)]
-        if max(speeds, default=0) > slow:
-            kept += 1
-            out[mine] = kept
+        speeds = [float(np.median(np.linalg.norm(flow[t][mine[t]], axis=-1))) for t in seen if t < len(flow)]
+        if len(seen) >= SHORTEST and max(speeds, default=0) > slow:
+            shifted[i] = sum(s * mine[t].sum() for s, t in zip(speeds, seen, strict=False))
+    kept = np.flatnonzero(shifted > LEAST_SHIFT * shifted.max(initial=0))[:255]
+    for number, i in enumerate(kept, 1):
+        out[ids == i] = number
     return out

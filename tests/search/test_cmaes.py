@@ -6,10 +6,12 @@ from targets import evaluator, sampled
 
 from pipeline.physics.batch import stack_scenes
 from pipeline.physics.overlap import penetration, separated
+from pipeline.scene.mjcf import camera_quaternion
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import Scene
 from pipeline.search.cmaes import Budget, Found, search
 from pipeline.search.parameters import BOUNDS, search_space
+from pipeline.vision.camera import pinhole
 
 BUDGET = Budget(population=6, iterations=6, sigma=0.05)
 
@@ -128,3 +130,23 @@ def test_half_of_the_iterations_are_shared_by_the_starts(rng: np.random.Generato
     search(evaluator(scene), [disturbed(rng, scene) for _ in range(3)], Budget(4, 9, 0.1), np.random.default_rng(0),
            lambda iteration, reward: told.append(iteration))  # fmt: skip
     assert told == list(range(1, 10))
+
+
+def test_an_incline_is_a_rolled_camera_and_tilted_gravity(rng: np.random.Generator) -> None:
+    """With an orientation instead of a pitch the space has both, and gives the start back."""
+    level = sampled(rng, 2)
+    assert level.camera is not None
+    turned = replace(level.camera, pitch=None, orientation=tuple(camera_quaternion(level.camera)))
+    scene = replace(level, camera=turned, gravity=(1.5, -0.5, -7.0))
+    space = search_space(scene)
+    again = space.scene(space.encode())
+    assert again.camera is not None
+    np.testing.assert_allclose(again.camera.orientation, turned.orientation, atol=2e-6)
+    np.testing.assert_allclose(again.gravity, scene.gravity, rtol=1e-5)
+    assert len(space.keys) == len(search_space(level).keys) + 3
+    x = space.encode()
+    roll = [(k.name, k.part) for k in space.keys].index(("camera_turn", 2))
+    x[roll] += 0.2 / space.span[roll]
+    before, after = (pinhole(s.camera).rotation_world for s in (again, space.scene(x)))  # type: ignore[arg-type]
+    np.testing.assert_allclose(after[:, 2], before[:, 2], atol=1e-5)  # it looks where it looked
+    assert np.arccos(before[:, 0] @ after[:, 0]) == pytest.approx(0.2, abs=1e-4)

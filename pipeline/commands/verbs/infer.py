@@ -42,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--masks", type=Path, metavar="PATH", help=masks + "folder of PNGs (default: from motion)")
     add("--samples", type=count, default=8, metavar="K", help="answers sampled beside the greedy one (8)")
     add("--search", type=count, default=0, metavar="N", help="refine the best answers with N simulations (0: do not)")
+    add("--incline", action="store_true", help="the ground may slope in the picture: the search may roll the camera")
     add("--model", default="models/tiny", metavar="NAME", help="a folder or hub name (models/tiny)")
     add("--raft", type=Path, default=Path("models/raft-small"), metavar="PATH", help="RAFT weights (models/raft-small)")
     add("--flow", choices=("raft", "dis"), default="raft", help="flow by RAFT, or by OpenCV's DIS (raft)")
@@ -58,6 +59,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     a = arguments
     infer_clip(Request(
-        a.clip, a.out, a.start, a.seconds, a.fps, a.masks, a.samples, a.search, existing_or_shipped(a.model), a.flow,
-        Path(existing_or_shipped(str(a.raft))), a.input, not a.no_reasoning, a.temperature, a.top_p, a.seed, a.force,
+        a.clip, a.out, a.start, a.seconds, a.fps, a.masks, a.samples, a.search, a.incline,
+        existing_or_shipped(a.model), a.flow, Path(existing_or_shipped(str(a.raft))), a.input, not a.no_reasoning,
+        a.temperature, a.top_p, a.seed, a.force,
     ))  # fmt: skip
