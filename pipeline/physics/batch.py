@@ -22,7 +22,7 @@ from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject, half_extents, size_from_half
 from pipeline.scene.solid import bounding_radii, geom_sizes, unit_inertia
 
-#: dm_control has MuJoCo's warnings logged by it; a candidate whose numbers go bad is counted (`States.valid`), not told.
+#: MuJoCo's warnings are logged by it; a candidate whose numbers go bad is counted (`States.valid`), not told.
 logging.getLogger("absl").setLevel(logging.ERROR)
 NO_CAMERA = Camera((0.0, -2.0, 1.0), fov=45.0, pitch=-25.0)  # stands in where a scene has none to look through
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
