@@ -22,7 +22,7 @@ from pipeline.evaluation.scene_scores import HEIGHT, METRICS, WIDTH, Reference, 
 from pipeline.evaluation.sections import COLUMNS, ERRORS, ShownClip, sections
 from pipeline.evaluation.tables import as_csv, as_json, markdown, summarise, table
 from pipeline.scene.text import read_scene
-from pipeline.search.target import make_target
+from pipeline.search.target import make_target, resize_masks
 from pipeline.shards.cost import compute_seconds
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.output_errors import writing_to
@@ -51,8 +51,9 @@ def reference(suite: Suite, clip: int, schedule: Schedule) -> Reference:
     """A sampled clip's own exact replay; for a real clip the masks and the flow that were measured."""
     if "sample" in suite:
         return true_reference(read_scene(suite["sample"][clip].row()["scene"]), schedule)
-    measured = make_target(suite["render"][clip].array("mask"), suite["flow"][clip].array("flow"), WIDTH, HEIGHT)
-    return Reference(measured.masks, measured.flow, schedule.pairs[:, 0])
+    masks, first = suite["render"][clip].array("mask"), schedule.pairs[:, 0]
+    measured = make_target(masks[first], suite["flow"][clip].array("flow"), WIDTH, HEIGHT)
+    return Reference(resize_masks(masks, WIDTH, HEIGHT), measured.flow, first)
 
 
 def greedy_row(suite: Suite, clip: int) -> dict[str, Any]:

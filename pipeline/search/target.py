@@ -33,9 +33,14 @@ def make_target(masks: np.ndarray, flow: np.ndarray, width: int, height: int) ->
 
     The camera rests, so that nothing moves outside the instances: flow that was measured there is noise, and left out.
     """
-    small = np.stack([cv2.resize(m, (width, height), interpolation=cv2.INTER_NEAREST_EXACT) for m in masks])
+    small = resize_masks(masks, width, height)
     moving = resize_flow(flow, width, height) * (small > 0)[..., None]
     return Target(small, np.ascontiguousarray(moving, np.float32), int(masks.max(initial=0)))
+
+
+def resize_masks(masks: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Masks (F, H, W) at another size."""
+    return np.stack([cv2.resize(m, (width, height), interpolation=cv2.INTER_NEAREST_EXACT) for m in masks])
 
 
 def resize_flow(flow: np.ndarray, width: int, height: int) -> np.ndarray:
