@@ -14,7 +14,6 @@ import argparse
 import secrets
 import time
 import warnings
-from pathlib import Path
 
 import cma
 import mujoco
@@ -77,7 +76,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=None, help="of the clip; a fresh one by default")
     arguments = parser.parse_args()
     seed = secrets.randbits(32) if arguments.seed is None else arguments.seed
-    params = read_params_file(Path(PARAMS_FILE), Params)
+    params = read_params_file(PARAMS_FILE, Params)
     schedule = Schedule(**params.clip.model_dump())
     scene = four_objects(seed, params, schedule)
     view = pair_view(

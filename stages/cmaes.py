@@ -12,29 +12,19 @@ import pyarrow as pa
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
-from pipeline.scene.text import write_scene
 from pipeline.search.cmaes import Budget, search
 from pipeline.search.evaluator import Evaluator
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
+from stages.found_row import FOUND, found_row
 from stages.main import run
 from stages.params import load
 from stages.run_shards import run_shards
 from stages.search_target import distinct_starts, search_target
 
-SCHEMA = pa.schema(
-    {
-        "clip": pa.int64(),
-        "scene": pa.string(),
-        "reward": pa.float64(),
-        "iou": pa.float64(),
-        "simulations": pa.int32(),
-        "spent": pa.list_(pa.int32()),
-        "history": pa.list_(pa.float64()),
-    }
-)
+SCHEMA = pa.schema([("clip", pa.int64()), *FOUND])
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
@@ -45,9 +35,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
         evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
         found = search(evaluator, starts, Budget(p["population"], p["iterations"], p["sigma"]),
                        clip_rng(p["seed"], shard.suite, clip, "cmaes"))  # fmt: skip
-        rows.append({"clip": clip, "scene": write_scene(found.scene), "reward": found.reward, "iou": found.iou,
-                     "simulations": found.simulations, "spent": found.spent.tolist(),
-                     "history": found.history.tolist()})  # fmt: skip
+        rows.append({"clip": clip, **found_row(found)})
         invalid += found.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)

@@ -19,24 +19,13 @@ from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
+from stages.found_row import FOUND, found_row
 from stages.main import run
 from stages.params import load
 from stages.run_shards import run_shards
 from stages.search_target import distinct_starts, search_target
 
-SCHEMA = pa.schema(
-    {
-        "clip": pa.int64(),
-        "guess": pa.string(),
-        "guess_simulations": pa.int32(),
-        "scene": pa.string(),
-        "reward": pa.float64(),
-        "iou": pa.float64(),
-        "simulations": pa.int32(),
-        "spent": pa.list_(pa.int32()),
-        "history": pa.list_(pa.float64()),
-    }
-)
+SCHEMA = pa.schema([("clip", pa.int64()), ("guess", pa.string()), ("guess_simulations", pa.int32()), *FOUND])
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
@@ -46,12 +35,9 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
         evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
         starts = distinct_starts(ranked, clip, p["starts"])
         solved = solve(evaluator, starts, p["simulations"], clip_rng(p["seed"], shard.suite, clip, "fit"))
-        found = solved.found
         rows.append({"clip": clip, "guess": None if solved.guess is None else write_scene(solved.guess),
-                     "guess_simulations": solved.guess_simulations, "scene": write_scene(found.scene),
-                     "reward": found.reward, "iou": found.iou, "simulations": found.simulations,
-                     "spent": found.spent.tolist(), "history": found.history.tolist()})  # fmt: skip
-        invalid += found.invalid
+                     "guess_simulations": solved.guess_simulations, **found_row(solved.found)})  # fmt: skip
+        invalid += solved.found.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import logging
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import mujoco
 import numpy as np
@@ -25,6 +25,9 @@ from pipeline.scene.solid import bounding_radii, geom_sizes, unit_inertia
 #: MuJoCo's warnings are logged by it; a candidate whose numbers go bad is counted (`States.valid`), not told.
 logging.getLogger("absl").setLevel(logging.ERROR)
 NO_CAMERA = Camera((0.0, -2.0, 1.0), fov=45.0, pitch=-25.0)  # stands in where a scene has none to look through
+#: Fields of a batch that have a value for each object.
+OBJECT_FIELDS = ("half_size", "mass", "sliding_friction", "rolling_friction", "damping", "position", "velocity",
+                 "angular_velocity", "quaternion")  # fmt: skip
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
 
 
@@ -55,6 +58,16 @@ class SceneBatch:
 
     def __len__(self) -> int:
         return len(self.mass)
+
+    def repeated(self, count: int) -> SceneBatch:
+        """The first scene so many times."""
+        return SceneBatch(self.shapes, **{f.name: np.repeat(getattr(self, f.name)[:1], count, axis=0)
+                                          for f in fields(self) if f.name != "shapes"})  # fmt: skip
+
+    def copy_object(self, index: int, source: SceneBatch, row: int) -> None:
+        """Make object `index` of the first scene what it is in scene `row` of `source`."""
+        for name in OBJECT_FIELDS:
+            getattr(self, name)[0, index] = getattr(source, name)[row, index]
 
 
 def stack_scenes(scenes: list[Scene]) -> SceneBatch:

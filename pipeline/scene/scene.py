@@ -145,17 +145,22 @@ def named(objects: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
 
 def half_extents(obj: SceneObject) -> np.ndarray:
     """Half lengths along the body's own axes, (3,) m. For capsules the caps are included."""
-    if obj.shape == "sphere":
-        return np.full(3, obj.size[0])
-    if obj.shape in ("cylinder", "capsule"):
-        return np.array([obj.size[0], obj.size[0], obj.size[1] / 2])
-    if obj.shape in ("box", "ellipsoid"):
-        return np.array(obj.size) / 2
-    raise ValueError(f"{obj.shape} has no analytic extents")
+    return half_from_size(obj.shape, np.array(obj.size))
+
+
+def half_from_size(shape: str, size: np.ndarray) -> np.ndarray:
+    """The same (..., 3) of one shape's sizes (..., S), m, in the order of SIZE_KEYS."""
+    if shape == "sphere":
+        return np.repeat(size, 3, axis=-1)
+    if shape in ("cylinder", "capsule"):
+        return np.stack([size[..., 0], size[..., 0], size[..., 1] / 2], axis=-1)
+    if shape in ("box", "ellipsoid"):
+        return size / 2
+    raise ValueError(f"{shape} has no analytic extents")
 
 
 def size_from_half(shape: str, half: np.ndarray) -> tuple[float, ...]:
-    """The sizes of a body with such half extents (3,), m: what `half_extents` undoes."""
+    """The sizes of a body with such half extents (3,), m: what `half_from_size` undoes."""
     if shape == "sphere":
         return (float(half[0]),)
     if shape in ("cylinder", "capsule"):

@@ -46,10 +46,6 @@ class Evaluator:
         self.simulations = 0
         self.invalid = 0
 
-    @property
-    def frames(self) -> int:
-        return len(self._inverse)
-
     def replay(self, scenes: SceneBatch, frames: int | None = None) -> States:
         """Poses (B, T, N, …) of the candidates at the times of the first `frames` frames (None: all) and of those that
         their flow leads to."""

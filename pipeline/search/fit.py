@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.evaluation.overlap_scores import assign, pair_iou
-from pipeline.physics.batch import SceneBatch, stack_scenes, unstack
+from pipeline.physics.batch import stack_scenes, unstack
 from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.found import Found, Record
@@ -88,7 +88,7 @@ class Island:
             if apart:
                 order = order[order > 0][:ALTERNATIVES]
                 self._rng.shuffle(order)
-            copy_object(batch, int(order[0]), chosen, i)
+            chosen.copy_object(i, batch, int(order[0]))
         return unstack(chosen, 0, scene)
 
     def approach(self, scene: Scene, horizons: Sequence[int | None], camera: bool) -> Scene:
@@ -126,22 +126,14 @@ class Island:
         leapt = self.approach(leapt, horizons, camera=False)
         there = self.descend(search_space(leapt).fixing_camera(), LEAP_STEPS)
         chosen, other = stack_scenes([here.scene]), stack_scenes([there.scene])
-        space = search_space(here.scene)
-        better = [g for g in neighbours(self._evaluator, space, space.encode())
-                  if there.cost[g].sum() < here.cost[g].sum()]  # fmt: skip
+        groups = neighbours(self._evaluator, chosen)
+        better = [g for g in groups if there.cost[g].sum() < here.cost[g].sum()]
         for i in (i for group in better for i in group):
-            copy_object(other, 0, chosen, i)
+            chosen.copy_object(i, other, 0)
         if better:
             mixed = self._look(unstack(chosen, 0, here.scene))
             self._take(mixed)
             self._take(self.descend(search_space(mixed.scene)))
-
-
-def copy_object(source: SceneBatch, row: int, target: SceneBatch, i: int) -> None:
-    """Write object i of one scene of `source` into the first scene of `target`."""
-    for name in ("half_size", "mass", "sliding_friction", "rolling_friction", "damping", "position", "velocity",
-                 "angular_velocity", "quaternion"):  # fmt: skip
-        getattr(target, name)[0, i] = getattr(source, name)[row, i]
 
 
 def fit(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.physics.batch import SceneBatch
 from pipeline.scene.solid import bounding_radii
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.parameters import Space
@@ -56,9 +57,8 @@ def evaluate(
     return residuals.values, points
 
 
-def neighbours(evaluator: Evaluator, space: Space, x: np.ndarray) -> list[list[int]]:
-    """Groups of objects that come near each other, directly or through others."""
-    scenes = space.decode(x[None])
+def neighbours(evaluator: Evaluator, scenes: SceneBatch) -> list[list[int]]:
+    """Groups of objects of a batch's one scene that come near each other, directly or through others."""
     position = evaluator.replay(scenes).position[0]  # (T, N, 3)
     radii = np.array([bounding_radii(s, scenes.half_size[:, i])[0] for i, s in enumerate(scenes.shapes)])
     distance = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1).min(0)
@@ -82,7 +82,7 @@ def slope(
     evaluator: Evaluator, space: Space, x: np.ndarray, residual: np.ndarray, pairs: np.ndarray, first: int | None
 ) -> Slope:
     """Derivatives at x (D,), whose residuals are (N, R), by one-sided differences away from the nearer bound."""
-    groups = neighbours(evaluator, space, x)
+    groups = neighbours(evaluator, space.decode(x[None]))
     together = stepped_together(space, groups)
     step = np.where(x > 0.5, -space.step, space.step)
     trials = np.repeat(x[None], len(together), axis=0)

@@ -12,15 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.scene.mjcf import camera_quaternion
 from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.scene.solid import reach_below
 from pipeline.search.target import Target
 from pipeline.vision.camera import Pinhole, focal_px, pinhole
 
 CAMERA = Camera((0.0, -2.0, 0.95), fov=37.0, pitch=-22.4)
-#: The same for an incline: with an orientation, which lets a search roll it and tilt gravity.
-FREE_CAMERA = replace(CAMERA, pitch=None, orientation=tuple(camera_quaternion(CAMERA)))
 GRAVITY = 7.0  # m/s²; the scale of a clip is not known, so neither is this
 NEAREST, FARTHEST = 0.6, 6.0  # m of planar depth at which a foot may be
 LEAST_HALF, MOST_HALF = 0.03, 0.38  # m
@@ -87,10 +84,10 @@ def guess_object(shape: str, seen: Track, target: Target, times: np.ndarray, cam
     # The foot is the near side of where a body stands; of a ball, where the lowest line of sight that touches it ends.
     behind = half[0] * (np.tan(np.arctan2(-sight[2], along) / 2) if shape == "sphere" else 1.0)
     middle = feet[0] + behind * np.array([sight[0], sight[1], 0]) / along - velocity * first
-    obj = SceneObject(shape, _size(shape, *half), 1.0, 0.4, 0.002, 0.6, velocity=tuple(velocity))
     spin = np.cross([0.0, 0.0, 1.0], velocity) / half[0] if shape == "sphere" else np.zeros(3)
-    return SceneObject(shape, obj.size, 1.0, 0.4, 0.002, 0.6, (middle[0], middle[1], reach_below(obj)),
-                       tuple(velocity), tuple(spin))  # fmt: skip
+    obj = SceneObject(shape, _size(shape, *half), 1.0, 0.4, 0.002, 0.6, velocity=tuple(velocity),
+                      angular_velocity=tuple(spin))  # fmt: skip
+    return replace(obj, position=(middle[0], middle[1], reach_below(obj)))
 
 
 def _size(shape: str, across: float, up: float) -> tuple[float, ...]:

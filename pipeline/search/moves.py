@@ -6,8 +6,6 @@ moved on its own, so that of a batch the best may be taken object by object.
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 
 from pipeline.physics.batch import SceneBatch
@@ -19,21 +17,13 @@ SHARE = 0.4  # of the candidates that each kind of move changes
 GROUNDED = 0.01  # m above the ground, within which a body stands on it
 
 
-def repeated(batch: SceneBatch, count: int) -> SceneBatch:
-    """The first scene of a batch so many times."""
-    return SceneBatch(batch.shapes, **{f.name: np.repeat(getattr(batch, f.name)[:1], count, axis=0)
-                                       for f in fields(SceneBatch) if f.name != "shapes"})  # fmt: skip
-
-
 def moved(rng: np.random.Generator, scene: SceneBatch, count: int, movable: list[int]) -> SceneBatch:
     """So many variations of the first scene of a batch; the first of them is that scene itself. Only the objects
     `movable` (indices) change."""
-    out = repeated(scene, count)
+    out = scene.repeated(count)
     for i in movable:
         _move(rng, out, i)
-    for f in fields(SceneBatch):
-        if f.name != "shapes":
-            getattr(out, f.name)[0] = getattr(scene, f.name)[0]
+        out.copy_object(i, scene, 0)
     return out
 
 
@@ -48,7 +38,7 @@ def _move(rng: np.random.Generator, batch: SceneBatch, i: int) -> None:
 
     if shape != "sphere":
         chosen = some()
-        batch.quaternion[chosen, i] = _turned(rng, shape, batch.quaternion[chosen, i])
+        batch.quaternion[chosen, i] = _turned(rng, batch.quaternion[chosen, i])
     chosen = some()
     ray = batch.position[:, i] - batch.camera_position
     factor = np.where(chosen, np.exp(rng.normal(-0.1, 0.25, count)), 1.0)[:, None]
@@ -70,7 +60,7 @@ def _move(rng: np.random.Generator, batch: SceneBatch, i: int) -> None:
         batch.position[:, i, 2] = np.where(stands, lowest, np.maximum(batch.position[:, i, 2], lowest))
 
 
-def _turned(rng: np.random.Generator, shape: str, quaternion: np.ndarray) -> np.ndarray:
+def _turned(rng: np.random.Generator, quaternion: np.ndarray) -> np.ndarray:
     """Other orientations (B, 4): about the vertical, upright, lying, or anyhow."""
     count = len(quaternion)
     yaw = np.zeros((count, 3))

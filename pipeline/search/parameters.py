@@ -9,14 +9,16 @@ camera may roll, and gravity point anywhere below.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections import defaultdict
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from pipeline.physics.batch import SceneBatch, stack_scenes, unstack
+from pipeline.scene.mjcf import camera_quaternion
 from pipeline.scene.rotation import matrix_from_quaternion, quaternion_from_rotation_vector, quaternion_multiply
-from pipeline.scene.scene import SIZE_KEYS, Scene
+from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, half_from_size
 from pipeline.scene.solid import reaches_below
 
 #: Low, high of every parameter; a step of 1 in the search is this whole range.
@@ -129,8 +131,8 @@ class Space:
         """The scenes of vectors (B, D), with no object inside the ground."""
         values = np.clip(x, 0, 1) * self.span + self.low
         count, shapes = len(values), self.start.shapes
-        batch = SceneBatch(shapes, **{f.name: np.repeat(getattr(self._start, f.name), count, axis=0)
-                                      for f in fields(SceneBatch) if f.name != "shapes"})  # fmt: skip
+        batch = self._start.repeated(count)
+        sizes: dict[int, list[np.ndarray]] = defaultdict(list)
         turns, camera_turn = np.zeros((count, len(shapes), 3)), np.zeros((count, 3))
         for column, key in zip(values.T, self.keys, strict=True):
             if key.name == "camera_turn":
@@ -138,9 +140,7 @@ class Space:
             elif key.index < 0:
                 _set_scene(batch, key, column)
             elif key.name == "size":
-                batch.half_size[:, key.index, _EXTENTS[shapes[key.index]][key.part]] = (
-                    column[:, None] * _HALVES[shapes[key.index]][key.part]
-                )
+                sizes[key.index].append(column)
             elif key.name == "log_mass":
                 batch.mass[:, key.index] = np.exp(column)
             elif key.name == "turn":
@@ -149,6 +149,8 @@ class Space:
                 getattr(batch, key.name)[:, key.index, key.part] = column
             else:
                 getattr(batch, key.name)[:, key.index] = column
+        for i, columns in sizes.items():
+            batch.half_size[:, i] = half_from_size(shapes[i], np.stack(columns, 1))
         batch.camera_rotation[:] @= matrix_from_quaternion(quaternion_from_rotation_vector(camera_turn))
         turned = quaternion_multiply(quaternion_from_rotation_vector(turns), batch.quaternion)
         batch.quaternion[:] = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
@@ -184,15 +186,9 @@ def _set_scene(batch: SceneBatch, key: Key, values: np.ndarray) -> None:
         batch.gravity[:, 2] = -values
 
 
-#: Of each shape's sizes: which half extents they set, and their share.
-_EXTENTS: dict[str, tuple[tuple[int, ...], ...]] = {
-    "sphere": ((0, 1, 2),), "cylinder": ((0, 1), (2,)), "capsule": ((0, 1), (2,)),
-    "box": ((0,), (1,), (2,)), "ellipsoid": ((0,), (1,), (2,)),
-}  # fmt: skip
-_HALVES: dict[str, tuple[float, ...]] = {
-    "sphere": (1.0,), "cylinder": (1.0, 0.5), "capsule": (1.0, 0.5),
-    "box": (0.5, 0.5, 0.5), "ellipsoid": (0.5, 0.5, 0.5),
-}  # fmt: skip
+def rollable(camera: Camera) -> Camera:
+    """The camera with its pitch as an orientation, which a search may roll."""
+    return replace(camera, pitch=None, orientation=tuple(camera_quaternion(camera)))
 
 
 def object_keys(shape: str, index: int) -> list[Key]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.compiled import kernel
-from pipeline.search.target import Target
+from pipeline.search.target import REFERENCE_WIDTH, Target
 
 CELLS = 24  # of the finest grid, over the width of the picture
 LEVELS = 3  # grids, each of half as many cells as the one before
@@ -71,7 +71,7 @@ class Pooling:
         self.cell = max(1, round(target.width / CELLS))
         nodes = [-(-n // self.cell) + 1 for n in (target.height, target.width)]
         self.shape = (3, *nodes)
-        scale = target.width / 480
+        scale = target.width / REFERENCE_WIDTH
         frames = len(target.masks)
         self._target = np.zeros((frames, target.instances, *self.shape), np.float32)
         for k in range(frames):
@@ -101,7 +101,6 @@ class Pooling:
         count, frames, objects = pooled.shape[:3]
         share = 1 / np.sqrt(frames)
         columns = []
-        size = 0
         for i, j in pairs:
             difference = (pooled[:, :, i] - self._target[:frames, j]) / self._units[j][:, None, None]
             parts = []
@@ -122,7 +121,7 @@ class Pooling:
             extra = np.where(both[..., None], extra, np.where(either, LOST, 0.0)[..., None] / np.sqrt(3))
             parts.append((share * extra).reshape(count, -1).astype(np.float32))
             columns.append(np.concatenate(parts, 1))
-            size = columns[-1].shape[1]
+        size = columns[0].shape[1] if columns else 0
         values = np.zeros((count, objects, size), np.float32)
         for (i, _), column in zip(pairs, columns, strict=True):
             values[:, i] = column

@@ -7,22 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.scene.mjcf import camera_quaternion
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import rank
 from pipeline.search.composition import compose
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.fit import fit
 from pipeline.search.found import Found, Record
-from pipeline.search.guess import CAMERA, FREE_CAMERA
+from pipeline.search.guess import CAMERA
+from pipeline.search.parameters import rollable
 
 COMPOSING = 1800  # simulations, from which a search has enough left after a guess has found its shapes
-
-
-def freed(scene: Scene) -> Scene:
-    """The scene with its camera's pitch as an orientation, which a search may roll."""
-    assert scene.camera is not None
-    return replace(scene, camera=replace(scene.camera, pitch=None, orientation=tuple(camera_quaternion(scene.camera))))
 
 
 @dataclass(frozen=True)
@@ -48,9 +42,9 @@ def solve(
     incline: the ground may slope in the picture: the camera may roll, and gravity need not be normal to the ground.
     """
     record, guess, guessing = Record(evaluator), None, 0
-    starts = [freed(a) if incline else a for a in answers]
+    starts = [replace(a, camera=rollable(a.camera)) if incline and a.camera else a for a in answers]
     if evaluator.target.instances and (simulations >= COMPOSING or not starts):
-        guess = compose(evaluator, record, simulations, rng, FREE_CAMERA if incline else CAMERA)
+        guess = compose(evaluator, record, simulations, rng, rollable(CAMERA) if incline else CAMERA)
         guessing = record.simulations
         progress(record.simulations, record.reward)
         starts.append(guess)

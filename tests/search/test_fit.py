@@ -39,13 +39,13 @@ def test_objects_that_keep_apart_are_stepped_together_and_those_that_meet_are_no
     scene = apart()
     space = search_space(scene)
     e = evaluator(scene)
-    assert neighbours(e, space, space.encode()) == [[0], [1]]
+    assert neighbours(e, stack_scenes([scene])) == [[0], [1]]
     together = stepped_together(space, [[0], [1]])
     assert sorted(d for columns in together for d in columns) == list(range(len(space.keys)))
     assert len(together) == 4 + (len(space.keys) - 4) // 2
     meeting = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], velocity=(-1.5, 0, 0))))
     space = search_space(meeting)
-    assert neighbours(e, space, space.encode()) == [[0, 1]]
+    assert neighbours(e, stack_scenes([meeting])) == [[0, 1]]
     assert max(map(len, stepped_together(space, [[0, 1]]))) == 1
 
 
