@@ -1,0 +1,264 @@
+"""Which effects the measurements ask for.
+
+Every model, from none to three effects, gets one score, in the units of chi squared: what it leaves of the fitted clips,
+plus BIC's price of its parameters, plus what it leaves of the held-out clips. The lowest score wins, if it wins by more
+than chance makes it win where nothing is hidden (`CLAIM`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.discrepancy.fit import Fit, fit
+from pipeline.discrepancy.impact import Bounce, RestitutionFit, bounces, fit_restitution
+from pipeline.discrepancy.model import Model, known_model, with_effect
+from pipeline.discrepancy.obstacle import Obstacle, fit_obstacle
+from pipeline.discrepancy.problem import Problem, split_at_jumps, starts_of
+from pipeline.discrepancy.quick import QuickRegression
+from pipeline.discrepancy.starts import starts
+from pipeline.scene.effects.kind import EffectKind, Regime
+from pipeline.scene.effects.registry import effect_kinds
+
+CLAIM = 8.0  # by how much a first effect must win; frozen on development worlds (benchmarks/discovery.py)
+CLAIM_MORE = 12.0  # the same for a second and a third
+ALIKE = 7.0  # effects whose scores differ by less are not told apart
+WORTH_FITTING = 3.0  # gain of the quick regression below which no fit is tried
+BEGINNINGS = 2  # starts of an effect that are fitted
+MOST_EFFECTS = 3
+UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.02  # a model explains the data unless both are exceeded
+SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
+OBSTACLE_MISFIT = 0.03  # m
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A model with its fit. score: see above. chi2: of fitted and held-out clips, corrected for correlated noise. bic: of the
+    fitted clips; held_out: chi squared of the held-out ones. extra: parameters beside the fit's."""
+
+    effects: tuple[str, ...]
+    fit: Fit
+    problem: Problem
+    score: float
+    bic: float
+    held_out: float
+    restitution: RestitutionFit | None = None
+    obstacle: Obstacle | None = None
+
+    @property
+    def first(self) -> str:
+        return self.effects[-1]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """none: the calibrated model without effects; singles: every effect alone, best first; chosen: the winner; alike: sets of
+    effects that cannot be told from one of the winner's; excess: what the winner leaves beyond noise, as a share of what
+    the calibrated model leaves, and as a z-score; unknown: whether that is too much."""
+
+    none: Candidate
+    singles: tuple[Candidate, ...]
+    chosen: Candidate
+    alike: tuple[tuple[str, ...], ...]
+    excess_share: float
+    excess_z: float
+    unknown: bool
+    bounces: tuple[Bounce, ...]
+    untestable: tuple[str, ...]
+
+
+def testable(kind: EffectKind, problem: Problem) -> bool:
+    """Whether the measurements could show the effect at all."""
+    regimes = {Regime.FLIGHT} if any(not s.grounded for s in problem.stacks) else set()
+    if any(s.grounded for s in problem.stacks):
+        regimes |= {Regime.SLIDING, Regime.ROLLING, Regime.SPINNING, Regime.RESTING}
+    if kind.name == "hidden_obstacle":
+        return problem.jumps > 0
+    if kind.name == "restitution":
+        return "damping" not in problem.known.fit
+    if not regimes & set(kind.regimes):
+        return False
+    ground = [s for s in problem.stacks if s.grounded]
+    if kind.name == "rolling_resistance":  # the same law as the rolling friction that is fitted
+        return "rolling_friction" not in problem.known.fit and any((s.radius > 0).any() for s in ground)
+    if kind.name == "spin_friction":
+        return any((s.spin_weight > 0).any() for s in ground)
+    if kind.name == "adhesion":  # presses like a greater friction, which must be known to tell
+        return "sliding_friction" not in problem.known.fit
+    if "spin" in kind.needs:
+        return any((s.has_spin & (np.linalg.norm(s.spin, axis=1) > 0.5)).any() for s in problem.stacks)
+    if "others" in kind.needs:
+        return any(a.others.shape[1] for a in problem.arcs)
+    if "orientation" in kind.needs:
+        return any(a.quaternion is not None and not a.grounded for a in problem.arcs)
+    return True
+
+
+class Selector:
+    """Fits and scores models of one problem. `effects`: the names that may be answered."""
+
+    def __init__(self, problem: Problem, effects: Sequence[str], progress: Callable[[str], None] = lambda _: None) -> None:
+        self.problem, self.known, self.progress = problem, problem.known, progress
+        kinds = effect_kinds()
+        self.kinds = [kinds[name] for name in effects if testable(kinds[name], problem)]
+        self.untestable = tuple(name for name in effects if not testable(kinds[name], problem))
+        model = known_model(self.known, problem.stacks)
+        self.none = self._fitted(problem, model, model.start, starts_of(problem), ())
+        clips = frozenset(problem.fitted)
+        self.bounces = bounces(problem.impacts, problem.stacks, self.none.fit, self.known, clips)
+        self.restitution = None if "damping" in self.known.fit else fit_restitution(self.bounces)
+        self.none = self._with_bounces(self.none, False)
+
+    def select(self) -> Selection:
+        """The models that explain the measurements best."""
+        singles = self._extended(self.none)
+        best = min([self.none, *singles], key=lambda c: c.score)
+        chosen = self.none
+        if best.effects and best.score < self.none.score - CLAIM:
+            chosen = self._more(best, singles)
+        z, share = self._excess(chosen)
+        alike = self._alike(chosen, singles)
+        unknown = z > UNEXPLAINED_Z and share > UNEXPLAINED_SHARE
+        return Selection(self.none, tuple(singles), chosen, alike, share, z, unknown, tuple(self.bounces), self.untestable)
+
+    def _more(self, best: Candidate, singles: Sequence[Candidate]) -> Candidate:
+        """Forward selection, from the best and the runners-up, as long as an effect more wins by enough."""
+        leaders = [c for c in singles if c.score < self.none.score - CLAIM][:3]
+        chosen = best
+        for _ in range(MOST_EFFECTS - 1):
+            z, _ = self._excess(chosen)
+            if z < 2.5:
+                break
+            longer = [c for leader in leaders for c in self._extended(leader)]
+            winner = min(longer, key=lambda c: c.score, default=chosen)
+            if winner.score > chosen.score - CLAIM_MORE:
+                break
+            chosen, leaders = winner, [winner]
+        return chosen
+
+    def _alike(self, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[tuple[str, ...], ...]:
+        if len(chosen.effects) != 1:
+            return ()
+        names = [c.first for c in singles if c.score < chosen.score + ALIKE]
+        return (tuple(names),) if len(names) > 1 else ()
+
+    def _extended(self, base: Candidate) -> list[Candidate]:
+        """`base` with each effect more, best first; those that the quick regression finds hopeless are left out."""
+        quick = QuickRegression(base.problem.stacks, base.fit, base.problem.chosen)
+        out = []
+        for kind in self.kinds:
+            if kind.name in base.effects:
+                continue
+            self.progress(kind.name)
+            found = self._special(kind, base) if kind.name in ("hidden_obstacle", "restitution") else self._one(kind, base, quick)
+            if found is not None:
+                out.append(found)
+        return sorted(out, key=lambda c: c.score)
+
+    def _one(self, kind: EffectKind, base: Candidate, quick: QuickRegression) -> Candidate | None:
+        guesses = quick.guesses(kind, starts(kind, self.known, base.problem.stacks), self.known)
+        best: Candidate | None = None
+        for guess in guesses[:BEGINNINGS]:
+            if guess.gain < WORTH_FITTING * kind.size and best is None and guess is not guesses[0]:
+                continue
+            model = with_effect(base.fit.model, kind, self.known)
+            low, high = (np.array([getattr(u, k) for u in model.unknowns[base.fit.model.size :]]) for k in ("low", "high"))
+            theta = np.concatenate([base.fit.theta, np.clip(guess.values, low, high)])
+            found = self._fitted(base.problem, model, theta, base.fit.starts, (*base.effects, kind.name))
+            found = self._with_bounces(found, "restitution" in base.effects)
+            found = replace(found, obstacle=base.obstacle)
+            if best is None or found.score < best.score:
+                best = found
+        if best is not None and kind.name == "magnus_lift" and not self._spin_earns_its_place(base, best):
+            return None
+        return best
+
+    def _special(self, kind: EffectKind, base: Candidate) -> Candidate | None:
+        if kind.name == "restitution":
+            if self.restitution is None:
+                return None
+            return replace(self._with_bounces(self._unbounced(base), True), effects=(*base.effects, kind.name))
+        obstacle = fit_obstacle(self.problem.arcs, self.known)
+        if obstacle is None or obstacle.misfit > OBSTACLE_MISFIT or base.obstacle is not None:
+            return None
+        split = split_at_jumps(base.problem)
+        found = self._fitted(split, base.fit.model, base.fit.theta, starts_of(split), (*base.effects, kind.name))
+        lost = max(base.problem.rows - split.rows, 0)
+        added = sum(map(len, split.stacks)) - sum(map(len, base.problem.stacks))
+        price = (4 + 6 * added) * np.log(self.problem.effective_rows) + lost
+        found = replace(found, score=found.score + price, bic=found.bic + price, obstacle=obstacle)
+        return self._with_bounces(found, "restitution" in base.effects)
+
+    def _spin_earns_its_place(self, base: Candidate, found: Candidate) -> bool:
+        """Whether the measured spins explain more than those of other clips in their places."""
+        stacks = found.problem.stacks
+        spins = np.concatenate([s.spin for s in stacks])
+        if np.linalg.norm(spins - spins.mean(0), axis=1).mean() < 0.2 * np.linalg.norm(spins, axis=1).mean():
+            return True  # all the same: shuffling says nothing
+        gain = base.score - found.score
+        if gain < CLAIM:
+            return True
+        shuffled = [replace(s, spin=np.roll(s.spin, max(1, len(s) // 2), axis=0)) for s in stacks]
+        copy = replace(found.problem, stacks=tuple(shuffled))
+        other = self._with_bounces(self._fitted(copy, found.fit.model, found.fit.theta, found.fit.starts, found.effects),
+                                   "restitution" in base.effects)  # fmt: skip
+        return base.score - other.score < SHUFFLED_SHARE * gain
+
+    def _fitted(
+        self, problem: Problem, model: Model, theta: np.ndarray, begin: Sequence[np.ndarray], effects: tuple[str, ...]
+    ) -> Candidate:
+        found = fit(problem.stacks, model, theta, begin, problem.chosen)
+        share = problem.floor.information
+        inside, outside = found.total(problem.chosen) * share, found.total(problem.held) * share
+        bic = inside + model.size * np.log(self.problem.effective_rows)
+        return Candidate(effects, found, problem, bic + outside, bic, outside)
+
+    def _with_bounces(self, found: Candidate, free: bool) -> Candidate:
+        """With the bounces' part of the score: as known damping has them, or with a restitution of their own."""
+        if self.restitution is None:
+            return found
+        term = self.restitution.chi2 + np.log(max(len(self.bounces), 2)) if free else self.restitution.chi2_expected
+        return replace(found, score=found.score + term, bic=found.bic + term,
+                       restitution=self.restitution if free else None)  # fmt: skip
+
+    def _unbounced(self, found: Candidate) -> Candidate:
+        assert self.restitution is not None
+        term = self.restitution.chi2_expected
+        return replace(found, score=found.score - term, bic=found.bic - term)
+
+    def _excess(self, found: Candidate) -> tuple[float, float]:
+        """What a model leaves beyond noise: as a z-score, and as a share of what the calibrated model leaves."""
+        share = self.problem.floor.information
+
+        def beyond(c: Candidate) -> tuple[float, float]:
+            floor = sum(float(p.chi2.sum()) for p in c.problem.parts)
+            total = sum(float(x.sum()) for x in c.fit.chi2)
+            smooth = sum(int(p.parameters.sum()) for p in c.problem.parts)
+            own = sum((4 if s.grounded else 6) * len(s) for s in c.problem.stacks) + c.fit.model.size
+            return (total - floor) * share, max(smooth - own, 1)
+
+        left, freedom = beyond(found)
+        whole, freedom_none = beyond(self.none)
+        bounce = 0.0
+        if self.restitution is not None:
+            bounce = self.restitution.chi2 if found.restitution else self.restitution.chi2_expected
+            bounce -= len(self.bounces)
+        z = (left + bounce - freedom) / np.sqrt(2 * (freedom + len(self.bounces)))
+        whole += (self.restitution.chi2_expected if self.restitution else 0.0) - freedom_none
+        return float(z), float(np.clip((left + max(bounce, 0) - freedom) / max(whole, 1e-9), 0, 1))
+
+
+def names_of(text: str) -> tuple[str, ...]:
+    """The effects that `--effects` names. Raises ValueError with what is valid."""
+    known = effect_kinds()
+    if text == "all":
+        return tuple(known)
+    names: Iterable[str] = [n.strip() for n in text.split(",") if n.strip()]
+    for name in names:
+        if name not in known:
+            raise ValueError(f"unknown effect {name!r}; valid: all, {', '.join(known)}")
+    return tuple(dict.fromkeys(names))
+
+
