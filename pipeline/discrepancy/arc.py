@@ -110,7 +110,7 @@ def _outliers(time: np.ndarray, position: np.ndarray, residual: np.ndarray, sigm
     bad = np.zeros(len(time), bool)
     for k in np.argsort(-np.nan_to_num(np.abs(residual)).max(1)):
         size = np.nanmax(np.abs(residual[k])) if np.isfinite(residual[k]).any() else 0.0
-        if size < OUTLIER * sigma or not 2 <= k < len(time) - 2 or bad[max(0, k - 2) : k + 3].any():
+        if size < OUTLIER * sigma or not 3 <= k < len(time) - 3 or bad[max(0, k - 2) : k + 3].any():
             continue
         near = np.array([j for j in range(max(0, k - 4), min(len(time), k + 5)) if j != k])
         if len(near) < 6:

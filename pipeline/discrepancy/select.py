@@ -201,8 +201,10 @@ class Selector:
         if gain < CLAIM:
             return True
         shuffled = [replace(s, spin=np.roll(s.spin, max(1, len(s) // 2), axis=0)) for s in stacks]
+        begin = [np.concatenate([b[:, :6], s.spin], 1) if not s.grounded else b
+                 for b, s in zip(found.fit.starts, shuffled, strict=True)]  # fmt: skip
         copy = replace(found.problem, stacks=tuple(shuffled))
-        other = self._with_bounces(self._fitted(copy, found.fit.model, found.fit.theta, found.fit.starts, found.effects),
+        other = self._with_bounces(self._fitted(copy, found.fit.model, found.fit.theta, begin, found.effects),
                                    "restitution" in base.effects)  # fmt: skip
         return base.score - other.score < SHUFFLED_SHARE * gain
 
