@@ -122,7 +122,24 @@ def _outliers(time: np.ndarray, position: np.ndarray, residual: np.ndarray, sigm
         apart = np.linalg.norm(position[k] - beta[0])
         if apart > OUTLIER * sigma and np.abs(rest).max() < 0.35 * apart:
             bad[k] = True
+    for k in (2, 1, 0, len(time) - 3, len(time) - 2, len(time) - 1):
+        bad[k] |= _off_at_the_end(time, position, bad, k, sigma)
     return bad
+
+
+def _off_at_the_end(time: np.ndarray, position: np.ndarray, bad: np.ndarray, k: int, sigma: float) -> bool:
+    """Whether sample k, near an end, is far from where the parabola through the next seven samples inwards leads."""
+    inwards = np.arange(k + 1, len(time)) if k < 3 else np.arange(k - 1, -1, -1)
+    near = inwards[~bad[inwards]][:7]
+    if len(near) < 7:
+        return False
+    t = time[near] - time[k]
+    design = (t / np.abs(t).max())[:, None] ** np.arange(3)
+    inverse = np.linalg.inv(design.T @ design)
+    beta = inverse @ (design.T @ position[near])
+    rest = np.abs(position[near] - design @ beta).max()
+    apart = np.abs(position[k] - beta[0]).max()
+    return bool(rest < 3.5 * sigma and apart > OUTLIER * sigma * np.sqrt(1 + inverse[0, 0]) + 0.002)
 
 
 def _cut_track(

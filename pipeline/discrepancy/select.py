@@ -17,7 +17,7 @@ from pipeline.discrepancy.impact import Bounce, RestitutionFit, bounces, fit_res
 from pipeline.discrepancy.model import Model, known_model, with_effect
 from pipeline.discrepancy.obstacle import Obstacle, fit_obstacle
 from pipeline.discrepancy.problem import Problem, split_at_jumps, starts_of
-from pipeline.discrepancy.quick import QuickRegression
+from pipeline.discrepancy.quick import Guess, QuickRegression
 from pipeline.discrepancy.starts import starts
 from pipeline.scene.effects.kind import EffectKind, Regime
 from pipeline.scene.effects.registry import effect_kinds
@@ -25,12 +25,14 @@ from pipeline.scene.effects.registry import effect_kinds
 CLAIM = 8.0  # by how much a first effect must win; frozen on development worlds (benchmarks/discovery.py)
 CLAIM_MORE = 12.0  # the same for a second and a third
 ALIKE = 7.0  # effects whose scores differ by less are not told apart
-WORTH_FITTING = 3.0  # gain of the quick regression below which no fit is tried
+WORTH_FITTING = 0.5  # share of the best quick gain that makes a further fit worth while
 BEGINNINGS = 2  # starts of an effect that are fitted
 MOST_EFFECTS = 3
 UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.02  # a model explains the data unless both are exceeded
 SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
 OBSTACLE_MISFIT = 0.03  # m
+FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction, with which calibration begins
+MOST_FITTED = 9  # effects that are fitted at a time, the most promising by the quick regression
 
 
 @dataclass(frozen=True)
@@ -104,12 +106,26 @@ class Selector:
         kinds = effect_kinds()
         self.kinds = [kinds[name] for name in effects if testable(kinds[name], problem)]
         self.untestable = tuple(name for name in effects if not testable(kinds[name], problem))
-        model = known_model(self.known, problem.stacks)
-        self.none = self._fitted(problem, model, model.start, starts_of(problem), ())
+        self.none = self._calibrated()
         clips = frozenset(problem.fitted)
         self.bounces = bounces(problem.impacts, problem.stacks, self.none.fit, self.known, clips)
         self.restitution = None if "damping" in self.known.fit else fit_restitution(self.bounces)
         self.none = self._with_bounces(self.none, False)
+
+    def _calibrated(self) -> Candidate:
+        """The model without effects, from several frictions: with too much of it bodies stop and nothing tells how much."""
+        model = known_model(self.known, self.problem.stacks)
+        sliding = [i for i, u in enumerate(model.unknowns) if u.name == "sliding_friction"]
+        begin = starts_of(self.problem)
+        best: Candidate | None = None
+        for friction in FRICTIONS if sliding else (0.0,):
+            theta = model.start
+            theta[sliding] = friction
+            found = self._fitted(self.problem, model, theta, begin, ())
+            if best is None or found.bic < best.bic - 0.1:
+                best = found
+        assert best is not None
+        return best
 
     def select(self) -> Selection:
         """The models that explain the measurements best."""
@@ -131,7 +147,7 @@ class Selector:
             z, _ = self._excess(chosen)
             if z < 2.5:
                 break
-            longer = [c for leader in leaders for c in self._extended(leader)]
+            longer = [c for leader in leaders for c in self._extended(leader, MOST_FITTED - 3)]
             winner = min(longer, key=lambda c: c.score, default=chosen)
             if winner.score > chosen.score - CLAIM_MORE:
                 break
@@ -144,24 +160,34 @@ class Selector:
         names = [c.first for c in singles if c.score < chosen.score + ALIKE]
         return (tuple(names),) if len(names) > 1 else ()
 
-    def _extended(self, base: Candidate) -> list[Candidate]:
-        """`base` with each effect more, best first; those that the quick regression finds hopeless are left out."""
+    def _extended(self, base: Candidate, most: int = MOST_FITTED) -> list[Candidate]:
+        """`base` with one effect more, best first: the `most` that the quick regression finds promising, and its equals."""
         quick = QuickRegression(base.problem.stacks, base.fit, base.problem.chosen)
-        out = []
+        out, promising = [], []
         for kind in self.kinds:
             if kind.name in base.effects:
                 continue
-            self.progress(kind.name)
-            found = self._special(kind, base) if kind.name in ("hidden_obstacle", "restitution") else self._one(kind, base, quick)
-            if found is not None:
-                out.append(found)
+            if kind.name in ("hidden_obstacle", "restitution"):
+                found = self._special(kind, base)
+                if found is not None:
+                    out.append(found)
+                continue
+            guesses = quick.guesses(kind, starts(kind, self.known, base.problem.stacks), self.known)
+            promising.append((kind, guesses))
+        promising.sort(key=lambda pair: -pair[1][0].gain)
+        enough = promising[0][1][0].gain * WORTH_FITTING if promising else 0.0
+        for number, (kind, guesses) in enumerate(promising):
+            if number < most or guesses[0].gain > enough:
+                self.progress(kind.name)
+                found = self._one(kind, base, guesses)
+                if found is not None:
+                    out.append(found)
         return sorted(out, key=lambda c: c.score)
 
-    def _one(self, kind: EffectKind, base: Candidate, quick: QuickRegression) -> Candidate | None:
-        guesses = quick.guesses(kind, starts(kind, self.known, base.problem.stacks), self.known)
+    def _one(self, kind: EffectKind, base: Candidate, guesses: Sequence[Guess]) -> Candidate | None:
         best: Candidate | None = None
         for guess in guesses[:BEGINNINGS]:
-            if guess.gain < WORTH_FITTING * kind.size and best is None and guess is not guesses[0]:
+            if guess is not guesses[0] and guess.gain < WORTH_FITTING * guesses[0].gain:
                 continue
             model = with_effect(base.fit.model, kind, self.known)
             low, high = (np.array([getattr(u, k) for u in model.unknowns[base.fit.model.size :]]) for k in ("low", "high"))

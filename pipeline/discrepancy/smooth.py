@@ -17,6 +17,8 @@ from pipeline.discrepancy.stack import ArcStack
 
 DEGREES = tuple(range(2, 10))
 OUTLIER = 4.5  # robust standard deviations
+PASSES = 6  # each drops the worst sample of an arc: an outlier pulls its neighbours off, too
+LEAST_LEFT = 5
 
 
 @dataclass(frozen=True)
@@ -86,20 +88,19 @@ def _polynomial(
 def cleaned(stack: ArcStack, jumps: Sequence[tuple[Break, ...]]) -> tuple[ArcStack, Smooth, int]:
     """The stack without outliers: samples far off the polynomials that the others make; and how many there were."""
     dropped = 0
-    for _ in range(3):
+    for _ in range(PASSES):
         found = smooth(stack, jumps)
         sizes = np.concatenate([np.abs(r[r != 0]) for r in found.residual] or [np.zeros(0)])
         if not len(sizes):
             break
         limit = OUTLIER * MAD * float(np.median(sizes)) * _dof_inflation(found)
-        weight = stack.weight.copy()
-        bad = 0
+        weight, bad = stack.weight.copy(), 0
         for i, r in enumerate(found.residual):
             rows = np.flatnonzero(stack.weight[i].max(1) > 0)
-            far = np.abs(r).max(1) > limit
-            if far.any() and far.sum() <= 0.2 * len(far) + 1:
-                weight[i, rows[far]] = 0
-                bad += int(far.sum())
+            worst = int(np.abs(r).max(1).argmax())
+            if np.abs(r[worst]).max() > limit and len(rows) > LEAST_LEFT:
+                weight[i, rows[worst]] = 0
+                bad += 1
         if not bad:
             break
         dropped += bad

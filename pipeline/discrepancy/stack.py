@@ -12,7 +12,7 @@ from pipeline.discrepancy.known_scene import KnownScene
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import half_extents
 
-FLIGHT_RATE, GROUND_RATE = 36, 120  # steps a second
+FLIGHT_RATE, GROUND_RATE = 36, 60  # steps a second
 SPIN_SIGMA_SHARE = 0.03  # of a measured spin: it is seldom known better
 
 
