@@ -6,6 +6,7 @@ arcs have initial states of their own, and impacts are compared by the speeds be
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,7 +23,8 @@ from pipeline.scene.solid import reach_below
 
 LEAST_SAMPLES = 6
 SETTLING = 0.05  # s after landing in which a body on the ground still swings
-OUTLIER = 6.0  # standard deviations
+OUTLIER = 5.0  # standard deviations
+SIDE = 5  # samples on each side that predict one
 
 
 @dataclass(frozen=True)
@@ -92,11 +94,11 @@ def cut_tracks(tracks: Sequence[Track], known: KnownScene) -> Cut:
     arcs: list[Arc] = []
     impacts: list[Impact] = []
     outliers: set[tuple[str, int, int]] = set()
-    for track, kept, residual in zip(tracks, good, residuals, strict=True):
+    for track, kept in zip(tracks, good, strict=True):
         scene = known.of_clip(track.clip)
         index = names.index(track.object)
         rows = np.flatnonzero(kept)
-        bad = _outliers(track.time[rows], track.position[rows], residual, sigma)
+        bad = _outliers(track.time[rows], track.position[rows], sigma)
         outliers |= {(track.clip, index, int(r)) for r in rows[bad]}
         rows = rows[~bad]
         if len(rows) < LEAST_SAMPLES - 1:
@@ -105,41 +107,46 @@ def cut_tracks(tracks: Sequence[Track], known: KnownScene) -> Cut:
     return Cut(tuple(arcs), tuple(impacts), sigma, frozenset(outliers))
 
 
-def _outliers(time: np.ndarray, position: np.ndarray, residual: np.ndarray, sigma: float) -> np.ndarray:
-    """Single samples far from the cubic through their neighbours, where leaving them out makes the rest smooth."""
+def _outliers(time: np.ndarray, position: np.ndarray, sigma: float) -> np.ndarray:
+    """Samples that are far from where those before lead and from where those after lead, (T,) bool.
+
+    At an impact a sample fits one side; an outlier fits neither. Each side's prediction is the median of the parabolas
+    through all triples of its five nearest samples, so that an outlier among them does no harm.
+    """
     bad = np.zeros(len(time), bool)
-    for k in np.argsort(-np.nan_to_num(np.abs(residual)).max(1)):
-        size = np.nanmax(np.abs(residual[k])) if np.isfinite(residual[k]).any() else 0.0
-        if size < OUTLIER * sigma or not 3 <= k < len(time) - 3 or bad[max(0, k - 2) : k + 3].any():
-            continue
-        near = np.array([j for j in range(max(0, k - 4), min(len(time), k + 5)) if j != k])
-        if len(near) < 6:
-            continue
-        t = time[near] - time[k]
-        design = (t / np.abs(t).max())[:, None] ** np.arange(4)
-        beta, *_ = np.linalg.lstsq(design, position[near], rcond=None)
-        rest = position[near] - design @ beta
-        apart = np.linalg.norm(position[k] - beta[0])
-        if apart > OUTLIER * sigma and np.abs(rest).max() < 0.35 * apart:
-            bad[k] = True
-    for k in (2, 1, 0, len(time) - 3, len(time) - 2, len(time) - 1):
-        bad[k] |= _off_at_the_end(time, position, bad, k, sigma)
+    for _ in range(2):  # again without the worst of them
+        sides = [_side(time, position, bad, k, sigma) for k in range(len(time))]
+        new = np.array([len(near) > 0 and min(near) > 1.0 for near in sides]) & ~bad
+        if not new.any():
+            break
+        bad |= new
     return bad
 
 
-def _off_at_the_end(time: np.ndarray, position: np.ndarray, bad: np.ndarray, k: int, sigma: float) -> bool:
-    """Whether sample k, near an end, is far from where the parabola through the next seven samples inwards leads."""
-    inwards = np.arange(k + 1, len(time)) if k < 3 else np.arange(k - 1, -1, -1)
-    near = inwards[~bad[inwards]][:7]
-    if len(near) < 7:
-        return False
-    t = time[near] - time[k]
-    design = (t / np.abs(t).max())[:, None] ** np.arange(3)
-    inverse = np.linalg.inv(design.T @ design)
-    beta = inverse @ (design.T @ position[near])
-    rest = np.abs(position[near] - design @ beta).max()
-    apart = np.abs(position[k] - beta[0]).max()
-    return bool(rest < 3.5 * sigma and apart > OUTLIER * sigma * np.sqrt(1 + inverse[0, 0]) + 0.002)
+def _side(time: np.ndarray, position: np.ndarray, bad: np.ndarray, k: int, sigma: float) -> list[float]:
+    """How far sample k is from the prediction of each side, in units of what is too far; a side alone (near an end of
+    the track) must itself be smooth to count."""
+    out = []
+    for inwards in (np.arange(k - 1, -1, -1), np.arange(k + 1, len(time))):
+        near = inwards[~bad[inwards]][:SIDE]
+        if len(near) < SIDE:
+            continue
+        weights = _parabolas(time[near] - time[k])
+        predicted = np.median(weights @ position[near], axis=0)
+        limit = OUTLIER * sigma * (1 + 0.6 * float(np.median(np.linalg.norm(weights, axis=1)))) + 0.002
+        out.append(float(np.abs(position[k] - predicted).max()) / limit)
+    return out
+
+
+def _parabolas(t: np.ndarray) -> np.ndarray:
+    """Weights (triples, n) of n samples at times t (n,) in the parabolas through each three of them, at time 0."""
+    rows = []
+    for triple in itertools.combinations(range(len(t)), 3):
+        row = np.zeros(len(t))
+        for i in triple:
+            row[i] = np.prod([t[j] / (t[j] - t[i]) for j in triple if j != i])
+        rows.append(row)
+    return np.array(rows)
 
 
 def _cut_track(

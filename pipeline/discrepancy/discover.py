@@ -63,9 +63,9 @@ def discover(
 
     Raises `MeasurementError` for tracks that do not fit the scene or hold nothing to be fitted.
     """
-    problem = pose(tracks, known, held_out, rng)
-    selector = Selector(problem, effects, progress)
+    selector = Selector(pose(tracks, known, held_out, rng), effects, progress)
     found = selector.select()
+    problem = selector.problem
     answer = found.none if found.unknown else found.chosen
     numbers = calibrated(selector)
     equivalent = alike_sets(found, problem, numbers, selector)
@@ -131,6 +131,8 @@ def notes_of(problem: Problem, found: Selection) -> tuple[str, ...]:
         )
     if problem.outliers:
         notes.append(f"{problem.outliers} samples were left out as outliers")
+    if problem.broken:
+        notes.append(f"{problem.broken} stretches were left out: the model that explains all others misses them by far")
     if problem.jumps:
         notes.append(f"velocity jumps {problem.jumps} times where nothing known is hit")
     if found.untestable:

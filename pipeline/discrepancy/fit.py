@@ -52,6 +52,8 @@ def first_starts(stack: ArcStack) -> np.ndarray:
     out = np.zeros((len(stack), 9))
     for i in range(len(stack)):
         there = stack.weight[i, :, 0] > 0
+        if not there.any():
+            continue
         t, x = stack.time[i, there], stack.position[i, there]
         if stack.grounded:
             design = np.column_stack([np.ones_like(t), t, t * t])

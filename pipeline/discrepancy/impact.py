@@ -65,6 +65,8 @@ def _boundary_speeds(stacks: Sequence[ArcStack], found: Fit) -> Mapping[int, tup
             continue
         _, nodes = run(stack, found.model, found.theta[None], start[None])
         for i, arc in enumerate(stack.index):
+            if not stack.samples[i]:
+                continue
             n = max(int(stack.samples[i]), 2)
             sigma = 1 / stack.weight[i].max()
             error = sigma * np.sqrt(12 / n) / max(stack.duration[i], 1e-6)

@@ -46,6 +46,8 @@ def stretches(problem: Problem, found: Candidate) -> list[Stretch]:
         for i in range(len(stack)):
             arc = problem.arcs[stack.index[i]]
             there = stack.weight[i].max(1) > 0
+            if not there.any():
+                continue
             t, r = stack.time[i, there], rows[i, there]
             sigma = 1 / stack.weight[i].max()
             count = max(1, round(stack.duration[i] / WINDOW))

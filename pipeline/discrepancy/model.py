@@ -15,6 +15,10 @@ from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.mjcf import TORSIONAL_FRICTION
 
 
+#: Of balls: one that never stops slipping would look as if it rolled with resistance.
+LEAST_FRICTION = 0.05
+
+
 @dataclass(frozen=True)
 class Unknown:
     """One number to fit. owner: `object:<index>`, or the name of an effect; component: of a vector, else 0. sigma: of the
@@ -101,7 +105,8 @@ def known_model(known: KnownScene, stacks: Sequence[ArcStack]) -> Model:
             obj, owner = known.scene.objects[number], f"object:{number}"
             if "sliding_friction" in known.fit:
                 mu = obj.sliding_friction
-                unknowns.append(Unknown(owner, "sliding_friction", 0, "-", mu, 0, 10, 0.01, 1.0))
+                least = LEAST_FRICTION if obj.shape == "sphere" else 0.0
+                unknowns.append(Unknown(owner, "sliding_friction", 0, "-", max(mu, least), least, 10, 0.01, 1.0))
             if obj.shape == "sphere":
                 if "rolling_friction" in known.fit:
                     unknowns.append(Unknown(owner, "rolling_friction", 0, "m", obj.rolling_friction, 0, 1, 1e-4, 0.05))

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.discrepancy.arc import Arc, Cut, Impact, cut_tracks
 from pipeline.discrepancy.fit import first_starts
+from pipeline.discrepancy.frame_rate import frame_rate
 from pipeline.discrepancy.known_scene import KnownScene
 from pipeline.discrepancy.smooth import NoiseFloor, Smooth, cleaned, noise_floor
 from pipeline.discrepancy.stack import ArcStack, stack_arcs
@@ -19,7 +20,8 @@ from pipeline.errors import MeasurementError
 @dataclass(frozen=True)
 class Problem:
     """fitted, held_out: names of clips. arcs: all; stacks: of flights and of motion on the ground, as far as there are any;
-    chosen: per stack the fitted arcs (A,) bool. parts: the polynomials of the stacks. sigma: noise of a coordinate, m."""
+    chosen: per stack the fitted arcs (A,) bool. parts: the polynomials of the stacks. sigma: noise of a coordinate, m.
+    frame_rate: samples a second where they are regular. broken: how many arcs were left out because nothing explains them."""
 
     known: KnownScene
     fitted: tuple[str, ...]
@@ -32,6 +34,8 @@ class Problem:
     floor: NoiseFloor
     sigma: float
     outliers: int
+    frame_rate: float | None = None
+    broken: int = 0
 
     @property
     def held(self) -> tuple[np.ndarray, ...]:
@@ -61,7 +65,7 @@ def pose(tracks: Sequence[Track], known: KnownScene, held_out: float, rng: np.ra
     cut = cut_tracks(tracks, known)
     if not cut.arcs:
         raise MeasurementError("no clip has a smooth stretch of 6 samples in the air or level on the ground")
-    return _posed(cut, cut.arcs, known, clips, apart)
+    return replace(_posed(cut, cut.arcs, known, clips, apart), frame_rate=frame_rate(tracks))
 
 
 def split_at_jumps(problem: Problem) -> Problem:
@@ -80,7 +84,7 @@ def split_at_jumps(problem: Problem) -> Problem:
     clips = (*problem.fitted, *problem.held_out)
     cut = Cut(tuple(pieces), (), problem.sigma, frozenset())
     split = _posed(cut, cut.arcs, problem.known, clips, frozenset(problem.held_out), problem)
-    return replace(split, outliers=problem.outliers)
+    return replace(split, outliers=problem.outliers, frame_rate=problem.frame_rate)
 
 
 def _posed(

@@ -55,7 +55,7 @@ def _attractor(stacks: Sequence[ArcStack]) -> list[Start]:
     points = np.concatenate([s.position[s.weight[..., 0] > 0] for s in stacks])
     low, high = points.min(0), points.max(0)
     pad = 0.35 * max(float((high - low).max()), 0.2)
-    axes = [np.linspace(a - pad, b + pad, 4) for a, b in zip(low, high, strict=True)]
+    axes = [np.linspace(a - pad, b + pad, 5 if b - a > 0.05 else 2) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     return [Start(np.array([*p, 0.0]), np.array([[0, 0, 0, 1e-3]])) for p in grid]
 

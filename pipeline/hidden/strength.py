@@ -1,12 +1,14 @@
 """How strong a hidden effect is, in units of what could just be detected.
 
 The detection limit of an effect in an experiment is three standard errors of its size, were all else but the clips'
-initial states known: from how far it moves the bodies beyond what other initial positions and velocities would do.
+initial states (and the sliding friction, where it is fitted) known: from how far it moves the bodies beyond what these
+would do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -94,14 +96,17 @@ def _body_axis(direction: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def _moved(effect: Effect, scenario: Scenario, launches: Launches, times: np.ndarray) -> float:
     """Root of the summed squared displacements that the effect makes in a few clips, in the air or on the ground
     before a first impact, beyond those of other initial positions and velocities, m."""
-    total = 0.0
     kind = effect_kinds()[effect.name]
+    changes, frictions = [], []
+    rub = scenario.name in ("puck", "roll") and (scenario.fit is None or "sliding_friction" in scenario.fit)
     for bodies in launches[:PROBE_CLIPS]:
         try:
             plain, moved = (
                 simulate(Scene(bodies, effects=e), float(times[-1]))
                 for e in ((), (effect,) if kind.recording is None else ())
             )
+            slicker = tuple(replace(b, sliding_friction=0.97 * b.sliding_friction) for b in bodies)
+            other = simulate(Scene(slicker), float(times[-1])) if rub else plain
         except SimulationError:
             continue
         steps = np.rint(times * plain.rate).astype(int)
@@ -110,18 +115,24 @@ def _moved(effect: Effect, scenario: Scenario, launches: Launches, times: np.nda
             values = {k: np.array(v, float) for k, v in effect.parameters}
             shown, b = kind.recording(values, times, b)
             b = np.stack([np.stack([np.interp(times, shown, c) for c in one.T], 1) for one in b.transpose(1, 0, 2)], 1)
+        if effect.name == "spin_friction":
+            turned = (moved.angular_velocity - plain.angular_velocity)[steps, 0, 2]
+            changes.append(turned * 0.002)  # a spin is measured to about 1 rad/s
+            frictions.append(0 * turned)
+            continue
         keep = np.ones(len(times), bool)
         if scenario.name == "bounce":
             keep[np.argmax(a[:, 0, 2] < bodies[0].size[0] + 0.02) or len(times) :] = False
-        if effect.name == "spin_friction":
-            turned = (moved.angular_velocity - plain.angular_velocity)[steps, 0, 2]
-            total += float((turned**2).sum()) * (0.002 / 1.0) ** 2  # a spin is measured to about 1 rad/s
-            continue
         design = np.column_stack([np.ones(keep.sum()), times[keep]])
-        change = (b - a)[keep].reshape(keep.sum(), -1)
-        beta, *_ = np.linalg.lstsq(design, change, rcond=None)
-        total += float(((change - design @ beta) ** 2).sum())
-    return float(np.sqrt(total))
+        project = np.eye(keep.sum()) - design @ np.linalg.pinv(design)
+        changes.append((project @ (b - a)[keep].reshape(keep.sum(), -1)).ravel())
+        frictions.append((project @ (other.position[steps] - a)[keep].reshape(keep.sum(), -1)).ravel())
+    if not changes:
+        return 0.0
+    change, friction = np.concatenate(changes), np.concatenate(frictions)
+    if friction @ friction > 0:
+        change = change - friction * (friction @ change) / (friction @ friction)
+    return float(np.linalg.norm(change))
 
 
 def _obstacle(launches: Launches, strength: float, rng: np.random.Generator) -> Effect:
