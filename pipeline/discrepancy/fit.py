@@ -18,6 +18,7 @@ from pipeline.discrepancy.stack import ArcStack
 LOCAL_STEP = np.array([1e-4] * 3 + [2e-3] * 3 + [2e-2] * 3)
 SPIN_PRIOR = 30.0  # rad/s: how far a body's unknown spin may be from that of rolling
 MOST_ITERATIONS = 12
+STUCK = 1.6  # chi squared per coordinate above which another beginning is tried
 SHARES_FLIGHT, SHARES_GROUND = np.array([1.0, 0.0]), np.array([1.0, 0.5, 0.2, 0.0])
 
 
@@ -45,6 +46,58 @@ class Fit:
     def total(self, chosen: Sequence[np.ndarray]) -> float:
         """Chi squared of the arcs chosen, per stack (A,) bool."""
         return float(sum(c[m].sum() for c, m in zip(self.chi2, chosen, strict=True)))
+
+
+def other_starts(stack: ArcStack, start: np.ndarray) -> list[np.ndarray]:
+    """Initial states (A, 9) to try beside `start` for bodies on the ground, whose friction makes for local minima:
+    velocities from the first samples alone, and unknown spins of bodies that slide instead of rolling."""
+    if not stack.grounded:
+        return []
+    early = start.copy()
+    for i in range(len(stack)):
+        there = np.flatnonzero(stack.weight[i, :, 0] > 0)[:8]
+        if len(there) >= 4:
+            t, x = stack.time[i, there], stack.position[i, there]
+            beta, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(t), t]), x, rcond=None)
+            early[i, :2], early[i, 3:5] = beta[0, :2], beta[1, :2]
+    out = [early]
+    rolls = stack.radius > 0
+    if rolls.any():
+        rolling, still = early.copy(), early.copy()
+        radius = np.where(rolls, stack.radius, 1.0)
+        rolling[:, 6], rolling[:, 7] = -early[:, 4] / radius, early[:, 3] / radius
+        still[:, 6:8] = 0.0
+        out += [np.where((rolls & ~stack.has_spin)[:, None], s, early) for s in (rolling, still)]
+    return out
+
+
+def settled(
+    stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray, iterations: int = 4
+) -> tuple[np.ndarray, np.ndarray]:
+    """The best initial states (A, 9) near `start` for fixed theta, and chi squared of the arcs then (A,)."""
+    left = np.full(len(stack), np.inf)
+    for _ in range(iterations):
+        linear = linearise([stack], model, theta, [start])
+        inverse = local_inverse(stack, linear.local[0])
+        shift = np.einsum("alm,am->al", inverse, np.einsum("alr,ar->al", linear.local[0], linear.residual[0]))
+        start, left = _best_shift(stack, model, theta, start, shift)
+    return start, left
+
+
+def unstuck(stacks: Sequence[ArcStack], found: Fit) -> list[np.ndarray] | None:
+    """Initial states from other beginnings where they suit an arc better by far; None where none does."""
+    out, better = [], False
+    for stack, start, chi2 in zip(stacks, found.starts, found.chi2, strict=True):
+        best, least = start.copy(), chi2.copy()
+        stuck = chi2 > STUCK * np.maximum((stack.weight > 0).sum((1, 2)), 1)
+        if stack.grounded and stuck.any():
+            for begin in other_starts(stack, start):
+                moved, left = settled(stack, found.model, found.theta, begin)
+                gain = stuck & (left < least - 10)
+                best[gain], least[gain] = moved[gain], left[gain]
+                better |= bool(gain.any())
+        out.append(best)
+    return out if better else None
 
 
 def first_starts(stack: ArcStack) -> np.ndarray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.discrepancy.fit import Fit, fit
+from pipeline.discrepancy.fit import Fit, fit, unstuck
 from pipeline.discrepancy.frame_rate import is_standard
 from pipeline.discrepancy.impact import Bounce, RestitutionFit, bounces, fit_restitution
 from pipeline.discrepancy.model import Model, known_model, with_effect
@@ -291,6 +291,9 @@ class Selector:
         self, problem: Problem, model: Model, theta: np.ndarray, begin: Sequence[np.ndarray], effects: tuple[str, ...]
     ) -> Candidate:
         found = fit(problem.stacks, model, theta, begin, problem.chosen)
+        other = unstuck(problem.stacks, found)
+        if other is not None:
+            found = fit(problem.stacks, model, found.theta, other, problem.chosen)
         share = problem.floor.information
         inside, outside = found.total(problem.chosen) * share, found.total(problem.held) * share
         bic = inside + model.size * np.log(self.problem.effective_rows)

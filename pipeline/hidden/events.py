@@ -16,13 +16,13 @@ from pipeline.scene.effects.kinds.restitution import restitution_of
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Scene
 
-RATE = 1200  # steps a second
+RATE = 960  # steps a second
 STAYS = 0.06  # m/s: a slower rebound is none
 Extra = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
 def run_events(
-    scene: Scene, times: np.ndarray, drag_slope: float, spin_decay: float, extra: Extra | None
+    scene: Scene, times: np.ndarray, drag_slope: float = 0.0, spin_decay: float = 0.0, extra: Extra | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions and angular velocities (T, N, 3) at `times`; drag_slope, spin_decay, extra: see `engine.Twist`."""
     body = resting_body([scene])
