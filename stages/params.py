@@ -179,6 +179,19 @@ class Score(Section):
     gallery: Annotated[int, Field(ge=0)]
 
 
+class Hide(Section):
+    worlds: Count
+    effects: Annotated[list[str], Field(min_length=1)]
+    strength: Positive
+    noise: Positive
+    clips: Count
+
+
+class Discover(Section):
+    held_out: Annotated[float, Field(ge=0, lt=1)]
+    effects: str
+
+
 class ExecutorSettings(Section):
     name: Literal["local", "slice", "ray"]
     workers: Count | None  # null: one a core
@@ -198,6 +211,8 @@ class Params(Section):
     search: Search
     cmaes: Cmaes
     score: Score
+    hide: Hide
+    discover: Discover
     executor: ExecutorSettings
 
 
@@ -214,6 +229,8 @@ READS: dict[str, tuple[str, ...]] = {
     "infer": ("seed", "clip", "model.input", "model.reasoning", "model.dtype", "infer"),
     "best_of_k": ("clip", "search"),
     "cmaes": ("seed", "clip", "search", "cmaes"),
+    "hide": ("seed", "hide"),
+    "discover": ("seed", "discover"),
     "score": ("seed", "clip", "score", "model", "flow.source"),
 }
 """Stage -> the keys it reads, as narrow as can be; `{suite}` is the suite that the stage runs for."""

@@ -174,7 +174,9 @@ def _cut_track(
         if not grounded:
             inside = _in_the_air(inside, gap, others, position, scene, index, sigma, k > 0, k < len(edges) - 2)
         chosen = np.flatnonzero(inside)
-        if len(chosen) < LEAST_SAMPLES or (obj.shape not in ("sphere",) and grounded and not _slides(obj, quaternion, inside)):
+        if len(chosen) < LEAST_SAMPLES or (
+            obj.shape not in ("sphere",) and grounded and not _slides(obj, quaternion, inside)
+        ):
             placed.append(-1)
             continue
         placed.append(len(arcs))

@@ -41,9 +41,7 @@ def find_breaks(time: np.ndarray, position: np.ndarray, sigma: float) -> list[Br
     return [b for _, b in sorted(found, key=lambda pair: pair[1].time)]
 
 
-def _jump_between(
-    time: np.ndarray, position: np.ndarray, sigma: float, k: int, start: int, stop: int
-) -> Break | None:
+def _jump_between(time: np.ndarray, position: np.ndarray, sigma: float, k: int, start: int, stop: int) -> Break | None:
     """A jump between samples k - 1 and k, where it explains the samples around them better than a cubic does."""
     first, last = max(start, k - WINDOW), min(stop, k + WINDOW)
     middle = (time[k - 1] + time[k]) / 2

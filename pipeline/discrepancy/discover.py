@@ -115,7 +115,9 @@ def _started(obj: Any, answer: Candidate, index: int, quaternion: np.ndarray | N
         if len(place):
             s = start[place[0]]
             turn = obj.orientation if quaternion is None else tuple(quaternion[0])
-            return replace(obj, position=tuple(s[:3]), velocity=tuple(s[3:6]), angular_velocity=tuple(s[6:]), orientation=turn)
+            return replace(
+                obj, position=tuple(s[:3]), velocity=tuple(s[3:6]), angular_velocity=tuple(s[6:]), orientation=turn
+            )
     return obj
 
 
@@ -147,7 +149,9 @@ def report(found: Discovery) -> dict[str, Any]:
     shown = {c.effects: c for c in (*selection.singles, *([selection.chosen] if selection.chosen.effects else []))}
     for effects, c in shown.items():
         several = len(effects) > 1
-        parameters = {(f"{e}.{k}" if several else k): x.as_dict() for e in effects for k, x in effect_estimates(c, e).items()}
+        parameters = {
+            (f"{e}.{k}" if several else k): x.as_dict() for e in effects for k, x in effect_estimates(c, e).items()
+        }
         candidates.append({
             "effect": "+".join(effects), "probability": found.probability["+".join(effects)],
             "delta_bic": c.bic - selection.none.bic, "held_out_gain": (selection.none.held_out - c.held_out) / 2,

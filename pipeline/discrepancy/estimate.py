@@ -29,7 +29,10 @@ def standard_errors(found: Candidate) -> np.ndarray:
     """Of the fitted numbers, (G,): widened for correlated noise and for what the model leaves beyond noise."""
     problem = found.problem
     rows = sum(int((s.weight[m] > 0).sum()) for s, m in zip(problem.stacks, problem.chosen, strict=True))
-    own = sum((4 if s.grounded else 6) * int((s.samples[m] > 0).sum()) for s, m in zip(problem.stacks, problem.chosen, strict=True))
+    own = sum(
+        (4 if s.grounded else 6) * int((s.samples[m] > 0).sum())
+        for s, m in zip(problem.stacks, problem.chosen, strict=True)
+    )
     freedom = max(rows - own - found.fit.model.size, 1)
     excess = max(found.fit.total(problem.chosen) / freedom, 1.0)
     return np.sqrt(np.maximum(np.diag(found.fit.covariance), 0) * excess / problem.floor.information)
@@ -65,7 +68,9 @@ def calibrated(selector: Selector) -> dict[str, Estimate]:
         if u.owner.startswith("object:") and u.name in known.fit:
             name = known.scene.objects[int(u.owner.split(":")[1])].name
             determined = errors[i] < 0.5 * u.sigma
-            out[f"{name}.{u.name}"] = Estimate(float(none.fit.theta[i]), float(errors[i]) if determined else None, u.unit)
+            out[f"{name}.{u.name}"] = Estimate(
+                float(none.fit.theta[i]), float(errors[i]) if determined else None, u.unit
+            )
         elif u.owner == "gravity_error":
             out["gravity"] = Estimate(float(none.fit.theta[i]), float(errors[i]), u.unit)
     if "damping" in known.fit:

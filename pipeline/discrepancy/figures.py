@@ -9,7 +9,13 @@ import pyarrow as pa
 from pipeline.discrepancy.discover import Discovery
 from pipeline.evaluation.figures import COLOURS, svg
 
-REGIME_COLOURS = {"flight": COLOURS[0], "sliding": COLOURS[1], "rolling": COLOURS[2], "spinning": COLOURS[3], "resting": "#999999"}
+REGIME_COLOURS = {
+    "flight": COLOURS[0],
+    "sliding": COLOURS[1],
+    "rolling": COLOURS[2],
+    "spinning": COLOURS[3],
+    "resting": "#999999",
+}
 MOST_SHOWN = 4  # clips
 
 
@@ -18,13 +24,23 @@ def residual_figure(table: pa.Table) -> str:
     figure, rows = plt.subplots(2, 1, figsize=(8.4, 4.6), sharex=True)
     regime, used = np.array(table["regime"].to_pylist()), np.array(table["used"].to_pylist())
     time = table["time"].to_numpy() - _clip_starts(table)
-    for axes, kind, title in zip(rows, ("before", "after"), ("calibrated model", "with the verdict's effects"), strict=True):
+    for axes, kind, title in zip(
+        rows, ("before", "after"), ("calibrated model", "with the verdict's effects"), strict=True
+    ):
         values = np.stack([table[f"{kind}_{a}"].to_numpy() for a in "xyz"], 1) * 1e3
         for name, colour in REGIME_COLOURS.items():
             chosen = (regime == name) & used
             if chosen.any():
                 for a in range(3):
-                    axes.plot(time[chosen], values[chosen, a], ".", ms=2, color=colour, alpha=0.5, label=name if a == 0 else None)
+                    axes.plot(
+                        time[chosen],
+                        values[chosen, a],
+                        ".",
+                        ms=2,
+                        color=colour,
+                        alpha=0.5,
+                        label=name if a == 0 else None,
+                    )
         axes.axhline(0, color="#444", lw=0.6)
         axes.set_ylabel("residual, mm")
         axes.set_title(title, loc="left", fontsize=9)
@@ -54,7 +70,10 @@ def trajectory_figure(found: Discovery, table: pa.Table) -> str:
         top, bottom = places[:, column]
         for k in np.unique(arc[rows]):
             mine = rows & (arc == k)
-            for residual, colour, label in ((before, COLOURS[1], "calibrated"), (after, COLOURS[2], "with the effects")):
+            for residual, colour, label in (
+                (before, COLOURS[1], "calibrated"),
+                (after, COLOURS[2], "with the effects"),
+            ):
                 path = measured[mine] - residual[mine]
                 top.plot(time[mine], path[:, 2], color=colour, lw=1.2, label=label if k == arc[rows].min() else None)
                 bottom.plot(path[:, 0], path[:, 1], color=colour, lw=1.2)

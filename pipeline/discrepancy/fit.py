@@ -18,6 +18,7 @@ from pipeline.discrepancy.stack import ArcStack
 LOCAL_STEP = np.array([1e-4] * 3 + [2e-3] * 3 + [2e-2] * 3)
 SPIN_PRIOR = 30.0  # rad/s: how far a body's unknown spin may be from that of rolling
 MOST_ITERATIONS = 12
+SLIPPING = 0.15  # m/s
 STUCK = 1.6  # chi squared per coordinate above which another beginning is tried
 SHARES_FLIGHT, SHARES_GROUND = np.array([1.0, 0.0]), np.array([1.0, 0.5, 0.2, 0.0])
 
@@ -35,13 +36,16 @@ class Linear:
 @dataclass(frozen=True)
 class Fit:
     """A fitted model. theta (G,); covariance (G, G), for noise of the stated size; starts: per stack (A, 9). chi2: per stack
-    the sum of squared residuals of each arc (A,), in units of sigma."""
+    the sum of squared residuals of each arc (A,), in units of sigma; position_chi2: that of positions alone, without spins.
+    slipping: how many balls of unknown spin begin as sliding, not rolling."""
 
     model: Model
     theta: np.ndarray
     covariance: np.ndarray
     starts: list[np.ndarray]
     chi2: list[np.ndarray]
+    position_chi2: list[np.ndarray]
+    slipping: int
 
     def total(self, chosen: Sequence[np.ndarray]) -> float:
         """Chi squared of the arcs chosen, per stack (A,) bool."""
@@ -197,7 +201,8 @@ def fit(
     chi2 = _chi2(stacks, model, theta, starts)
     covariance = np.zeros((size, size))
     for _ in range(iterations):
-        linear = linearise(stacks, model, theta, starts)
+        with np.errstate(all="ignore"):
+            linear = linearise(stacks, model, theta, starts)
         normal, gradient = np.diag(prior), -prior * (theta - centre)
         parts = []
         for stack, r, jl, jg, chosen in zip(stacks, linear.residual, linear.local, linear.shared, fitted, strict=True):
@@ -209,6 +214,8 @@ def fit(
             jg, r = jg[chosen], r[chosen]
             normal = normal + np.einsum("agr,ahr->gh", jg, jg) - np.einsum("alg,alh->gh", cross[chosen], reach[chosen])
             gradient = gradient + np.einsum("agr,ar->g", jg, r) - np.einsum("alg,al->g", reach[chosen], own[chosen])
+        if not (np.isfinite(normal).all() and np.isfinite(gradient).all()):
+            break  # a law that blows up here leads nowhere
         if size:
             covariance = np.linalg.pinv(normal, hermitian=True)
         before = _objective(chi2, fitted, theta, centre, prior)
@@ -237,7 +244,17 @@ def fit(
             damping *= 20
         if improved < tolerance:
             break
-    return Fit(model, theta, covariance, starts, chi2)
+    position = _chi2(stacks, model, theta, starts, positions_only=True)
+    slipping = sum(_slipping(s, start) for s, start in zip(stacks, starts, strict=True))
+    return Fit(model, theta, covariance, starts, chi2, position, slipping)
+
+
+def _slipping(stack: ArcStack, start: np.ndarray) -> int:
+    """Balls on the ground whose spin was not measured and is not that of rolling."""
+    if not stack.grounded:
+        return 0
+    slip = np.hypot(start[:, 3] - start[:, 7] * stack.radius, start[:, 4] + start[:, 6] * stack.radius)
+    return int(((stack.radius > 0) & ~stack.has_spin & (slip > SLIPPING) & (stack.samples > 0)).sum())
 
 
 def _best_shift(
@@ -256,12 +273,21 @@ def _best_shift(
     return begin[best, arcs], left[best, arcs]
 
 
-def _chi2(stacks: Sequence[ArcStack], model: Model, theta: np.ndarray, starts: Sequence[np.ndarray]) -> list[np.ndarray]:
+def _chi2(
+    stacks: Sequence[ArcStack],
+    model: Model,
+    theta: np.ndarray,
+    starts: Sequence[np.ndarray],
+    positions_only: bool = False,
+) -> list[np.ndarray]:
     out = []
     with np.errstate(all="ignore"):  # a trial that runs away is refused
         for stack, start in zip(stacks, starts, strict=True):
             rows, _ = run(stack, model, theta[None], start[None])
-            out.append(((_measured(stack) - rows[0]) ** 2).sum(1))
+            squares = (_measured(stack) - rows[0]) ** 2
+            if positions_only:
+                squares = squares[:, : stack.weight[0].size]
+            out.append(squares.sum(1))
     return out
 
 

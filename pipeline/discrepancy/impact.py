@@ -99,4 +99,6 @@ def fit_restitution(all_bounces: Sequence[Bounce]) -> RestitutionFit | None:
         return float((((every - expected) / np.array([b.sigma for b in all_bounces])) ** 2).sum())
 
     count = np.full(len(all_bounces), mean)
-    return RestitutionFit(mean, float(weight.sum() ** -0.5), chi2(count), chi2(np.array([b.expected for b in all_bounces])))
+    return RestitutionFit(
+        mean, float(weight.sum() ** -0.5), chi2(count), chi2(np.array([b.expected for b in all_bounces]))
+    )

@@ -118,7 +118,9 @@ def known_model(known: KnownScene, stacks: Sequence[ArcStack]) -> Model:
     return with_effect(model, effect_kinds()["gravity_error"], known) if "gravity" in known.fit else model
 
 
-def with_effect(model: Model, kind: EffectKind, known: KnownScene, values: Mapping[str, np.ndarray] | None = None) -> Model:
+def with_effect(
+    model: Model, kind: EffectKind, known: KnownScene, values: Mapping[str, np.ndarray] | None = None
+) -> Model:
     """The model with one more effect, which starts at `values`, by default at no effect."""
     more = []
     for p in kind.parameters:

@@ -96,5 +96,3 @@ def _where(report: Mapping[str, Any]) -> str:
         for d in report["disagreement"][:15]
     ]  # fmt: skip
     return html_table(["clip", "object", "time", "regime", "missing force", "z", "direction"], rows)
-
-

@@ -86,7 +86,9 @@ class QuickRegression:
         gram = design @ design.T
         size = np.sqrt(np.maximum(np.diag(gram), 1e-20))
         right = design @ self._residual
-        beta = np.linalg.lstsq(gram / np.outer(size, size) + 1e-10 * np.eye(len(size)), right / size, rcond=None)[0] / size
+        beta = (
+            np.linalg.lstsq(gram / np.outer(size, size) + 1e-10 * np.eye(len(size)), right / size, rcond=None)[0] / size
+        )
         gain = float(beta @ right)
         amplitude = beta[: len(columns)]
         return Guess(start.centre + amplitude @ start.directions, gain)

@@ -15,7 +15,7 @@ from pipeline.discrepancy.breaks import Break
 from pipeline.discrepancy.noise import MAD, correlation
 from pipeline.discrepancy.stack import ArcStack
 
-DEGREES = tuple(range(2, 10))
+DEGREES = (*range(2, 10), 11, 13)
 OUTLIER = 4.5  # robust standard deviations
 PASSES = 6  # each drops the worst sample of an arc: an outlier pulls its neighbours off, too
 LEAST_LEFT = 5

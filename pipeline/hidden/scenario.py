@@ -56,9 +56,13 @@ def draw_scenario(name: str, effect: str | None, rng: np.random.Generator) -> Sc
         return Scenario(name, (SceneObject("cylinder", (radius, 0.4 * radius), mass, friction, name="puck"),), fit=fit)
     if name == "cube":
         side = 2 * radius
-        return Scenario(name, (SceneObject("box", (side,) * 3, mass, friction, name="cube"),), orientation=True, fit=fit)
+        return Scenario(
+            name, (SceneObject("box", (side,) * 3, mass, friction, name="cube"),), orientation=True, fit=fit
+        )
     if name == "pair":
-        return Scenario(name, (ball, replace(ball, name="other", mass=float(mass * rng.uniform(0.6, 1.6)))), spin, fit=fit)
+        return Scenario(
+            name, (ball, replace(ball, name="other", mass=float(mass * rng.uniform(0.6, 1.6)))), spin, fit=fit
+        )
     return Scenario(name, (ball,), spin, fit=fit)
 
 
@@ -100,5 +104,7 @@ def launch(scenario: Scenario, rng: np.random.Generator, drag_free_height: float
     return (replace(_moving(first, start, velocity, spin), orientation=orientation),)
 
 
-def _moving(body: SceneObject, position: np.ndarray | tuple[float, ...], velocity: np.ndarray, spin: np.ndarray) -> SceneObject:
+def _moving(
+    body: SceneObject, position: np.ndarray | tuple[float, ...], velocity: np.ndarray, spin: np.ndarray
+) -> SceneObject:
     return replace(body, position=tuple(position), velocity=tuple(velocity), angular_velocity=tuple(spin))

@@ -76,7 +76,10 @@ def _probe(name: str, ball: SceneObject, across: np.ndarray, sign: float, launch
         "rolling_resistance": (lambda s: effect(coefficient=0.01 * s * r), 15.0),
         "spin_friction": (lambda s: effect(coefficient=0.05 * s * r), 10.0),
         "viscous_friction": (lambda s: effect(coefficient=0.1 * s * m), 20.0),
-        "anisotropic_friction": (lambda s: effect(ratio=1 - 0.05 * s, angle=float(np.arctan(across[1] / across[0]))), 16.0),
+        "anisotropic_friction": (
+            lambda s: effect(ratio=1 - 0.05 * s, angle=float(np.arctan(across[1] / across[0]))),
+            16.0,
+        ),
         "off_center_mass": (lambda s: effect(offset=tuple(0.02 * s * r * _body_axis(direction, rng))), 15.0),
         "hidden_attractor": (lambda s: effect(position=tuple(place), strength=sign * 0.3 * s * m), 12.0),
         "pair_attraction": (lambda s: effect(strength=sign * 0.02 * s * m), 8.0),

@@ -12,7 +12,14 @@ import numpy as np
 from mujoco import batch as mjbatch
 
 from pipeline.physics.batch import States
-from pipeline.physics.effect_forces import applied_effects, ground_forces, other_centres, resting_body, total_force
+from pipeline.physics.effect_forces import (
+    RecentNormalForce,
+    applied_effects,
+    ground_forces,
+    other_centres,
+    resting_body,
+    total_force,
+)
 from pipeline.physics.simulate import compile_xml
 from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.kind import Regime
@@ -30,6 +37,7 @@ def run_with_effects(scenes: Sequence[Scene], steps: np.ndarray, threads: int) -
     models = [compile_xml(scene_xml(scene)) for scene in scenes]
     effects, body = applied_effects(scenes), resting_body(scenes)
     in_contact = any(Regime.FLIGHT not in e.kind.regimes for e in effects)  # these need the last step's contacts
+    normal = RecentNormalForce()
     batch = mjbatch.Batch(models[0], nsim=len(scenes), nthread=threads, persistent=in_contact)
     batch.set_models(models)
     batch.reset(keyframe=0)
@@ -44,7 +52,7 @@ def run_with_effects(scenes: Sequence[Scene], steps: np.ndarray, threads: int) -
             _now(body, qpos, qvel, offset, step)
             if in_contact:
                 each = [ground_forces(models[i], batch.get_data(i), count) for i in range(len(scenes))]
-                body.normal_force = np.array(each)
+                body.normal_force = normal.after(np.array(each))
             push[:, 1:, :3] = total_force(effects, body)
         if step < steps[-1]:
             batch.step()

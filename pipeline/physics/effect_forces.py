@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,7 @@ from pipeline.scene.effects.kind import EffectKind
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect, Scene, half_extents
 
+CHATTER_STEPS = 4
 ApplyForces = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
 
@@ -84,6 +86,7 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
     if not effects or not scene.objects:
         return None
     constant = resting_body([scene])
+    normal = RecentNormalForce()
     ends = slice(1, 1 + len(scene.objects))
 
     def apply(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -96,12 +99,25 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
         body = Body(
             np.full(constant.time.shape, data.time), position[None], velocity[None], spin[None],
             other_centres(position)[None], constant.mass, constant.radius, constant.gravity,
-            ground_forces(model, data, len(scene.objects))[None], constant.sliding_friction, constant.air_velocity,
+            normal.after(ground_forces(model, data, len(scene.objects))[None]), constant.sliding_friction, constant.air_velocity,
             constant.ground_velocity,
         )  # fmt: skip
         data.xfrc_applied[ends, :3] = total_force(effects, body)[0]
 
     return apply
+
+
+class RecentNormalForce:
+    """The normal force of the last few steps, in the mean: MuJoCo's bodies chatter on the ground, touching it at some
+    steps and not at others, where a real one would rest on it."""
+
+    def __init__(self) -> None:
+        self._recent: deque[np.ndarray] = deque(maxlen=CHATTER_STEPS)
+
+    def after(self, last: np.ndarray) -> np.ndarray:
+        """The mean with the forces of the last step (...) N, and those before."""
+        self._recent.append(last)
+        return np.mean(self._recent, axis=0)
 
 
 def ground_forces(model: mujoco.MjModel, data: mujoco.MjData, objects: int) -> np.ndarray:

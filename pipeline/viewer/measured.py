@@ -39,7 +39,9 @@ def save_measured(table: pa.Table, name: str, notes: str, path: Path) -> None:
         times = [rr.TimeColumn(SIM_TIME, duration=time[rows])]
         for kind, colour in KINDS.items():
             place = f"world/{c}/{o}/{kind}"
-            recording.log(f"{place}/path", rr.LineStrips3D([shown[kind][rows]], colors=[(*colour, 120)], radii=0.002), static=True)
+            recording.log(
+                f"{place}/path", rr.LineStrips3D([shown[kind][rows]], colors=[(*colour, 120)], radii=0.002), static=True
+            )
             recording.log(place, rr.Points3D.from_fields(colors=[colour], radii=[0.012]), static=True)
             recording.send_columns(place, times, rr.Points3D.columns(positions=shown[kind][rows]))
         for kind, residual in (("baseline", before), ("augmented", after)):
