@@ -59,7 +59,7 @@ def other_starts(stack: ArcStack, start: np.ndarray) -> list[np.ndarray]:
         return []
     early = start.copy()
     for i in range(len(stack)):
-        there = np.flatnonzero(stack.weight[i, :, 0] > 0)[:8]
+        there = np.flatnonzero(stack.weight[i].max(1) > 0)[:8]
         if len(there) >= 4:
             t, x = stack.time[i, there], stack.position[i, there]
             beta, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(t), t]), x, rcond=None)
@@ -82,6 +82,8 @@ def settled(
     left = np.full(len(stack), np.inf)
     for _ in range(iterations):
         linear = linearise([stack], model, theta, [start])
+        if not _finite(linear):
+            break
         inverse = local_inverse(stack, linear.local[0])
         shift = np.einsum("alm,am->al", inverse, np.einsum("alr,ar->al", linear.local[0], linear.residual[0]))
         start, left = _best_shift(stack, model, theta, start, shift)
@@ -108,7 +110,7 @@ def first_starts(stack: ArcStack) -> np.ndarray:
     """Initial states (A, 9) from straight and parabolic fits to the positions."""
     out = np.zeros((len(stack), 9))
     for i in range(len(stack)):
-        there = stack.weight[i, :, 0] > 0
+        there = stack.weight[i].max(1) > 0
         if not there.any():
             continue
         t, x = stack.time[i, there], stack.position[i, there]
@@ -203,6 +205,8 @@ def fit(
     for _ in range(iterations):
         with np.errstate(all="ignore"):
             linear = linearise(stacks, model, theta, starts)
+        if not _finite(linear):
+            break  # a law that blows up here leads nowhere
         normal, gradient = np.diag(prior), -prior * (theta - centre)
         parts = []
         for stack, r, jl, jg, chosen in zip(stacks, linear.residual, linear.local, linear.shared, fitted, strict=True):
@@ -214,8 +218,6 @@ def fit(
             jg, r = jg[chosen], r[chosen]
             normal = normal + np.einsum("agr,ahr->gh", jg, jg) - np.einsum("alg,alh->gh", cross[chosen], reach[chosen])
             gradient = gradient + np.einsum("agr,ar->g", jg, r) - np.einsum("alg,al->g", reach[chosen], own[chosen])
-        if not (np.isfinite(normal).all() and np.isfinite(gradient).all()):
-            break  # a law that blows up here leads nowhere
         if size:
             covariance = np.linalg.pinv(normal, hermitian=True)
         before = _objective(chi2, fitted, theta, centre, prior)
@@ -255,6 +257,10 @@ def _slipping(stack: ArcStack, start: np.ndarray) -> int:
         return 0
     slip = np.hypot(start[:, 3] - start[:, 7] * stack.radius, start[:, 4] + start[:, 6] * stack.radius)
     return int(((stack.radius > 0) & ~stack.has_spin & (slip > SLIPPING) & (stack.samples > 0)).sum())
+
+
+def _finite(linear: Linear) -> bool:
+    return all(np.isfinite(a).all() for part in (linear.residual, linear.local, linear.shared) for a in part)
 
 
 def _best_shift(

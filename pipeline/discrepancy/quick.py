@@ -63,7 +63,8 @@ class QuickRegression:
         theta = np.hstack([np.tile(self.found.theta, (len(own), 1)), own])
         changes = []
         for i, (stack, start) in enumerate(zip(self.stacks, self.found.starts, strict=True)):
-            rows, _ = run(stack, model, theta, np.broadcast_to(start, (len(own), *start.shape)))
+            with np.errstate(all="ignore"):
+                rows, _ = run(stack, model, theta, np.broadcast_to(start, (len(own), *start.shape)))
             place, parts = 0, []
             for s in starts:
                 parts.append(rows[place + 1 : place + 1 + len(s.directions)] - rows[place])

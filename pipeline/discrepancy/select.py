@@ -29,7 +29,7 @@ ALIKE = 7.0  # effects whose scores differ by less are not told apart
 WORTH_FITTING = 0.5  # share of the best quick gain that makes a further fit worth while
 BEGINNINGS, MANY_BEGINNINGS = 2, 5  # starts of an effect that are fitted; of one that acts by the place
 MOST_EFFECTS = 3
-UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.006  # a model explains the data unless both are exceeded
+UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.015  # a model explains the data unless both are exceeded
 SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
 OBSTACLE_MISFIT = 0.03  # m
 FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction, with which calibration begins
@@ -182,7 +182,7 @@ class Selector:
             left += float(chi2[~broken[-1]].sum() * share)
             freedom += float(rows[~broken[-1]].sum())
         count, arcs = sum(int(b.sum()) for b in broken), sum(map(len, broken))
-        if not 0 < count <= max(1, BROKEN_SHARE * arcs) or (left - freedom) / np.sqrt(2 * max(freedom, 1)) > 3:
+        if not 0 < count <= BROKEN_SHARE * (arcs + 2) or (left - freedom) / np.sqrt(2 * max(freedom, 1)) > 3:
             return None
         stacks = tuple(replace(s, weight=np.where(b[:, None, None], 0.0, s.weight))
                        for s, b in zip(self.problem.stacks, broken, strict=True))  # fmt: skip
@@ -270,7 +270,7 @@ class Selector:
             found = self._fitted(base.problem, model, theta, base.fit.starts, (*base.effects, kind.name))
             found = self._with_bounces(found, "restitution" in base.effects)
             found = replace(found, obstacle=base.obstacle)
-            if best is None or found.score < best.score:
+            if np.isfinite(found.score) and (best is None or found.score < best.score):
                 best = found
         if best is not None and kind.name == "magnus_lift" and not self._spin_earns_its_place(base, best):
             return None

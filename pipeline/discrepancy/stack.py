@@ -57,7 +57,7 @@ class ArcStack:
     @property
     def samples(self) -> np.ndarray:
         """How many samples each arc has, (A,)."""
-        return (self.weight[..., 0] > 0).sum(1)
+        return (self.weight.max(2) > 0).sum(1)
 
 
 def stack_arcs(arcs: Sequence[Arc], clips: Sequence[str], known: KnownScene, grounded: bool) -> ArcStack:
@@ -79,7 +79,7 @@ def stack_arcs(arcs: Sequence[Arc], clips: Sequence[str], known: KnownScene, gro
         m = len(arc.time)
         time[i, :m], position[i, :m] = arc.time - arc.time[0], arc.position
         time[i, m:] = time[i, m - 1]
-        weight[i, :m] = (1 / arc.sigma)[:, None]
+        weight[i, :m] = (1 / arc.sigma)[:, None] * (np.ptp(arc.position, axis=0) > 0)  # a flat recording has no depth
         if arc.quaternion is not None and np.isfinite(arc.quaternion).all():
             rotation[i, :m] = matrix_from_quaternion(arc.quaternion)
         if grounded and arc.spin is not None:

@@ -52,7 +52,7 @@ def _anisotropic(stacks: Sequence[ArcStack]) -> list[Start]:
 
 
 def _attractor(stacks: Sequence[ArcStack]) -> list[Start]:
-    points = np.concatenate([s.position[s.weight[..., 0] > 0] for s in stacks])
+    points = np.concatenate([s.position[s.weight.max(2) > 0] for s in stacks])
     low, high = points.min(0), points.max(0)
     pad = 0.35 * max(float((high - low).max()), 0.2)
     axes = [np.linspace(a - pad, b + pad, 5 if b - a > 0.05 else 2) for a, b in zip(low, high, strict=True)]
