@@ -46,9 +46,13 @@ def forecast_errors(real: RealSet) -> list[float]:
         model = known_model(known, [fitted])
         if name:
             model = with_effect(model, effect_kinds()[name], known)
-        found = fit([fitted], model, model.start, starts_of(replace(problem, stacks=(fitted,))), [np.ones(len(stack), bool)])
+        found = fit(
+            [fitted], model, model.start, starts_of(replace(problem, stacks=(fitted,))), [np.ones(len(stack), bool)]
+        )
         rows, _ = run(stack, model, found.theta[None], found.starts[0][None])
-        predicted = rows[0, second].reshape(-1, 3)[:, 2] / np.where(stack.weight[second, :, 2] > 0, stack.weight[second, :, 2], 1)
+        predicted = rows[0, second].reshape(-1, 3)[:, 2] / np.where(
+            stack.weight[second, :, 2] > 0, stack.weight[second, :, 2], 1
+        )
         unseen = ~seen & (stack.weight[second, :, 2] > 0)
         out.append(float(np.sqrt(np.mean((stack.position[second, unseen, 2] - predicted[unseen]) ** 2))))
     return out

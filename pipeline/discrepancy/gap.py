@@ -28,7 +28,9 @@ def measure_gap(problem: Problem, before: Candidate, after: Candidate) -> Gap:
     held = bool(problem.held_out) and any(h.any() for h in problem.held)
     clips = problem.held_out if held else problem.fitted
     values = [_rmse(c.problem, c, c.problem.held if held else c.problem.chosen) for c in (before, after)]
-    return Gap(*values, problem.sigma, clips)
+    everything = [np.ones(len(s), bool) for s in after.problem.stacks]
+    floor = min(problem.sigma, _rmse(after.problem, after, everything))  # polynomials miss kinks that a law may have
+    return Gap(*values, floor, clips)
 
 
 def _rmse(problem: Problem, found: Candidate, chosen: Sequence[np.ndarray]) -> float:

@@ -29,6 +29,7 @@ ALIKE = 7.0  # effects whose scores differ by less are not told apart
 WORTH_FITTING = 0.5  # share of the best quick gain that makes a further fit worth while
 BEGINNINGS, MANY_BEGINNINGS = 2, 5  # starts of an effect that are fitted; of one that acts by the place
 MOST_EFFECTS = 3
+LEAST_CLIPS_FOR_MORE = 3  # fewer clips differ from each other in too many ways for two effects
 UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.015  # a model explains the data unless both are exceeded
 SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
 OBSTACLE_MISFIT = 0.03  # m
@@ -194,6 +195,8 @@ class Selector:
         """Forward selection, from the best and the runners-up, as long as an effect more wins by enough."""
         leaders = [c for c in singles if c.score < self.none.score - CLAIM][:2]
         chosen = best
+        if len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE:
+            return chosen
         for _ in range(MOST_EFFECTS - 1):
             z, _ = self._excess(chosen)
             if z < 2.5:

@@ -36,7 +36,7 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     name = "+".join(sorted(hidden)) if hidden and listed else "none" if listed else "unlisted"
     answer = "unknown" if unknown else "+".join(sorted(named)) or "none"
     if not listed:
-        return Judgement(unknown, bool(named), unknown, name, answer, {}, {})
+        return Judgement(unknown, bool(named), unknown, name, name if unknown else answer, {}, {})
     if not hidden:
         return Judgement(not named and not unknown, bool(named), True, name, answer, {}, {})
     alike = len(hidden) == 1 and any(hidden <= s for s in sets)

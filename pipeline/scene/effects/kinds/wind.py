@@ -20,7 +20,7 @@ EFFECT = EffectKind(
     name="wind",
     formula="F = -k |v - w| (v - w)",
     parameters=(
-        Parameter("velocity", "m/s", length=3, low=-60, high=60, scale=2.0),
+        Parameter("velocity", "m/s", length=3, low=-30, high=30, scale=2.0),
         Parameter("coefficient", "kg/m", low=0, scale=0.01),
     ),
     regimes=EVERYWHERE,
