@@ -32,7 +32,7 @@ from pipeline.hidden.scenario import SCENARIOS
 from pipeline.hidden.world import UNLISTED, Recipe, make_world
 from pipeline.scene.effects.registry import effect_kinds
 
-FIRST_SEED = 1000
+FIRST_SEED = 2000
 PAIRS = (
     ("air_drag", "magnus_lift"), ("air_drag", "tilted_gravity"), ("wind", "buoyancy"), ("linear_drag", "rotating_frame"),
     ("magnus_lift", "gravity_error"), ("hidden_attractor", "air_drag"), ("impulse", "tilted_gravity"),
@@ -56,7 +56,11 @@ def plan(share: float) -> Iterator[tuple[str, Recipe, str | None]]:
         for clips, noise in ((4, 0.001), (4, 0.002), (4, 0.005), (1, 0.002), (12, 0.0005), (12, 0.005)):
             for k, name in enumerate(names):
                 seed += 1
-                yield f"{clips} clips, {1e3 * noise:g} mm, strong", _recipe(seed, (name,), 30.0, noise, clips, turn + k), None
+                yield (
+                    f"{clips} clips, {1e3 * noise:g} mm, strong",
+                    _recipe(seed, (name,), 30.0, noise, clips, turn + k),
+                    None,
+                )
         for k in range(75):
             seed += 1
             yield "none", _recipe(seed, (), 10.0, 0.002, 12, turn + k), None
@@ -67,7 +71,11 @@ def plan(share: float) -> Iterator[tuple[str, Recipe, str | None]]:
         for k in range(15):
             seed += 1
             unlisted = UNLISTED[(turn * 15 + k) % len(UNLISTED)]
-            yield "in no list", Recipe(seed, (), 30.0, 0.002, 12, False, seed % 3 == 0, "events", unlisted=unlisted), None
+            yield (
+                "in no list",
+                Recipe(seed, (), 30.0, 0.002, 12, False, seed % 3 == 0, "events", unlisted=unlisted),
+                None,
+            )
         for k, name in enumerate(names if turn == 0 else ()):
             seed += 1
             yield "struck off", _recipe(seed, (name,), 30.0, 0.002, 12, turn + k), name
@@ -120,6 +128,7 @@ def main() -> None:
         jobs.append((key, group, recipe, struck))
     jobs = _sampled(jobs) if arguments.smoke else jobs
     waiting = [j for j in jobs if j[0] not in done]
+    np.random.default_rng(0).shuffle(waiting)  # so that a run that is stopped has some of every group
     until = time.monotonic() + 60 * arguments.minutes if arguments.minutes else np.inf
     with multiprocessing.get_context("spawn").Pool(arguments.workers) as pool, kept.open("a") as file:
         for number, result in enumerate(pool.imap_unordered(answer, waiting)):

@@ -1,4 +1,5 @@
-"""What others make of the same tracks: parameters alone, PySINDy raw and segmented, and an oracle that knows the name."""
+"""What others make of the same tracks: parameters alone, PySINDy raw and segmented, and an oracle that knows the
+name."""
 
 from __future__ import annotations
 
@@ -14,7 +15,14 @@ from pipeline.discrepancy.problem import pose
 from pipeline.discrepancy.select import Selector, names_of
 from pipeline.discrepancy.track import Track
 
-TERMS = {"v": "linear_drag", "|v|v": "air_drag", "wxv": "magnus_lift", "ex": "tilted_gravity", "ey": "tilted_gravity", "ez": "gravity_error"}
+TERMS = {
+    "v": "linear_drag",
+    "|v|v": "air_drag",
+    "wxv": "magnus_lift",
+    "ex": "tilted_gravity",
+    "ey": "tilted_gravity",
+    "ez": "gravity_error",
+}
 THRESHOLD = 0.05  # of PySINDy's thresholded least squares, m/s² at typical speeds
 
 
@@ -26,7 +34,12 @@ def rivals(tracks: Sequence[Track], known: KnownScene, truth: tuple[str, ...]) -
         selector = Selector(problem, truth)
         found = selector.select()
         gap = measure_gap(selector.problem, found.none, found.chosen)
-        out["oracle"] = {"before": gap.before, "after": gap.after, "floor": gap.noise_floor, "claimed": bool(found.chosen.effects)}
+        out["oracle"] = {
+            "before": gap.before,
+            "after": gap.after,
+            "floor": gap.noise_floor,
+            "claimed": bool(found.chosen.effects),
+        }
     for name, segments in (("pysindy_raw", _raw(tracks)), ("pysindy_segmented", _segmented(problem))):
         out[name] = sindy_names(segments, known)
     return out
@@ -42,7 +55,11 @@ def _raw(tracks: Sequence[Track]) -> list[tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def _segmented(problem: Any) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    return [(a.time, a.position, np.zeros((len(a.time), 3)) if a.spin is None else a.spin) for a in problem.arcs if not a.grounded]
+    return [
+        (a.time, a.position, np.zeros((len(a.time), 3)) if a.spin is None else a.spin)
+        for a in problem.arcs
+        if not a.grounded
+    ]
 
 
 def sindy_names(segments: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], known: KnownScene) -> list[str]:

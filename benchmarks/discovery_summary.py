@@ -31,10 +31,23 @@ def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
         hits = sum(j.right for j in some)
         low, high = wilson(hits, len(some))
         false = sum(j.false for j in some)
-        lines.append(f"| {group} | {len(some)} | {hits / len(some):.3f} | {low:.2f} to {high:.2f} | {false / len(some):.3f} | {macro_f1(some):.2f} |")
+        lines.append(
+            f"| {group} | {len(some)} | {hits / len(some):.3f} | {low:.2f} to {high:.2f} | {false / len(some):.3f} | {macro_f1(some):.2f} |"
+        )
         numbers[group] = {"worlds": len(some), "right": hits / len(some), "low": low, "high": high, "false": false / len(some),
                           "one_at_least": sum(j.some for j in some) / len(some)}  # fmt: skip
-    lines += ["", *_parameters(good, judged), "", *_gaps(good, judged), "", *_confidence(good, judged), "", *_rivals(good, judged), "", *_by_effect(judged, good)]
+    lines += [
+        "",
+        *_parameters(good, judged),
+        "",
+        *_gaps(good, judged),
+        "",
+        *_confidence(good, judged),
+        "",
+        *_rivals(good, judged),
+        "",
+        *_by_effect(judged, good),
+    ]
     seconds = [a["seconds"] for a in good]
     lines += ["", f"Time of a world: median {np.median(seconds):.1f} s, largest {max(seconds):.1f} s."]
     for a in answers:
@@ -103,7 +116,9 @@ def _rivals(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list
     out = [f"On the {len(mine)} worlds whose effect is in the library of PySINDy ({', '.join(SINDY)}):", "",
            "| method | exact structure |", "| --- | --- |"]  # fmt: skip
     for rival in ("pysindy_raw", "pysindy_segmented"):
-        out.append(f"| {rival} | {np.mean([a['rivals'][rival] == [n] for (a, _), n in zip(mine, names, strict=True)]):.2f} |")
+        out.append(
+            f"| {rival} | {np.mean([a['rivals'][rival] == [n] for (a, _), n in zip(mine, names, strict=True)]):.2f} |"
+        )
     out.append(f"| ours | {np.mean([j.right for _, j in mine]):.2f} |")
     oracle = [a["rivals"]["oracle"] for a in good if a.get("rivals", {}).get("oracle")]
     ours = [a["report"]["gap"] for a in good if a.get("rivals", {}).get("oracle")]

@@ -29,7 +29,8 @@ FORECASTS = (None, "linear_drag", "air_drag")
 
 
 def forecast_errors(real: RealSet) -> list[float]:
-    """RMS error, m, over the unseen 60 % of drop 2: no drag, linear, quadratic; fitted to drop 1 and the rest of drop 2."""
+    """RMS error, m, over the unseen 60 % of drop 2: no drag, linear, quadratic; fitted to drop 1 and the rest of
+    drop 2."""
     known = known_scene(real.known)
     problem = pose(real.tracks, known, 0.0, np.random.default_rng(0))
     (stack,) = problem.stacks

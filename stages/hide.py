@@ -43,7 +43,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
         YAML(typ="safe").dump(world.known, text)
         scenes.append({"clip": number, "scene": text.getvalue()})
         for t in world.tracks:
-            parts = [t.time[:, None], t.position]
+            parts: list[Any] = [t.time[:, None], t.position]
             parts += [t.quaternion if t.quaternion is not None else [[None] * 4] * len(t.time)]
             parts += [t.angular_velocity if t.angular_velocity is not None else [[None] * 3] * len(t.time)]
             for values in zip(*parts, strict=True):

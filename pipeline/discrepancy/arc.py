@@ -160,13 +160,14 @@ def _cut_track(
     spin = _spin(track, rows, obj)
     gap = _gaps(obj, position, quaternion, scene.ground)
     breaks = find_breaks(time, position, sigma)
-    known, unknown = [], []
+    known: list[tuple[Break, int | None]] = []
+    unknown: list[tuple[Break, int | None]] = []
     for b in breaks:
         other = _explanation(b, obj, time, position, gap, others, scene, names, index, sigma)
         (unknown if other is None else known).append((b, other))
     edges = [-np.inf, *(b.time for b, _ in known), np.inf]
     placed: list[int] = []
-    for k, (left, right) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for k, (left, right) in enumerate(itertools.pairwise(edges)):
         inside = (time > left) & (time < right)
         grounded = _is_grounded(position[inside], gap[inside], sigma, obj)
         if grounded and np.isfinite(left):

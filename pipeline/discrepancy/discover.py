@@ -28,8 +28,8 @@ NOTABLE_Z = 3.0
 @dataclass(frozen=True)
 class Verdict:
     """effects: names, empty where nothing is missing, `unknown` alone where something is and no effect explains it.
-    parameters: by name, `effect.name` where there are several effects. equivalent: sets that the data cannot tell apart;
-    experiment: what would. form: the residual force as a formula, of an unknown effect."""
+    parameters: by name, `effect.name` where there are several effects. equivalent: sets that the data cannot tell
+    apart; experiment: what would. form: the residual force as a formula, of an unknown effect."""
 
     effects: tuple[str, ...]
     parameters: dict[str, Estimate]
@@ -92,7 +92,8 @@ def augmented_scene(known: KnownScene, answer: Candidate, numbers: dict[str, Est
             estimate = numbers.get(f"{obj.name}.{key}")
             if estimate is not None and estimate.stderr is not None:
                 assert isinstance(estimate.value, float)
-                obj = replace(obj, **{key: max(estimate.value, 1e-3 if key == "damping" else 0.0)})
+                changed: dict[str, Any] = {key: max(estimate.value, 1e-3 if key == "damping" else 0.0)}
+                obj = replace(obj, **changed)
         arcs = [a for a in problem.arcs if a.object == number]
         if arcs:
             first = min(arcs, key=lambda a: (a.clip != problem.arcs[0].clip, a.time[0]))
@@ -145,7 +146,7 @@ def notes_of(problem: Problem, found: Selection) -> tuple[str, ...]:
 def report(found: Discovery) -> dict[str, Any]:
     """The discovery as the content of report.json (docs/formats.md, "Discovery")."""
     v, selection, names = found.verdict, found.selection, [o.name for o in found.problem.known.scene.objects]
-    candidates = []
+    candidates: list[dict[str, Any]] = []
     shown = {c.effects: c for c in (*selection.singles, *([selection.chosen] if selection.chosen.effects else []))}
     for effects, c in shown.items():
         several = len(effects) > 1

@@ -15,7 +15,8 @@ from pipeline.scene.effects.registry import effect_kinds
 
 @dataclass(frozen=True)
 class Estimate:
-    """value, stderr: numbers, or lists of the components of a vector; stderr None where nothing determines the value."""
+    """value, stderr: numbers, or lists of the components of a vector; stderr None where nothing determines the
+    value."""
 
     value: float | list[float]
     stderr: float | list[float] | None

@@ -18,15 +18,15 @@ from pipeline.discrepancy.stack import ArcStack
 LOCAL_STEP = np.array([1e-4] * 3 + [2e-3] * 3 + [2e-2] * 3)
 SPIN_PRIOR = 30.0  # rad/s: how far a body's unknown spin may be from that of rolling
 MOST_ITERATIONS = 12
-SLIPPING = 0.15  # m/s
+SLIPPING = 0.003  # m/s
 STUCK = 1.6  # chi squared per coordinate above which another beginning is tried
 SHARES_FLIGHT, SHARES_GROUND = np.array([1.0, 0.0]), np.array([1.0, 0.5, 0.2, 0.0])
 
 
 @dataclass(frozen=True)
 class Linear:
-    """A model near theta: per stack the residuals (A, R), derivatives with respect to the initial states (A, L, R) and to
-    theta (A, G, R), of predictions in units of sigma."""
+    """A model near theta: per stack the residuals (A, R), derivatives with respect to the initial states (A, L, R)
+    and to theta (A, G, R), of predictions in units of sigma."""
 
     residual: list[np.ndarray]
     local: list[np.ndarray]
@@ -35,9 +35,9 @@ class Linear:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model. theta (G,); covariance (G, G), for noise of the stated size; starts: per stack (A, 9). chi2: per stack
-    the sum of squared residuals of each arc (A,), in units of sigma; position_chi2: that of positions alone, without spins.
-    slipping: how many balls of unknown spin begin as sliding, not rolling."""
+    """A fitted model. theta (G,); covariance (G, G), for noise of the stated size; starts: per stack (A, 9). chi2:
+    per stack the sum of squared residuals of each arc (A,), in units of sigma; position_chi2: that of positions alone,
+    without spins. slipping: how many balls of unknown spin slip instead of rolling."""
 
     model: Model
     theta: np.ndarray
@@ -247,15 +247,18 @@ def fit(
         if improved < tolerance:
             break
     position = _chi2(stacks, model, theta, starts, positions_only=True)
-    slipping = sum(_slipping(s, start) for s, start in zip(stacks, starts, strict=True))
+    slipping = sum(_slipping(s, model, theta, start) for s, start in zip(stacks, starts, strict=True))
     return Fit(model, theta, covariance, starts, chi2, position, slipping)
 
 
-def _slipping(stack: ArcStack, start: np.ndarray) -> int:
-    """Balls on the ground whose spin was not measured and is not that of rolling."""
+def _slipping(stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray) -> int:
+    """Balls on the ground whose spin was not measured and that slip for most of their arc instead of rolling."""
     if not stack.grounded:
         return 0
-    slip = np.hypot(start[:, 3] - start[:, 7] * stack.radius, start[:, 4] + start[:, 6] * stack.radius)
+    _, nodes = run(stack, model, theta[None], start[None])
+    late = int(0.6 * stack.steps)
+    v, w = nodes.velocity[0, :, late], nodes.angular_velocity[0, :, late]
+    slip = np.hypot(v[:, 0] - w[:, 1] * stack.radius, v[:, 1] + w[:, 0] * stack.radius)
     return int(((stack.radius > 0) & ~stack.has_spin & (slip > SLIPPING) & (stack.samples > 0)).sum())
 
 
@@ -266,8 +269,8 @@ def _finite(linear: Linear) -> bool:
 def _best_shift(
     stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray, shift: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Initial states after the share of `shift` (A, L) that suits each arc best, and chi squared of the arcs then: steps
-    of the whole vector fail where a single body on the ground stops earlier or later."""
+    """Initial states after the share of `shift` (A, L) that suits each arc best, and chi squared of the arcs then:
+    steps of the whole vector fail where a single body on the ground stops earlier or later."""
     shares = SHARES_GROUND if stack.grounded else SHARES_FLIGHT
     begin = np.tile(start, (len(shares), 1, 1))
     begin[:, :, _locals(stack)] += shares[:, None, None] * shift

@@ -14,8 +14,8 @@ from pipeline.discrepancy.select import Candidate
 
 @dataclass(frozen=True)
 class Gap:
-    """Root mean square over measured coordinates, of the clips `clips`, m; each arc's own initial state costs degrees of
-    freedom, so that a perfect model reaches the noise floor, not less."""
+    """Root mean square over measured coordinates, of the clips `clips`, m; each arc's own initial state costs
+    degrees of freedom, so that a perfect model reaches the noise floor, not less."""
 
     before: float
     after: float
@@ -27,10 +27,10 @@ def measure_gap(problem: Problem, before: Candidate, after: Candidate) -> Gap:
     """On the held-out clips, or on the fitted ones where none could be held out."""
     held = bool(problem.held_out) and any(h.any() for h in problem.held)
     clips = problem.held_out if held else problem.fitted
-    values = [_rmse(c.problem, c, c.problem.held if held else c.problem.chosen) for c in (before, after)]
+    first, last = (_rmse(c.problem, c, c.problem.held if held else c.problem.chosen) for c in (before, after))
     everything = [np.ones(len(s), bool) for s in after.problem.stacks]
     floor = min(problem.sigma, _rmse(after.problem, after, everything))  # polynomials miss kinks that a law may have
-    return Gap(*values, floor, clips)
+    return Gap(first, last, floor, clips)
 
 
 def _rmse(problem: Problem, found: Candidate, chosen: Sequence[np.ndarray]) -> float:

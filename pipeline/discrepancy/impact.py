@@ -18,8 +18,9 @@ LEAST_SPEED = 0.3  # m/s: slower impacts say little
 
 @dataclass(frozen=True)
 class Bounce:
-    """An impact with the ground whose speeds are known. before (negative), after: normal speeds, m/s; sigma: of the ratio,
-    engine scatter included; expected: the ratio that the known damping gives; fitted: of a clip that is fitted."""
+    """An impact with the ground whose speeds are known. before (negative), after: normal speeds, m/s; sigma: of the
+    ratio, engine scatter included; expected: the ratio that the known damping gives; fitted: of a clip that is
+    fitted."""
 
     clip: str
     object: int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +21,8 @@ SLIPS, MOVES, SPINS = 0.05, 0.03, 1.0  # m/s, m/s, rad/s above which a body on t
 
 @dataclass(frozen=True)
 class Stretch:
-    """A short stretch of an arc. force (3,) N: what the model lacks; stderr N, of each component; z: significance of the
-    whole vector, in standard deviations of a normal distribution; velocity (3,) m/s."""
+    """A short stretch of an arc. force (3,) N: what the model lacks; stderr N, of each component; z: significance
+    of the whole vector, in standard deviations of a normal distribution; velocity (3,) m/s."""
 
     clip: str
     object: int
@@ -52,7 +53,7 @@ def stretches(problem: Problem, found: Candidate) -> list[Stretch]:
             sigma = 1 / stack.weight[i].max()
             count = max(1, round(stack.duration[i] / WINDOW))
             edges = np.linspace(0, stack.duration[i] + 1e-9, count + 1)
-            for left, right in zip(edges[:-1], edges[1:], strict=True):
+            for left, right in itertools.pairwise(edges):
                 inside = (t >= left) & (t < right)
                 if inside.sum() < LEAST_SAMPLES:
                     continue

@@ -14,15 +14,14 @@ from pipeline.scene.effects.kind import EffectKind
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.mjcf import TORSIONAL_FRICTION
 
-
 #: Of balls: one that never stops slipping would look as if it rolled with resistance.
 LEAST_FRICTION = 0.05
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number to fit. owner: `object:<index>`, or the name of an effect; component: of a vector, else 0. sigma: of the
-    weak prior about `start` that keeps undetermined numbers from running away."""
+    """One number to fit. owner: `object:<index>`, or the name of an effect; component: of a vector, else 0. sigma:
+    of the weak prior about `start` that keeps undetermined numbers from running away."""
 
     owner: str
     name: str
@@ -68,8 +67,8 @@ class Model:
         for kind in self.effects:
             values: dict[str, np.ndarray] = {}
             for p in kind.parameters:
-                columns = [self.column(kind.name, p.name, c) for c in range(p.length)]
-                assert None not in columns
+                columns = [i for c in range(p.length) if (i := self.column(kind.name, p.name, c)) is not None]
+                assert len(columns) == p.length
                 rows = theta[:, columns]  # (P, length)
                 shape = (len(theta), len(stack))
                 values[p.name] = (

@@ -1,7 +1,7 @@
 """Motion along arcs, for many parameter sets at once: in the air by Runge-Kutta, on the ground by time stepping.
 
-Shapes: P parameter sets, A arcs, K steps, n samples. On the ground Coulomb friction is an impulse that at most stops the
-slip (Moreau's time stepping), so that sliding, rolling and resting need no cases and no stiff regularisation.
+Shapes: P parameter sets, A arcs, K steps, n samples. On the ground Coulomb friction is an impulse that at most
+stops the slip (Moreau's time stepping), so that sliding, rolling and resting need no cases and no stiff regularisation.
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ LEAST = 1e-7  # m: no measurement is exact
 
 
 def leave_one_out(time: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Each inner sample minus the cubic through its four neighbours, over what white noise of unit size would make of it.
+    """Each inner sample minus the cubic through its four neighbours, over what white noise of unit size would make
+    of it.
 
     time (T,), position (T, 3); returns (T, 3), NaN for the two samples at each end.
     """

@@ -1,7 +1,9 @@
-"""Everything that selection works on: arcs of the fitted and the held-out clips, cleaned, in units of their own noise."""
+"""Everything that selection works on: arcs of the fitted and the held-out clips, cleaned, in units of their own
+noise."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,9 +21,10 @@ from pipeline.errors import MeasurementError
 
 @dataclass(frozen=True)
 class Problem:
-    """fitted, held_out: names of clips. arcs: all; stacks: of flights and of motion on the ground, as far as there are any;
-    chosen: per stack the fitted arcs (A,) bool. parts: the polynomials of the stacks. sigma: noise of a coordinate, m.
-    frame_rate: samples a second where they are regular. broken: how many arcs were left out because nothing explains them."""
+    """fitted, held_out: names of clips. arcs: all; stacks: of flights and of motion on the ground, as far as there
+    are any; chosen: per stack the fitted arcs (A,) bool. parts: the polynomials of the stacks. sigma: noise of a
+    coordinate, m. frame_rate: samples a second where they are regular. broken: how many arcs were left out because
+    nothing explains them."""
 
     known: KnownScene
     fitted: tuple[str, ...]
@@ -73,7 +76,7 @@ def split_at_jumps(problem: Problem) -> Problem:
     pieces: list[Arc] = []
     for arc in problem.arcs:
         edges = [-np.inf, *(b.time for b in arc.jumps), np.inf]
-        for left, right in zip(edges[:-1], edges[1:], strict=True):
+        for left, right in itertools.pairwise(edges):
             inside = (arc.time > left) & (arc.time < right)
             if inside.sum() >= 4:
                 pieces.append(replace(

@@ -18,7 +18,7 @@ from pipeline.discrepancy.stack import ArcStack
 from pipeline.discrepancy.starts import Start
 from pipeline.scene.effects.kind import EffectKind
 
-BATCH = 24  # starts that are integrated at a time
+BATCH = 32  # starts that are integrated at a time
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ SCHEMA = pa.schema(
      ("held_out", pa.bool_()), ("used", pa.bool_())]
     + [(f"{kind}_{axis}", pa.float64()) for kind in ("measured", "before", "after") for axis in "xyz"]
 )  # fmt: skip
-"""before, after: residuals, m, of the calibrated model and of the one with the verdict's effects; on the ground z is left
-out (0). used: False for outliers."""
+"""before, after: residuals, m, of the calibrated model and of the one with the verdict's effects; on the ground z
+is left out (0). used: False for outliers."""
 
 
 def residual_table(found: Discovery) -> pa.Table:

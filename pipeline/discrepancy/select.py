@@ -1,8 +1,8 @@
 """Which effects the measurements ask for.
 
-Every model, from none to three effects, gets one score, in the units of chi squared: what it leaves of the fitted clips,
-plus BIC's price of its parameters, plus what it leaves of the held-out clips. The lowest score wins, if it wins by more
-than chance makes it win where nothing is hidden (`CLAIM`).
+Every model, from none to three effects, gets one score, in the units of chi squared: what it leaves of the fitted
+clips, plus BIC's price of its parameters, plus what it leaves of the held-out clips. The lowest score wins, if it
+wins by more than chance makes it win where nothing is hidden (`CLAIM`).
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ MOST_FITTED = 9  # effects that are fitted at a time, the most promising by the 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A model with its fit. score: see above. chi2: of fitted and held-out clips, corrected for correlated noise. bic: of the
-    fitted clips; held_out: chi squared of the held-out ones. extra: parameters beside the fit's."""
+    """A model with its fit. score: see above. chi2: of fitted and held-out clips, corrected for correlated noise.
+    bic: of the fitted clips; held_out: chi squared of the held-out ones. extra: parameters beside the fit's."""
 
     effects: tuple[str, ...]
     fit: Fit
@@ -60,9 +60,9 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Selection:
-    """none: the calibrated model without effects; singles: every effect alone, best first; chosen: the winner; alike: sets of
-    effects that cannot be told from one of the winner's; excess: what the winner leaves beyond noise, as a share of what
-    the calibrated model leaves, and as a z-score; unknown: whether that is too much."""
+    """none: the calibrated model without effects; singles: every effect alone, best first; chosen: the winner;
+    alike: sets of effects that cannot be told from one of the winner's; excess: what the winner leaves beyond
+    noise, as a share of what the calibrated model leaves, and as a z-score; unknown: whether that is too much."""
 
     none: Candidate
     singles: tuple[Candidate, ...]
@@ -125,7 +125,8 @@ class Selector:
         self.none = self._with_bounces(self.none, False)
 
     def _calibrated(self) -> Candidate:
-        """The model without effects, from several frictions: with too much of it bodies stop and nothing tells how much."""
+        """The model without effects, from several frictions: with too much of it bodies stop and nothing tells how
+        much."""
         model = known_model(self.known, self.problem.stacks)
         sliding = [i for i, u in enumerate(model.unknowns) if u.name == "sliding_friction"]
         begin = starts_of(self.problem)
@@ -167,9 +168,10 @@ class Selector:
         return min([self.none, *singles], key=lambda c: c.score - self._clock_doubt(c))
 
     def _without_broken(self, best: Candidate, beside_impacts: bool = False) -> Problem | None:
-        """The problem without the few arcs that the best model misses while it explains all others: an impact that was not
-        seen, an outlier among few samples. None where there are no such arcs, or too many. beside_impacts: only arcs that
-        an impact begins or ends, and without jumps: what is left of a contact in them looks like a force that nothing has."""
+        """The problem without the few arcs that the best model misses while it explains all others: an impact that
+        was not seen, an outlier among few samples. None where there are no such arcs, or too many. beside_impacts: only
+        arcs that an impact begins or ends, and without jumps: what is left of a contact in them looks like a force that
+        nothing has."""
         if self._excess(best)[0] < UNEXPLAINED_Z or best.obstacle is not None:
             return None
         touched = {i for impact in self.problem.impacts for i in (impact.before, impact.after)}
@@ -226,8 +228,8 @@ class Selector:
         return (tuple(names),) if len(names) > 1 else ()
 
     def _clock_doubt(self, found: Candidate) -> float:
-        """What a wrong clock has against or for it: cameras run at standard rates, so that a recording whose rate is one
-        speaks against a wrong clock that would make it none, and the other way round."""
+        """What a wrong clock has against or for it: cameras run at standard rates, so that a recording whose rate
+        is one speaks against a wrong clock that would make it none, and the other way round."""
         column = found.fit.model.column("clock_rate", "ratio") if found.effects == ("clock_rate",) else None
         rate = self.problem.frame_rate
         if column is None or rate is None:
@@ -237,7 +239,8 @@ class Selector:
         return 2 * ALIKE if true and not stated else -2 * ALIKE if stated and not true else 0.0
 
     def _extended(self, base: Candidate, most: int = MOST_FITTED) -> list[Candidate]:
-        """`base` with one effect more, best first: the `most` that the quick regression finds promising, and its equals."""
+        """`base` with one effect more, best first: the `most` that the quick regression finds promising, and its
+        equals."""
         quick = QuickRegression(base.problem.stacks, base.fit, base.problem.chosen)
         out, promising = [], []
         for kind in self.kinds:
@@ -262,8 +265,8 @@ class Selector:
 
     def _one(self, kind: EffectKind, base: Candidate, guesses: Sequence[Guess]) -> Candidate | None:
         best: Candidate | None = None
-        for guess in guesses[: MANY_BEGINNINGS if kind.name == "hidden_attractor" else BEGINNINGS]:
-            if guess is not guesses[0] and guess.gain < WORTH_FITTING * guesses[0].gain:
+        for guess in _apart(guesses) if kind.name == "hidden_attractor" else guesses[:BEGINNINGS]:
+            if guess is not guesses[0] and guess.gain < WORTH_FITTING / 2 * guesses[0].gain:
                 continue
             model = with_effect(base.fit.model, kind, self.known)
             low, high = (
@@ -271,6 +274,11 @@ class Selector:
             )
             theta = np.concatenate([base.fit.theta, np.clip(guess.values, low, high)])
             found = self._fitted(base.problem, model, theta, base.fit.starts, (*base.effects, kind.name))
+            if found.fit.slipping or any(s.grounded and (s.radius > 0).any() for s in base.problem.stacks):
+                again = self._fitted(
+                    base.problem, model, self._unslipped(model, theta), starts_of(base.problem), found.effects
+                )
+                found = min(found, again, key=lambda c: c.score)
             found = self._with_bounces(found, "restitution" in base.effects)
             found = replace(found, obstacle=base.obstacle)
             if np.isfinite(found.score) and (best is None or found.score < best.score):
@@ -278,6 +286,10 @@ class Selector:
         if best is not None and kind.name == "magnus_lift" and not self._spin_earns_its_place(base, best):
             return None
         return best
+
+    def _unslipped(self, model: Model, theta: np.ndarray) -> np.ndarray:
+        """theta with the frictions as they were stated: without the effect they may have been far off to make up for it."""
+        return np.where([u.owner.startswith("object:") for u in model.unknowns], model.start, theta)
 
     def _special(self, kind: EffectKind, base: Candidate) -> Candidate | None:
         if kind.name == "restitution":
@@ -361,6 +373,17 @@ class Selector:
         z = (left + bounce - freedom) / np.sqrt(2 * (freedom + len(self.bounces)))
         whole += (self.restitution.chi2_expected if self.restitution else 0.0) - freedom_none
         return float(z), float(np.clip((left + max(bounce, 0) - freedom) / max(whole, 1e-9), 0, 1))
+
+
+def _apart(guesses: Sequence[Guess]) -> list[Guess]:
+    """The best of the guesses of a place that are well apart from each other."""
+    places = np.array([g.values[:3] for g in guesses])
+    spacing = float(np.ptp(places, axis=0).max()) / 3
+    out: list[Guess] = []
+    for guess in guesses:
+        if all(np.linalg.norm(guess.values[:3] - other.values[:3]) > spacing for other in out):
+            out.append(guess)
+    return out[:MANY_BEGINNINGS]
 
 
 def names_of(text: str) -> tuple[str, ...]:

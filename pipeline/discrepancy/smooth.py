@@ -1,7 +1,7 @@
 """Arcs as polynomials in time: what a recording holds without any physics, and so how noisy it is.
 
-The degree is shared by all arcs and chosen by BIC; jumps of velocity that nothing explains are part of it. What is left is
-noise: its size, whether it is white, and which samples are outliers.
+The degree is shared by all arcs and chosen by BIC; jumps of velocity that nothing explains are part of it. What is
+left is noise: its size, whether it is white, and which samples are outliers.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ LEAST_LEFT = 5
 
 @dataclass(frozen=True)
 class Smooth:
-    """chi2 (A,) and parameters (A,) of the polynomials of each arc; residual: a list of (n, 3) per arc, in units of sigma;
-    fitted: a list of (n, 3), m."""
+    """chi2 (A,) and parameters (A,) of the polynomials of each arc; residual: a list of (n, 3) per arc, in units of
+    sigma; fitted: a list of (n, 3), m."""
 
     degree: int
     chi2: np.ndarray

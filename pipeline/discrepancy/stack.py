@@ -1,4 +1,5 @@
-"""Arcs of one kind (in the air, or on the ground) as padded arrays, the form in which they are integrated and fitted."""
+"""Arcs of one kind (in the air, or on the ground) as padded arrays, the form in which they are integrated and
+fitted."""
 
 from __future__ import annotations
 
@@ -20,11 +21,12 @@ SPIN_SIGMA_SHARE = 0.03  # of a measured spin: it is seldom known better
 class ArcStack:
     """A arcs of up to n samples, integrated in K steps each.
 
-    index (A,): which arcs they are; clip, object (A,): numbers. time (A, n) s, since the arc's start; start (A,) s, duration
-    (A,) s. position (A, n, 3) m; weight (A, n, 3) 1/m, 0 where there is no sample. mass, radius (0: does not roll),
-    inertia, friction, rolling (A,); gravity (A, 3). spin (A, 3) rad/s, 0 where unknown; has_spin (A,). spin_rows,
-    spin_weight (A, n, 3): measured spins, for arcs on the ground. others (A, 2 K + 1, M, 3) m, at half steps. rotation
-    (A, n, 3, 3) of the body, identity where unknown. resting_z (A,) m: where a body on the ground should be.
+    index (A,): which arcs they are; clip, object (A,): numbers. time (A, n) s, since the arc's start; start (A,) s,
+    duration (A,) s. position (A, n, 3) m; weight (A, n, 3) 1/m, 0 where there is no sample. mass, radius (0: does
+    not roll), inertia, friction, rolling (A,); gravity (A, 3). spin (A, 3) rad/s, 0 where unknown; has_spin (A,).
+    spin_rows, spin_weight (A, n, 3): measured spins, for arcs on the ground. others (A, 2 K + 1, M, 3) m, at half
+    steps. rotation (A, n, 3, 3) of the body, identity where unknown. resting_z (A,) m: where a body on the ground
+    should be.
     """
 
     grounded: bool

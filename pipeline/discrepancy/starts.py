@@ -1,4 +1,5 @@
-"""Where fits of an effect begin: points of its parameter space, and the directions in which its force is linear there."""
+"""Where fits of an effect begin: points of its parameter space, and the directions in which its force is linear
+there."""
 
 from __future__ import annotations
 
@@ -13,11 +14,13 @@ from pipeline.discrepancy.stack import ArcStack
 from pipeline.scene.effects.kind import EffectKind
 
 Vector = np.ndarray
+GRID = 8  # places along each axis, at which an attractor is tried
 
 
 @dataclass(frozen=True)
 class Start:
-    """centre (k,): the effect's numbers, in order, without effect; directions (d, k): small changes that switch it on."""
+    """centre (k,): the effect's numbers, in order, without effect; directions (d, k): small changes that switch it
+    on."""
 
     centre: Vector
     directions: Vector
@@ -54,8 +57,8 @@ def _anisotropic(stacks: Sequence[ArcStack]) -> list[Start]:
 def _attractor(stacks: Sequence[ArcStack]) -> list[Start]:
     points = np.concatenate([s.position[s.weight.max(2) > 0] for s in stacks])
     low, high = points.min(0), points.max(0)
-    pad = 0.35 * max(float((high - low).max()), 0.2)
-    axes = [np.linspace(a - pad, b + pad, 5 if b - a > 0.05 else 2) for a, b in zip(low, high, strict=True)]
+    pad = 0.2 * max(float((high - low).max()), 0.2)
+    axes = [np.linspace(a - pad, b + pad, GRID if b - a > 0.05 else 2) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     return [Start(np.array([*p, 0.0]), np.array([[0, 0, 0, 1e-3]])) for p in grid]
 

@@ -20,8 +20,9 @@ LEAST_ROWS = 5
 
 @dataclass(frozen=True)
 class Track:
-    """One object in one clip at T increasing times. time (T,), s. position (T, 3), m. quaternion (T, 4), angular_velocity
-    (T, 3) rad/s and sigma (T,) m are None where the file has no such columns; NaN where a row has no such value."""
+    """One object in one clip at T increasing times. time (T,), s. position (T, 3), m. quaternion (T, 4),
+    angular_velocity (T, 3) rad/s and sigma (T,) m are None where the file has no such columns; NaN where a row has
+    no such value."""
 
     clip: str
     object: str

@@ -1,5 +1,6 @@
-"""Balls dropped from a 48 m bridge: heights at 15 Hz, two drops each (github.com/briandesilva/discovery-of-physics-from-data,
-MIT). The sheet is OOXML whatever its name says. Where a ball's weight is not given (??), that of its kind is taken."""
+"""Balls dropped from a 48 m bridge: heights at 15 Hz, two drops each
+(github.com/briandesilva/discovery-of-physics-from-data, MIT). The sheet is OOXML whatever its name says. Where a
+ball's weight is not given (??), that of its kind is taken."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Table-tennis balls with bounces, at nominally 10 ms, without time stamps (github.com/intelligent-soft-robots/context, BSD-3).
+"""Table-tennis balls with bounces, at nominally 10 ms, without time stamps
+(github.com/intelligent-soft-robots/context, BSD-3).
 
 The file's velocities tell which frames are missing: the time between two rows is what the distance between them takes.
 """

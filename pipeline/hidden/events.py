@@ -1,7 +1,7 @@
 """An integrator without MuJoCo: balls and flat pucks, forces by the midpoint rule, impacts as instants.
 
-Newton's restitution along the normal, Coulomb friction across it, for the ground and a hidden sphere; a body that hardly
-leaves the ground any more stays on it and slides, rolls and stops by Coulomb friction.
+Newton's restitution along the normal, Coulomb friction across it, for the ground and a hidden sphere; a body that
+hardly leaves the ground any more stays on it and slides, rolls and stops by Coulomb friction.
 """
 
 from __future__ import annotations
@@ -106,7 +106,8 @@ def _rub(
     v: np.ndarray, w: np.ndarray, body: Body, normal_blow: np.ndarray, belt: np.ndarray, rolls: np.ndarray,
     rolling: np.ndarray, touching: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Velocities after Coulomb friction for a blow of the ground, normal_blow (1, N) N s, on the bodies that touch it."""
+    """Velocities after Coulomb friction for a blow of the ground, normal_blow (1, N) N s, on the bodies that touch
+    it."""
     radius = np.where(rolls, body.radius, 0.0)
     inertia = 0.4 * body.mass * np.where(rolls, body.radius, 1.0) ** 2
     slip = v - belt

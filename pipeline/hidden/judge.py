@@ -13,9 +13,10 @@ LARGEST_SET = 3  # an equivalence set of more names is no answer
 
 @dataclass(frozen=True)
 class Judgement:
-    """right: the hidden effects were named, by the verdict or by a small set of equivalents; false: something was claimed
-    that is not there; some: of several effects one at least was named. label: what the confusion matrix counts it as.
-    errors: relative error of each parameter; covered: whether its 95 % interval holds the truth."""
+    """right: the hidden effects were named, by the verdict or by a small set of equivalents; false: something was
+    claimed that is not there; some: of several effects one at least was named. label: what the confusion matrix
+    counts it as. errors: relative error of each parameter; covered: the share of its components
+    whose 95 % interval holds the truth."""
 
     right: bool
     false: bool
@@ -23,7 +24,7 @@ class Judgement:
     truth: str
     label: str
     errors: Mapping[str, float]
-    covered: Mapping[str, bool]
+    covered: Mapping[str, float]
 
 
 def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
@@ -47,8 +48,9 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
                      errors, covered)  # fmt: skip
 
 
-def _parameters(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, bool]]:
-    errors, covered = {}, {}
+def _parameters(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, float]]:
+    errors: dict[str, float] = {}
+    covered: dict[str, float] = {}
     for effect in truth["effects"]:
         for key, value in effect.items():
             if key == "name":
@@ -56,9 +58,11 @@ def _parameters(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[d
             found = verdict["parameters"].get(key if len(truth["effects"]) == 1 else f"{effect['name']}.{key}")
             if found is None or found["stderr"] is None:
                 continue
-            true, value_, spread = (np.atleast_1d(np.array(v, float)) for v in (value, found["value"], found["stderr"]))
-            errors[f"{effect['name']}.{key}"] = float(np.linalg.norm(value_ - true) / max(np.linalg.norm(true), 1e-12))
-            covered[f"{effect['name']}.{key}"] = bool(np.mean(np.abs(value_ - true) <= 1.96 * spread) >= 0.99)
+            true, own = np.atleast_1d(np.array(value, float)), np.atleast_1d(np.array(found["value"], float))
+            spread = np.atleast_1d(np.array(found["stderr"], float))
+            size = max(float(np.linalg.norm(true)), 1e-12)
+            errors[f"{effect['name']}.{key}"] = float(np.linalg.norm(own - true)) / size
+            covered[f"{effect['name']}.{key}"] = float(np.mean(np.abs(own - true) <= 1.96 * spread))
     return errors, covered
 
 

@@ -17,7 +17,8 @@ assert set(WRONG_OF.values()) == set(WRONG_LAWS)
 def recipe_of(
     number: int, effects: Sequence[str], strength: float, noise: float, clips: int, rng: np.random.Generator
 ) -> Recipe:
-    """World `number` of a list that goes round `effects`: names, `a+b` for two, `none`, or `unlisted` for a law in no list.
+    """World `number` of a list that goes round `effects`: names, `a+b` for two, `none`, or `unlisted` for a law in
+    no list.
 
     Every other world is made without MuJoCo where it can be; a third is damaged by dropouts and outliers; a quarter of
     those of `WRONG_OF` have their law slightly wrong.

@@ -13,8 +13,8 @@ SECONDS = 1.0
 
 @dataclass(frozen=True)
 class Scenario:
-    """A kind of experiment. bodies: what is launched in each clip, before its motion is drawn. spin, orientation: what is
-    measured beside positions. fit: what the known scene lets be fitted."""
+    """A kind of experiment. bodies: what is launched in each clip, before its motion is drawn. spin, orientation:
+    what is measured beside positions. fit: what the known scene lets be fitted."""
 
     name: str
     bodies: tuple[SceneObject, ...]

@@ -28,7 +28,8 @@ def scaled_effect(
     name: str, strength: float, noise: float, scenario: Scenario, launches: Launches, times: np.ndarray,
     rng: np.random.Generator,
 ) -> Effect:  # fmt: skip
-    """The effect with random directions and places, of a size of `strength` detection limits (bounded to what is sane)."""
+    """The effect with random directions and places, of a size of `strength` detection limits (bounded to what is
+    sane)."""
     ball = scenario.bodies[0]
     angle = rng.uniform(-np.pi, np.pi)
     across = np.array([np.cos(angle), np.sin(angle)])

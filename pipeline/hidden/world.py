@@ -22,8 +22,9 @@ UNLISTED = ("cubic_drag", "swirl", "pulsed", "spring")
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a world is made of. effects: hidden names; strength: in detection limits; noise m; bounces: whether balls hit the
-    ground; damaged: with dropouts and outliers; engine; wrong: one of `WRONG_LAWS`; unlisted: one of `UNLISTED`."""
+    """What a world is made of. effects: hidden names; strength: in detection limits; noise m; bounces: whether
+    balls hit the ground; damaged: with dropouts and outliers; engine; wrong: one of `WRONG_LAWS`; unlisted: one of
+    `UNLISTED`."""
 
     seed: int
     effects: tuple[str, ...]

@@ -21,7 +21,8 @@ ApplyForces = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
 @dataclass(frozen=True)
 class AppliedEffect:
-    """An effect of B scenes at once: its parameters (B, 1) and (B, 1, 3), and the objects on which it acts (N,) bool."""
+    """An effect of B scenes at once: its parameters (B, 1) and (B, 1, 3), and the objects on which it acts (N,)
+    bool."""
 
     kind: EffectKind
     values: dict[str, np.ndarray]

@@ -11,9 +11,9 @@ import numpy as np
 class Body:
     """Bodies at one moment, in the world's frame; `...` is any leading shape.
 
-    time (...), s. position, velocity, angular_velocity (..., 3): of the centre of mass. others (..., M, 3) m: centres of
-    the other objects. mass (...), kg; radius (...), m. gravity (..., 3) m/s². normal_force (...), N, of the ground on the
-    body, 0 in the air. sliding_friction (...). air_velocity, ground_velocity (..., 3) m/s.
+    time (...), s. position, velocity, angular_velocity (..., 3): of the centre of mass. others (..., M, 3) m:
+    centres of the other objects. mass (...), kg; radius (...), m. gravity (..., 3) m/s². normal_force (...), N, of
+    the ground on the body, 0 in the air. sliding_friction (...). air_velocity, ground_velocity (..., 3) m/s.
     """
 
     time: np.ndarray

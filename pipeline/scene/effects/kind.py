@@ -55,8 +55,8 @@ class Parameter:
 class EffectKind:
     """A law with a name. What it does is said by those of its functions that are not None:
 
-    force, torque: (values, body) -> (..., 3) N or N m, on the centre of mass; air_velocity, ground_velocity: the same, m/s;
-    normal_force: (values, body) -> (...) N, pressing the body on what it touches;
+    force, torque: (values, body) -> (..., 3) N or N m, on the centre of mass; air_velocity, ground_velocity: the
+    same, m/s; normal_force: (values, body) -> (...) N, pressing the body on what it touches;
     edit: writes the effect into an MJCF document where MuJoCo has it; `force` is then not applied by us;
     recording: (values, times, positions) -> those that a recording shows; such an effect is not physics;
     kick: (values) -> time (...) s and momentum (..., 3) N s of a blow.
