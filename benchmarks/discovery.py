@@ -2,7 +2,7 @@
 
 Writes benchmarks/results/discovery[-smoke]/answers.jsonl as it goes (a run that was stopped goes on), then summary.md,
 confusion.svg and summary.json beside it. The thresholds (pipeline/discrepancy/select.py, confidence.py) were frozen on
-seeds below 1000; reported figures come from seeds from 1000 on, first used in that run.
+seeds below 2000; reported figures come from seeds from 2000 on, first used in that run.
 Run: python -m benchmarks.discovery [--smoke] [--share 1.0] [--workers 2] [--minutes M]
 """
 
@@ -34,10 +34,17 @@ from pipeline.scene.effects.registry import effect_kinds
 
 FIRST_SEED = 2000
 PAIRS = (
-    ("air_drag", "magnus_lift"), ("air_drag", "tilted_gravity"), ("wind", "buoyancy"), ("linear_drag", "rotating_frame"),
-    ("magnus_lift", "gravity_error"), ("hidden_attractor", "air_drag"), ("impulse", "tilted_gravity"),
-    ("viscous_friction", "moving_ground"), ("rotating_frame", "impulse"), ("pair_attraction", "air_drag"),
-)  # fmt: skip
+    ("air_drag", "magnus_lift"),
+    ("air_drag", "tilted_gravity"),
+    ("wind", "buoyancy"),
+    ("linear_drag", "rotating_frame"),
+    ("magnus_lift", "gravity_error"),
+    ("hidden_attractor", "air_drag"),
+    ("impulse", "tilted_gravity"),
+    ("viscous_friction", "moving_ground"),
+    ("rotating_frame", "impulse"),
+    ("pair_attraction", "air_drag"),
+)
 STRENGTHS = {"weak": 3.0, "medium": 10.0, "strong": 30.0}
 
 

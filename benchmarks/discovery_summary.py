@@ -19,7 +19,8 @@ def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
     """summary.md, summary.json, confusion.svg; returns the text."""
     good = [a for a in answers if "error" not in a]
     judged = [judge(a["report"]["verdict"], a["truth"]) for a in good]
-    lines = [f"{len(good)} worlds answered, {len(answers) - len(good)} failed.", "", "| group | worlds | right | 95 % interval | false claim | macro-F1 |",
+    lines = [f"{len(good)} worlds answered, {len(answers) - len(good)} failed.", "",
+             "| group | worlds | right | 95 % interval | false claim | macro-F1 |",
              "| --- | --- | --- | --- | --- | --- |"]  # fmt: skip
     numbers: dict[str, Any] = {}
     groups: dict[str, list[int]] = {}
@@ -31,10 +32,10 @@ def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
         hits = sum(j.right for j in some)
         low, high = wilson(hits, len(some))
         false = sum(j.false for j in some)
-        lines.append(
-            f"| {group} | {len(some)} | {hits / len(some):.3f} | {low:.2f} to {high:.2f} | {false / len(some):.3f} | {macro_f1(some):.2f} |"
-        )
-        numbers[group] = {"worlds": len(some), "right": hits / len(some), "low": low, "high": high, "false": false / len(some),
+        shares = f"{hits / len(some):.3f} | {low:.2f} to {high:.2f} | {false / len(some):.3f}"
+        lines.append(f"| {group} | {len(some)} | {shares} | {macro_f1(some):.2f} |")
+        numbers[group] = {"worlds": len(some), "right": hits / len(some), "low": low, "high": high,
+                          "false": false / len(some),
                           "one_at_least": sum(j.some for j in some) / len(some)}  # fmt: skip
     lines += [
         "",
@@ -92,7 +93,8 @@ def _gaps(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list[s
                 shrunk.append(1 - left / above)
     if not shrunk:
         return []
-    return [f"Held-out gap above the noise floor, right verdicts: shrinks by {np.median(shrunk):.2f} (median of {len(shrunk)} worlds where it "
+    return [f"Held-out gap above the noise floor, right verdicts: shrinks by {np.median(shrunk):.2f} "
+            f"(median of {len(shrunk)} worlds where it "
             f"is more than 0.3 of the floor); gets worse in {np.mean(worse):.3f} of {len(worse)}."]  # fmt: skip
 
 
@@ -108,8 +110,8 @@ def _confidence(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> 
 
 
 def _rivals(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list[str]:
-    mine = [(a, j) for a, j in zip(good, judged, strict=True)
-            if len(a["truth"]["effects"]) == 1 and a["truth"]["effects"][0]["name"] in SINDY and not a["truth"].get("struck")]  # fmt: skip
+    both = [(a, j) for a, j in zip(good, judged, strict=True) if not a["truth"].get("struck")]
+    mine = [(a, j) for a, j in both if [e["name"] for e in a["truth"]["effects"]] in [[n] for n in SINDY]]
     if not mine:
         return []
     names = [a["truth"]["effects"][0]["name"] for a, _ in mine]
@@ -125,8 +127,9 @@ def _rivals(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list
     if oracle:
         ratio = [np.median([g[k] / g["noise_floor"] for g in ours]) for k in ("before", "after")]
         best = np.median([o["after"] / o["floor"] for o in oracle])
-        out += ["", f"Gap over the noise floor, medians of {len(oracle)} worlds with one effect: parameters alone {ratio[0]:.2f}, ours "
-                f"{ratio[1]:.2f}, an oracle that knows the name {best:.2f} (it claims in {np.mean([o['claimed'] for o in oracle]):.2f})."]  # fmt: skip
+        out += ["", f"Gap over the noise floor, medians of {len(oracle)} worlds with one effect: parameters alone "
+                f"{ratio[0]:.2f}, ours {ratio[1]:.2f}, an oracle that knows the name {best:.2f} (it claims "
+                f"in {np.mean([o['claimed'] for o in oracle]):.2f})."]  # fmt: skip
     return out
 
 

@@ -63,7 +63,8 @@ def line(name: str, found: Discovery, seconds: float) -> str:
     v, g = found.verdict, found.gap
     numbers = "; ".join(f"{k} {_short(e.value)} ± {_short(e.stderr)} {e.unit}" for k, e in v.parameters.items())
     alike = " / ".join(", ".join(s) for s in v.equivalent)
-    return (f"| {name} | {' + '.join(v.effects) or 'none'} | {v.confidence:.2f} | {alike} | {numbers or (v.form or '')} | "
+    return (f"| {name} | {' + '.join(v.effects) or 'none'} | {v.confidence:.2f} | {alike} | "
+            f"{numbers or (v.form or '')} | "
             f"{1e3 * g.before:.3g} | {1e3 * g.after:.3g} | {1e3 * g.noise_floor:.3g} | {seconds:.1f} |")  # fmt: skip
 
 
@@ -94,7 +95,7 @@ def main() -> None:
         print(lines[-1], flush=True)
         for note in found.notes:
             print("   ", note, flush=True)
-    lines += ["", "Forecasts of the unseen 60 % of drop 2, RMS error in m, after fitting drop 1 and the first 40 % of drop 2:", "",
+    lines += ["", "Forecasts of the unseen 60 % of drop 2, RMS error in m, after drop 1 and 40 % of drop 2:", "",
               "| ball | no drag | linear drag | quadratic drag |", "| --- | --- | --- | --- |"]  # fmt: skip
     for real in drops:
         lines.append(f"| {real.name} | " + " | ".join(f"{e:.2f}" for e in forecast_errors(real)) + " |")

@@ -51,7 +51,8 @@ def discover_tracks(
             _write(folder, found, content, facts, measured.stem)
             write_result(folder, "discover", {
                 "measured": str(measured), "scene": str(scene), "held_out": held_out, "effects": effects, "seed": seed,
-                "verdict": content["verdict"], "seconds": progress.seconds, "versions": {n: version(n) for n in _VERSIONS},
+                "verdict": content["verdict"], "seconds": progress.seconds,
+                "versions": {n: version(n) for n in _VERSIONS},
             })  # fmt: skip
     print(f"{'verdict':<11}{sentence(content)}")
     for note in content["notes"]:

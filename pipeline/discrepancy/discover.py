@@ -129,8 +129,8 @@ def notes_of(problem: Problem, found: Selection) -> tuple[str, ...]:
         notes.append("there is only one clip: the gap is measured on the clip that was fitted")
     if problem.floor.correlation > 0.1:
         notes.append(
-            f"the noise is not white (neighbouring samples correlate by {problem.floor.correlation:.2f}): a sample counts as "
-            f"{problem.floor.information:.2f} independent ones"
+            f"the noise is not white (neighbouring samples correlate by {problem.floor.correlation:.2f}): "
+            f"a sample counts as {problem.floor.information:.2f} independent ones"
         )
     if problem.outliers:
         notes.append(f"{problem.outliers} samples were left out as outliers")

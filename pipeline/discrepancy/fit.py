@@ -18,6 +18,7 @@ from pipeline.discrepancy.stack import ArcStack
 LOCAL_STEP = np.array([1e-4] * 3 + [2e-3] * 3 + [2e-2] * 3)
 SPIN_PRIOR = 30.0  # rad/s: how far a body's unknown spin may be from that of rolling
 MOST_ITERATIONS = 12
+LARGEST = 1e12  # derivative, in units of sigma
 SLIPPING = 0.003  # m/s
 STUCK = 1.6  # chi squared per coordinate above which another beginning is tried
 SHARES_FLIGHT, SHARES_GROUND = np.array([1.0, 0.0]), np.array([1.0, 0.5, 0.2, 0.0])
@@ -263,7 +264,9 @@ def _slipping(stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarra
 
 
 def _finite(linear: Linear) -> bool:
-    return all(np.isfinite(a).all() for part in (linear.residual, linear.local, linear.shared) for a in part)
+    """Whether the numbers are such that their squares can be summed and inverted."""
+    parts = (*linear.residual, *linear.local, *linear.shared)
+    return all(bool(np.isfinite(a).all() and (np.abs(a) < LARGEST).all()) for a in parts)
 
 
 def _best_shift(

@@ -53,8 +53,8 @@ def bounces(
             continue
         noise = np.hypot(right[4], left[4] * after / before) / -before
         expected = restitution_of(known.of_clip(impact.clip).objects[impact.object].damping)
-        out.append(Bounce(impact.clip, impact.object, impact.time, before, after, float(np.hypot(noise, SCATTER)), expected,
-                          impact.clip in fitted_clips))  # fmt: skip
+        out.append(Bounce(impact.clip, impact.object, impact.time, before, after, float(np.hypot(noise, SCATTER)),
+                          expected, impact.clip in fitted_clips))  # fmt: skip
     return out
 
 

@@ -26,9 +26,15 @@ def sentence(report: Mapping[str, Any]) -> str:
         if verdict["equivalent"]:
             names = ", ".join(n for group in verdict["equivalent"] for n in group)
             extra = f" A calibrated number has moved far from what was stated, which is {names} by another name."
-        return f"Nothing is missing: the calibrated model explains the measurements. {numbers}; the noise floor is {floor:.3g} mm.{extra}"
+        return (
+            f"Nothing is missing: the calibrated model explains the measurements. {numbers}; the noise floor is "
+            f"{floor:.3g} mm.{extra}"
+        )
     if verdict["effects"] == ["unknown"]:
-        return f"Something is missing that no listed effect explains: {verdict['form']}. {numbers} and stays so; the noise floor is {floor:.3g} mm."
+        return (
+            f"Something is missing that no listed effect explains: {verdict['form']}. {numbers} and stays so; "
+            f"the noise floor is {floor:.3g} mm."
+        )
     named = " and ".join(verdict["effects"])
     alike = ""
     if verdict["equivalent"]:
@@ -36,8 +42,8 @@ def sentence(report: Mapping[str, Any]) -> str:
             n for n in verdict["equivalent"][0] if n not in verdict["effects"]
         ) + "."  # fmt: skip
     return (
-        f"The simulation lacks {named} (confidence {verdict['confidence']:.2f}).{alike} {numbers} without and {after:.3g} mm "
-        f"with it; the noise floor is {floor:.3g} mm."
+        f"The simulation lacks {named} (confidence {verdict['confidence']:.2f}).{alike} {numbers} without and "
+        f"{after:.3g} mm with it; the noise floor is {floor:.3g} mm."
     )
 
 
@@ -47,10 +53,11 @@ def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, fact
     sections = [
         Section("Verdict", verdict["experiment"], _parameters(found.verdict.parameters) + _laws(found.answer.effects)),
         Section("Candidates", "Every effect alone; green: in the verdict.", _candidates(report) + _or_none(found)),
-        Section("Residuals", "Measured minus predicted, each coordinate; each arc between impacts has a start of its own.",
+        Section("Residuals", "Measured minus predicted, each coordinate; each arc has a start of its own.",
                 drawing(residual_figure(table), "by regime")),
-        Section("Trajectories", "Measured and predicted.", drawing(trajectory_figure(found, table), "z over time; from above")),
-        Section("Where they disagree", "Short stretches of the calibrated model, the most significant first.", _where(report)),
+        Section("Trajectories", "Measured and predicted.", 
+                drawing(trajectory_figure(found, table), "z over time; from above")),
+        Section("Where they disagree", "Short stretches, the most significant first.", _where(report)),
         Section("Calibrated", "Free parameters of the known scene.", _parameters(found.calibrated)),
         Section("Notes", "", "".join(f"<p>{note}</p>" for note in report["notes"])),
     ]  # fmt: skip
@@ -91,7 +98,8 @@ def _where(report: Mapping[str, Any]) -> str:
     if not report["disagreement"]:
         return "<p>nowhere by more than noise explains</p>"
     rows = [
-        (d["clip"], d["object"], f"{d['t_start']:.2f} to {d['t_end']:.2f} s", d["regime"], f"{d['residual']:.3g} {d['unit']}",
+        (d["clip"], d["object"], f"{d['t_start']:.2f} to {d['t_end']:.2f} s", d["regime"],
+         f"{d['residual']:.3g} {d['unit']}",
          f"{d['z_score']:.1f}", d["direction"])
         for d in report["disagreement"][:15]
     ]  # fmt: skip

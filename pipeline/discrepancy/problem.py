@@ -111,8 +111,8 @@ def _posed(
         apart, chosen = frozenset(), tuple(np.ones(len(s), bool) for s in stacks)
     sigmas = np.concatenate([1 / s.weight[s.weight > 0] for s in stacks])
     return Problem(
-        known, tuple(c for c in clips if c not in apart), tuple(c for c in clips if c in apart), tuple(arcs), cut.impacts,
-        tuple(stacks), chosen, tuple(parts), floor, float(np.median(sigmas)), len(cut.outliers) + dropped,
+        known, tuple(c for c in clips if c not in apart), tuple(c for c in clips if c in apart), tuple(arcs),
+        cut.impacts, tuple(stacks), chosen, tuple(parts), floor, float(np.median(sigmas)), len(cut.outliers) + dropped,
     )  # fmt: skip
 
 

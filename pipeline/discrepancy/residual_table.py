@@ -11,8 +11,8 @@ from pipeline.discrepancy.gap import residuals_m
 from pipeline.discrepancy.localise import regime_of
 
 SCHEMA = pa.schema(
-    [("clip", pa.string()), ("object", pa.string()), ("time", pa.float64()), ("regime", pa.string()), ("arc", pa.int64()),
-     ("held_out", pa.bool_()), ("used", pa.bool_())]
+    [("clip", pa.string()), ("object", pa.string()), ("time", pa.float64()), ("regime", pa.string()),
+     ("arc", pa.int64()),     ("held_out", pa.bool_()), ("used", pa.bool_())]
     + [(f"{kind}_{axis}", pa.float64()) for kind in ("measured", "before", "after") for axis in "xyz"]
 )  # fmt: skip
 """before, after: residuals, m, of the calibrated model and of the one with the verdict's effects; on the ground z

@@ -31,6 +31,7 @@ BEGINNINGS, MANY_BEGINNINGS = 2, 5  # starts of an effect that are fitted; of on
 MOST_EFFECTS = 3
 LEAST_CLIPS_FOR_MORE = 3  # fewer clips differ from each other in too many ways for two effects
 UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.015  # a model explains the data unless both are exceeded
+UNEXPLAINED_SHARE_FEW = 0.06  # of one or two clips, whose own peculiarities nothing averages out
 SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
 OBSTACLE_MISFIT = 0.03  # m
 FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction, with which calibration begins
@@ -82,6 +83,9 @@ def testable(kind: EffectKind, problem: Problem) -> bool:
         regimes |= {Regime.SLIDING, Regime.ROLLING, Regime.SPINNING, Regime.RESTING}
     if kind.name == "hidden_obstacle":
         return problem.jumps > 0
+    coordinates = np.array([(s.weight > 0).any((0, 1)) for s in problem.stacks]).any(0).sum()
+    if coordinates < 2 and (kind.name == "rotating_frame" or any(p.length > 1 for p in kind.parameters)):
+        return False  # a height alone has no directions
     if kind.name == "restitution":
         return "damping" not in problem.known.fit
     if not regimes & set(kind.regimes):
@@ -159,7 +163,8 @@ class Selector:
             chosen = self._more(best, singles)
         z, share = self._excess(chosen)
         alike = self._alike(chosen, singles)
-        unknown = z > UNEXPLAINED_Z and share > UNEXPLAINED_SHARE
+        few = len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE
+        unknown = z > UNEXPLAINED_Z and share > (UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE)
         return Selection(
             self.none, tuple(singles), chosen, alike, share, z, unknown, tuple(self.bounces), self.untestable
         )
@@ -265,7 +270,8 @@ class Selector:
 
     def _one(self, kind: EffectKind, base: Candidate, guesses: Sequence[Guess]) -> Candidate | None:
         best: Candidate | None = None
-        for guess in _apart(guesses) if kind.name == "hidden_attractor" else guesses[:BEGINNINGS]:
+        tried = _apart(guesses) if kind.name == "hidden_attractor" and not base.effects else guesses[:BEGINNINGS]
+        for guess in tried:
             if guess is not guesses[0] and guess.gain < WORTH_FITTING / 2 * guesses[0].gain:
                 continue
             model = with_effect(base.fit.model, kind, self.known)
@@ -274,7 +280,8 @@ class Selector:
             )
             theta = np.concatenate([base.fit.theta, np.clip(guess.values, low, high)])
             found = self._fitted(base.problem, model, theta, base.fit.starts, (*base.effects, kind.name))
-            if found.fit.slipping or any(s.grounded and (s.radius > 0).any() for s in base.problem.stacks):
+            balls = any(s.grounded and (s.radius > 0).any() for s in base.problem.stacks)
+            if found.fit.slipping or (balls and not base.effects):
                 again = self._fitted(
                     base.problem, model, self._unslipped(model, theta), starts_of(base.problem), found.effects
                 )
@@ -288,7 +295,7 @@ class Selector:
         return best
 
     def _unslipped(self, model: Model, theta: np.ndarray) -> np.ndarray:
-        """theta with the frictions as they were stated: without the effect they may have been far off to make up for it."""
+        """theta with frictions as stated: without the effect they may have been far off to make up for it."""
         return np.where([u.owner.startswith("object:") for u in model.unknowns], model.start, theta)
 
     def _special(self, kind: EffectKind, base: Candidate) -> Candidate | None:

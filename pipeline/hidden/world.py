@@ -71,12 +71,16 @@ def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
         motion = ENGINES[engine](Scene(bodies, effects=hidden), times, twist)
         clips += _measured(f"clip_{number:02d}", motion, times, start, scenario, effects, recipe, rng)
     truth = {
-        "effects": [{"name": e.name, **{k: list(v) if isinstance(v, tuple) else v for k, v in e.parameters}} for e in effects],
+        "effects": [{"name": e.name, **{k: _plain(v) for k, v in e.parameters}} for e in effects],
         "unlisted": recipe.unlisted, "wrong": recipe.wrong, "engine": engine, "scenario": scenario.name,
         "strength": recipe.strength, "noise": recipe.noise, "clips": recipe.clips, "seed": recipe.seed,
         "bounces": scenario.name == "bounce", "damaged": recipe.damaged,
     }  # fmt: skip
     return World(tuple(clips), known_scene_of(scenario, recipe), truth)
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _can(recipe: Recipe, scenario: Scenario) -> bool:
@@ -111,8 +115,8 @@ def _twist(recipe: Recipe, scenario: Scenario, rng: np.random.Generator) -> Twis
 
 
 def _measured(
-    clip: str, motion: Motion, times: np.ndarray, start: float, scenario: Scenario, effects: list[Effect], recipe: Recipe,
-    rng: np.random.Generator,
+    clip: str, motion: Motion, times: np.ndarray, start: float, scenario: Scenario, effects: list[Effect],
+    recipe: Recipe,    rng: np.random.Generator,
 ) -> list[Track]:  # fmt: skip
     """What a recording of the motion shows: clock and ruler, noise, dropouts, outliers."""
     tracks = []

@@ -77,8 +77,8 @@ def resting_body(scenes: Sequence[Scene]) -> Body:
     radius = np.array([[0.0 if o.shape == "mesh" else half_extents(o)[2] for o in s.objects] for s in scenes])
     friction = np.array([[o.sliding_friction for o in s.objects] for s in scenes])
     gravity = np.array([s.gravity for s in scenes])[:, None] + zero
-    return Body(np.zeros(shape), zero, zero, zero, other_centres(zero), mass, radius, gravity, np.zeros(shape), friction,
-                zero, zero)  # fmt: skip
+    return Body(np.zeros(shape), zero, zero, zero, other_centres(zero), mass, radius, gravity, np.zeros(shape),
+                friction,                zero, zero)  # fmt: skip
 
 
 def effect_forces(scene: Scene) -> ApplyForces | None:
@@ -100,8 +100,8 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
         body = Body(
             np.full(constant.time.shape, data.time), position[None], velocity[None], spin[None],
             other_centres(position)[None], constant.mass, constant.radius, constant.gravity,
-            normal.after(ground_forces(model, data, len(scene.objects))[None]), constant.sliding_friction, constant.air_velocity,
-            constant.ground_velocity,
+            normal.after(ground_forces(model, data, len(scene.objects))[None]), constant.sliding_friction,
+            constant.air_velocity,            constant.ground_velocity,
         )  # fmt: skip
         data.xfrc_applied[ends, :3] = total_force(effects, body)[0]
 

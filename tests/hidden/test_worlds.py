@@ -20,7 +20,8 @@ BALL = SceneObject(
     [
         Effect("air_drag", (("coefficient", 0.01),)), Effect("magnus_lift", (("coefficient", 0.002),)),
         Effect("rotating_frame", (("angular_velocity", 0.5),)), Effect("buoyancy", (("fraction", 0.3),)),
-        Effect("impulse", (("time", 0.2), ("momentum", (0.1, 0.0, 0.1)))), Effect("tilted_gravity", (("tilt", (0.1, 0.05)),)),
+        Effect("impulse", (("time", 0.2), ("momentum", (0.1, 0.0, 0.1)))),
+        Effect("tilted_gravity", (("tilt", (0.1, 0.05)),)),
     ],
     ids=lambda e: e.name,
 )  # fmt: skip
@@ -37,8 +38,8 @@ def test_in_the_air_both_engines_agree(effect: Effect) -> None:
 
 def test_a_ball_bounces_off_with_its_restitution_at_once() -> None:
     ball = SceneObject("sphere", (0.05,), 0.2, 0.0, position=(0, 0, 0.55), name="ball")
-    z = run_event_driven(Scene((ball,), effects=(Effect("restitution", (("coefficient", 0.8),)),)), np.arange(241) / 240,
-                         Twist()).position[:, 0, 2]  # fmt: skip
+    scene = Scene((ball,), effects=(Effect("restitution", (("coefficient", 0.8),)),))
+    z = run_event_driven(scene, np.arange(241) / 240, Twist()).position[:, 0, 2]  # fmt: skip
     assert z.min() > 0.049
     assert z[100:].max() - 0.05 == pytest.approx(0.5 * 0.8**2, rel=0.02)
 
@@ -74,7 +75,7 @@ def truth(*names: str, unlisted: str | None = None) -> dict[str, object]:
 def test_verdicts_are_right_by_name_or_by_a_small_set() -> None:
     assert judge(verdict("air_drag"), truth("air_drag")).right
     assert judge(verdict("wind", equivalent=(("wind", "air_drag"),)), truth("air_drag")).right
-    large = tuple("abc") + ("air_drag",)
+    large = ("a", "b", "c", "air_drag")
     assert not judge(verdict("a", equivalent=(large,)), truth("air_drag")).right
     assert judge(verdict(), truth()).right and judge(verdict("wind"), truth()).false
     assert judge(verdict("unknown"), truth(unlisted="swirl")).right

@@ -38,18 +38,30 @@ def test_object_is_short_for_a_list_of_one() -> None:
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("{name: air_dragg, coefficient: 1}", r"effects\[0\]\.name: unknown effect 'air_dragg' \(did you mean 'air_drag'\?\)"),
+        (
+            "{name: air_dragg, coefficient: 1}",
+            r"effects\[0\]\.name: unknown effect 'air_dragg' \(did you mean 'air_drag'\?\)",
+        ),
         ("{name: air_drag}", r"effects\[0\]\.coefficient: missing key; needed by air_drag: coefficient \(kg/m\)"),
         ("{name: air_drag, coefficient: -1}", r"effects\[0\]\.coefficient: -1 is out of range"),
-        ("{name: air_drag, coefficient: fast}", r"effects\[0\]\.coefficient: must be a finite number \(kg/m\), not 'fast'"),
+        (
+            "{name: air_drag, coefficient: fast}",
+            r"effects\[0\]\.coefficient: must be a finite number \(kg/m\), not 'fast'",
+        ),
         ("{name: air_drag, coefficient: .nan}", r"effects\[0\]\.coefficient: must be a finite number"),
         ("{name: air_drag, coeficient: 1}", r"effects\[0\]\.coeficient: unknown key \(did you mean 'coefficient'\?\)"),
-        ("{name: air_drag, coefficient: 1, objects: [cube]}", r"effects\[0\]\.objects\[0\]: there is no object 'cube'; valid: ball"),
+        (
+            "{name: air_drag, coefficient: 1, objects: [cube]}",
+            r"effects\[0\]\.objects\[0\]: there is no object 'cube'; valid: ball",
+        ),
         ("{name: air_drag, coefficient: 1, objects: []}", r"effects\[0\]\.objects: must be a list of names"),
-        ("{name: wind, velocity: [1, 2], coefficient: 1}", r"effects\[0\]\.velocity: valid: a list of 3 numbers \(m/s\)"),
+        (
+            "{name: wind, velocity: [1, 2], coefficient: 1}",
+            r"effects\[0\]\.velocity: valid: a list of 3 numbers \(m/s\)",
+        ),
         ("drag", r"effects\[0\]: must be a mapping with a name and its parameters"),
     ],
-)  # fmt: skip
+)
 def test_faults_name_their_place(line: str, said: str) -> None:
     with pytest.raises(SceneError, match=said):
         read_scene(SCENE + f"- {line}")

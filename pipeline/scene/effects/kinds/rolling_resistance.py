@@ -30,7 +30,7 @@ EFFECT = EffectKind(
     formula="torque = -c N w_t / |w_t|",
     parameters=(Parameter("coefficient", "m", low=0, scale=0.002),),
     regimes=(Regime.ROLLING, Regime.SLIDING),
-    experiment="let it roll at two speeds: this slows it by the same deceleration, viscous friction in proportion to speed",
+    experiment="let it roll at two speeds: this slows it alike, viscous friction in proportion to the speed",
     torque=torque,
     edit=edit,
 )
