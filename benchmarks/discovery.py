@@ -26,7 +26,7 @@ from benchmarks.discovery_summary import write_summary
 from pipeline.discrepancy.discover import discover, report
 from pipeline.discrepancy.known_scene import known_scene
 from pipeline.errors import DynamicsError
-from pipeline.hidden.engine import EVENT_EFFECTS
+from pipeline.hidden.engine import BULLET_EFFECTS, EVENT_EFFECTS
 from pipeline.hidden.recipes import WRONG_OF
 from pipeline.hidden.scenario import SCENARIOS
 from pipeline.hidden.world import UNLISTED, Recipe, make_world
@@ -94,6 +94,8 @@ def plan(share: float) -> Iterator[tuple[str, Recipe, str | None]]:
 def _recipe(seed: int, effects: tuple[str, ...], strength: float, noise: float, clips: int, turn: int) -> Recipe:
     first = effects[0] if effects else None
     engine = "events" if turn % 2 == 0 and set(effects) <= set(EVENT_EFFECTS) else "mujoco"
+    if turn % 5 == 4 and effects and set(effects) <= set(BULLET_EFFECTS):
+        engine = "bullet"
     bounces = (turn // 2) % 2 == 1 and first not in SCENARIOS
     return Recipe(seed, effects, strength, noise, clips, bounces, seed % 3 == 0, engine)
 

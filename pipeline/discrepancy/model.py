@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from pipeline.discrepancy.stack import ArcStack
 from pipeline.scene.effects.kind import EffectKind
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.mjcf import TORSIONAL_FRICTION
+from pipeline.scene.scene import Effect
 
 #: Of balls: one that never stops slipping would look as if it rolled with resistance.
 LEAST_FRICTION = 0.05
@@ -36,10 +37,13 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Model:
-    """The unknowns of a set of effects on top of the known scene. only: restricts effects to objects, by effect."""
+    """The unknowns of a set of effects on top of the known scene. stated: effects that the scene has already, with
+    their numbers; objects: names, in order."""
 
     effects: tuple[EffectKind, ...]
     unknowns: tuple[Unknown, ...]
+    stated: tuple[Effect, ...] = ()
+    objects: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -77,6 +81,14 @@ class Model:
                     else np.broadcast_to(rows[:, None], (*shape, p.length))
                 )
             out.append(ActingEffect(kind, values, everywhere))
+        return [*out, *self._stated(stack)]
+
+    def _stated(self, stack: ArcStack) -> list[ActingEffect]:
+        out = []
+        for effect in self.stated:
+            acts = np.array([effect.objects is None or self.objects[o] in effect.objects for o in stack.object])
+            values = {name: np.array(value, float)[None, None] for name, value in effect.parameters}
+            out.append(ActingEffect(effect_kinds()[effect.name], values, acts))
         return out
 
     def friction(self, stack: ArcStack, theta: np.ndarray) -> GroundFriction | None:
@@ -113,7 +125,7 @@ def known_model(known: KnownScene, stacks: Sequence[ArcStack]) -> Model:
                 if (stack.spin_weight[mine] > 0).any():  # MuJoCo's own torsional friction, or none at all
                     unknowns.append(Unknown(owner, "torsional", 0, "m", TORSIONAL_FRICTION, 0, TORSIONAL_FRICTION, 2e-4,
                                             0.01))  # fmt: skip
-    model = Model((), tuple(unknowns))
+    model = Model((), tuple(unknowns), known.scene.effects, tuple(o.name for o in known.scene.objects))
     return with_effect(model, effect_kinds()["gravity_error"], known) if "gravity" in known.fit else model
 
 
@@ -128,7 +140,7 @@ def with_effect(
         for c in range(p.length):
             more.append(Unknown(kind.name, p.name, c, p.unit, float(np.clip(start[c], p.low, p.high)), p.low, p.high,
                                 2e-3 * p.scale, 300 * p.scale))  # fmt: skip
-    return Model((*model.effects, kind), (*model.unknowns, *more))
+    return replace(model, effects=(*model.effects, kind), unknowns=(*model.unknowns, *more))
 
 
 def neutral_value(kind: EffectKind, name: str, known: KnownScene) -> float:

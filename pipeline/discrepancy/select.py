@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.discrepancy.fit import Fit, fit, unstuck
+from pipeline.discrepancy.fit import MOST_ITERATIONS, Fit, fit, unstuck
 from pipeline.discrepancy.frame_rate import is_standard
 from pipeline.discrepancy.impact import Bounce, RestitutionFit, bounces, fit_restitution
 from pipeline.discrepancy.model import Model, known_model, with_effect
@@ -37,6 +37,7 @@ OBSTACLE_MISFIT = 0.03  # m
 FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction, with which calibration begins
 SLIP_PRICE = 8.0  # of a ball on the ground whose unknown spin is taken not to be that of rolling
 BROKEN_Z, BROKEN_SHARE = 6.0, 0.12  # arcs so far off, and so few, are left out
+EQUALS = 5  # further effects that are fitted because they promise nearly as much as the best
 MOST_FITTED = 9  # effects that are fitted at a time, the most promising by the quick regression
 
 
@@ -261,7 +262,7 @@ class Selector:
         promising.sort(key=lambda pair: -pair[1][0].gain)
         enough = promising[0][1][0].gain * WORTH_FITTING if promising else 0.0
         for number, (kind, guesses) in enumerate(promising):
-            if number < most or guesses[0].gain > enough:
+            if number < most or (guesses[0].gain > enough and number < most + EQUALS):
                 self.progress(kind.name)
                 found = self._one(kind, base, guesses)
                 if found is not None:
@@ -336,10 +337,11 @@ class Selector:
     def _fitted(
         self, problem: Problem, model: Model, theta: np.ndarray, begin: Sequence[np.ndarray], effects: tuple[str, ...]
     ) -> Candidate:
-        found = fit(problem.stacks, model, theta, begin, problem.chosen)
+        iterations = MOST_ITERATIONS if len(effects) < 2 else MOST_ITERATIONS // 2
+        found = fit(problem.stacks, model, theta, begin, problem.chosen, iterations)
         other = unstuck(problem.stacks, found)
         if other is not None:
-            found = fit(problem.stacks, model, found.theta, other, problem.chosen)
+            found = fit(problem.stacks, model, found.theta, other, problem.chosen, iterations)
         share = problem.floor.information
         inside, outside = found.total(problem.chosen) * share, found.total(problem.held) * share
         bic = inside + model.size * np.log(self.problem.effective_rows) + SLIP_PRICE * found.slipping

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.hidden.bullet import run_bullet
 from pipeline.hidden.events import run_events
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
@@ -54,10 +55,25 @@ def run_event_driven(scene: Scene, times: np.ndarray, twist: Twist) -> Motion:
     return Motion(position, quaternion, spin)
 
 
-ENGINES: dict[str, Callable[[Scene, np.ndarray, Twist], Motion]] = {"mujoco": run_mujoco, "events": run_event_driven}
+def run_with_bullet(scene: Scene, times: np.ndarray, twist: Twist) -> Motion:
+    """By Bullet, where it is installed."""
+    assert twist.plain, "Bullet runs the laws as they are named"
+    return Motion(*run_bullet(scene, times))
+
+
+ENGINES: dict[str, Callable[[Scene, np.ndarray, Twist], Motion]] = {
+    "mujoco": run_mujoco,
+    "events": run_event_driven,
+    "bullet": run_with_bullet,
+}
 EVENT_EFFECTS = (
     "air_drag", "linear_drag", "wind", "magnus_lift", "buoyancy", "gravity_error", "tilted_gravity", "restitution",
     "hidden_attractor", "pair_attraction", "rotating_frame", "impulse", "clock_rate", "length_scale", "hidden_obstacle",
     "viscous_friction", "moving_ground", "rolling_resistance", "anisotropic_friction", "adhesion",
 )  # fmt: skip
 """What the event-driven integrator can hide."""
+BULLET_EFFECTS = (
+    "air_drag", "linear_drag", "wind", "magnus_lift", "buoyancy", "gravity_error", "tilted_gravity", "hidden_attractor",
+    "pair_attraction", "rotating_frame", "clock_rate", "length_scale",
+)  # fmt: skip
+"""What Bullet is used for: forces on bodies in the air."""

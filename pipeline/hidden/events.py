@@ -30,7 +30,7 @@ def run_events(
     v = np.array([o.velocity for o in scene.objects], float)[None]
     w = np.array([o.angular_velocity for o in scene.objects], float)[None]
     values = {e.name: e.values for e in scene.effects}
-    forces = _forces(scene)
+    forces = force_effects(scene)
     reach = np.array([o.size[0] if o.shape == "sphere" else o.size[1] / 2 for o in scene.objects])[None]
     rolls = np.array([o.shape == "sphere" for o in scene.objects])[None]
     bounce = np.array([restitution_of(o.damping) for o in scene.objects])[None]
@@ -46,7 +46,7 @@ def run_events(
     before_x, before_w, now = x, w, 0.0
 
     def acceleration(t: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        _set(body, t, x, v, w, grounded, press)
+        body_at(body, t, x, v, w, grounded, press)
         slope = 1 + drag_slope * np.linalg.norm(v, axis=-1, keepdims=True)
         a = body.gravity + total_force(forces, body) * slope / body.mass[..., None]
         return a if extra is None else a + extra(t, x, v)
@@ -83,7 +83,7 @@ def run_events(
     return np.array(out_x), np.array(out_w)
 
 
-def _forces(scene: Scene) -> list[AppliedEffect]:
+def force_effects(scene: Scene) -> list[AppliedEffect]:
     """Every effect with a force, also those of which MuJoCo has its own form."""
     out = []
     everybody = np.ones(len(scene.objects), bool)
@@ -95,7 +95,10 @@ def _forces(scene: Scene) -> list[AppliedEffect]:
     return [e for e in out if e.kind.force is not None]
 
 
-def _set(body: Body, t: float, x: np.ndarray, v: np.ndarray, w: np.ndarray, grounded: np.ndarray, press: float) -> None:
+def body_at(
+    body: Body, t: float, x: np.ndarray, v: np.ndarray, w: np.ndarray, grounded: np.ndarray, press: float
+) -> None:
+    """Bring the bodies up to the states (1, N, 3) of time t; grounded (1, N): on the ground, pressed on by `press` more."""
     body.time = np.full(x.shape[:-1], t)
     body.position, body.velocity, body.angular_velocity, body.others = x, v, w, other_centres(x)
     body.normal_force = np.where(grounded, body.mass * 9.81 + press, 0.0)

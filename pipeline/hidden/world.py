@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.discrepancy.track import Track
-from pipeline.hidden.engine import ENGINES, EVENT_EFFECTS, Motion, Twist
+from pipeline.hidden.engine import BULLET_EFFECTS, ENGINES, EVENT_EFFECTS, Motion, Twist
 from pipeline.hidden.scenario import FLYING, SCENARIOS, SECONDS, Scenario, draw_scenario, launch
 from pipeline.hidden.strength import scaled_effect
 from pipeline.scene.effects.registry import effect_kinds
@@ -85,6 +85,8 @@ def _plain(value: Any) -> Any:
 
 def _can(recipe: Recipe, scenario: Scenario) -> bool:
     """Whether the recipe's engine has the effects and the bodies."""
+    if recipe.engine == "bullet":
+        return set(recipe.effects) <= set(BULLET_EFFECTS) and scenario.name in ("throw", "bounce", "pair")
     if recipe.engine != "events":
         return True
     return set(recipe.effects) <= set(EVENT_EFFECTS) and scenario.name not in ("cube", "spin")

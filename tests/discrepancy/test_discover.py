@@ -40,6 +40,12 @@ def test_where_nothing_is_hidden_nothing_is_claimed() -> None:
     assert found.gap.after == pytest.approx(found.gap.noise_floor, rel=0.1)
 
 
+def test_an_effect_that_the_scene_has_already_is_not_found_again() -> None:
+    rng = np.random.default_rng(11)
+    known = known_scene({**KNOWN, "effects": [{"name": "air_drag", "coefficient": 0.01}]})
+    assert discover(thrown(rng, 8, (effect("air_drag", coefficient=0.01),)), known, 0.3, ALL, rng).verdict.effects == ()
+
+
 def test_what_only_scales_gravity_is_one_set() -> None:
     rng = np.random.default_rng(6)
     found = discover(thrown(rng, 8, (effect("gravity_error", gravity=10.5),)), known_scene(KNOWN), 0.3, ALL, rng)

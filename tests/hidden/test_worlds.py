@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.hidden.engine import Twist, run_event_driven, run_mujoco
+from pipeline.hidden.engine import ENGINES, Twist, run_event_driven, run_mujoco
 from pipeline.hidden.judge import confusion, judge, macro_f1, wilson
 from pipeline.hidden.recipes import recipe_of
 from pipeline.hidden.world import Recipe, make_world
@@ -34,6 +34,14 @@ def test_in_the_air_both_engines_agree(effect: Effect) -> None:
     assert (
         np.abs(apart - start * apart[-1]).max() < 0.02 * np.abs(mujoco - free).max() + 1e-3
     )  # MuJoCo's Euler drifts linearly
+
+
+@pytest.mark.parametrize(("name", "coefficient"), [("air_drag", 0.01), ("magnus_lift", 0.002)])
+def test_bullet_agrees_in_the_air(name: str, coefficient: float) -> None:
+    pytest.importorskip("pybullet", reason="an extra: benchmark")
+    scene = Scene((BALL,), effects=(Effect(name, (("coefficient", coefficient),)),))
+    ours, bullet = (ENGINES[e](scene, TIMES, Twist()).position for e in ("events", "bullet"))
+    assert np.abs(ours - bullet).max() < 0.03
 
 
 def test_a_ball_bounces_off_with_its_restitution_at_once() -> None:
