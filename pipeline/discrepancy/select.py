@@ -211,6 +211,11 @@ class Selector:
                 break
             longer = [c for leader in leaders for c in self._extended(leader, MOST_FITTED - 4)]
             winner = min(longer, key=lambda c: c.score, default=chosen)
+            swapped = [
+                c for c in singles if c.first == winner.effects[-1] and len(winner.effects) == 2 and c not in leaders
+            ]
+            for single in swapped:  # what the first effect had to make up for may now be had at a lower price
+                winner = min([winner, *self._extended(single, MOST_FITTED - 4)], key=lambda c: c.score)
             if winner.score > chosen.score - CLAIM_MORE:
                 break
             chosen, leaders = winner, [winner]

@@ -98,7 +98,7 @@ def force_effects(scene: Scene) -> list[AppliedEffect]:
 def body_at(
     body: Body, t: float, x: np.ndarray, v: np.ndarray, w: np.ndarray, grounded: np.ndarray, press: float
 ) -> None:
-    """Bring the bodies up to the states (1, N, 3) of time t; grounded (1, N): on the ground, pressed on by `press` more."""
+    """Bring the bodies to the states (1, N, 3) of time t; grounded (1, N): on the ground, pressed on by `press`."""
     body.time = np.full(x.shape[:-1], t)
     body.position, body.velocity, body.angular_velocity, body.others = x, v, w, other_centres(x)
     body.normal_force = np.where(grounded, body.mass * 9.81 + press, 0.0)
