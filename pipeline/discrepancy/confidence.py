@@ -10,7 +10,7 @@ TEMPERATURE = 2.0  # scores are divided by it twice over: models are never quite
 #: Of verdicts with these margins, what share was right (benchmarks/discovery.py, development seeds); in between linear.
 MARGINS = (0.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 RIGHT_CLAIM = (0.5, 0.7, 0.85, 0.92, 0.95, 0.97)
-FEW_CLIPS = {1: 0.6, 2: 0.8}
+FEW_CLIPS = {1: 0.6, 2: 0.8, 3: 0.9}
 RIGHT_NONE = (0.6, 0.85, 0.95, 0.97, 0.97, 0.97)
 
 
@@ -30,7 +30,7 @@ def probabilities(found: Selection) -> dict[str, float]:
 def confidence(found: Selection, names: tuple[str, ...]) -> float:
     """That the verdict, or the set of equivalent effects that it belongs to, is right.
 
-    One or two fitted clips cannot show how much clips differ from each other: of them no verdict is sure.
+    Up to three fitted clips hardly show how much clips differ from each other: of them no verdict is sure.
     """
     return min(_confidence(found, names), FEW_CLIPS.get(len(found.none.problem.fitted), 1.0))
 
