@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: install repro test check clean
+.PHONY: install install-benchmark repro test check clean discovery-benchmark discovery-benchmark-smoke real-motion
 
 install: .venv/installed
 
@@ -28,6 +28,20 @@ check: install
 	ruff check .
 	ruff format --check .
 	mypy
+
+install-benchmark: install
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[benchmark]"
+
+# hours on 2 cores; stop it at any time, it goes on where it was
+discovery-benchmark: install-benchmark
+	python -m benchmarks.discovery
+
+discovery-benchmark-smoke: install-benchmark
+	python -m benchmarks.discovery --smoke
+
+# published measurements: DYNAMICS_DATA is the folder that has real_motion
+real-motion: install-benchmark
+	python -m benchmarks.real_motion
 
 clean:
 	rm -rf data/[!s]* data/s[!a]* reports/index.html .shards

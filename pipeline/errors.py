@@ -32,5 +32,9 @@ class ShardError(DynamicsError):
     """A shard that is missing or damaged and cannot be recomputed."""
 
 
+class MeasurementError(DynamicsError):
+    """Measured motion that cannot be used, or that does not fit its scene."""
+
+
 class OutputError(DynamicsError):
     """A place that cannot be written to."""

@@ -183,6 +183,19 @@ class Score(Section):
     gallery: Annotated[int, Field(ge=0)]
 
 
+class Hide(Section):
+    worlds: Count
+    effects: Annotated[list[str], Field(min_length=1)]
+    strength: Positive
+    noise: Positive
+    clips: Count
+
+
+class Discover(Section):
+    held_out: Annotated[float, Field(ge=0, lt=1)]
+    effects: str
+
+
 class ExecutorSettings(Section):
     name: Literal["local", "slice", "ray"]
     workers: Count | None  # null: one a core
@@ -203,6 +216,8 @@ class Params(Section):
     cmaes: Cmaes
     fit: Fit
     score: Score
+    hide: Hide
+    discover: Discover
     executor: ExecutorSettings
 
 
@@ -220,6 +235,8 @@ READS: dict[str, tuple[str, ...]] = {
     "best_of_k": ("clip", "search"),
     "cmaes": ("seed", "clip", "search", "cmaes"),
     "fit": ("seed", "clip", "search", "fit"),
+    "hide": ("seed", "hide"),
+    "discover": ("seed", "discover"),
     "score": ("seed", "clip", "score", "model", "flow.source"),
 }
 """Stage -> the keys it reads, as narrow as can be; `{suite}` is the suite that the stage runs for."""

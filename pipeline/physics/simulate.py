@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from pipeline.errors import SimulationError
+from pipeline.physics.effect_forces import ApplyForces, effect_forces
 from pipeline.physics.trace import GROUND, Contacts, Trace
 from pipeline.scene.mjcf import STEPS_PER_SECOND, scene_xml
 from pipeline.scene.rotation import matrix_from_quaternion
@@ -28,12 +29,13 @@ def compile_xml(xml: str) -> mujoco.MjModel:
 
 
 def simulate(scene: Scene, seconds: float = 1.0) -> Trace:
-    """Run `scene` for `seconds`. Raises `SimulationError` where the numbers go bad."""
-    return simulate_model(compile_xml(scene_xml(scene)), seconds)
+    """Run `scene` with its effects for `seconds`. Raises `SimulationError` where the numbers go bad."""
+    return simulate_model(compile_xml(scene_xml(scene)), seconds, effect_forces(scene))
 
 
-def simulate_model(model: mujoco.MjModel, seconds: float) -> Trace:
-    """Run a model compiled from a scene's MJCF from its keyframe `initial`. Raises `SimulationError`."""
+def simulate_model(model: mujoco.MjModel, seconds: float, forces: ApplyForces | None = None) -> Trace:
+    """Run a model compiled from a scene's MJCF from its keyframe `initial`; forces: called before each step, writes
+    those that are not part of the model. Raises `SimulationError`."""
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("initial").id)
     steps = round(seconds * STEPS_PER_SECOND)
@@ -41,6 +43,8 @@ def simulate_model(model: mujoco.MjModel, seconds: float) -> Trace:
     rows: list[tuple[np.ndarray, ...]] = []
     for step in range(steps):
         qpos[step], qvel[step] = data.qpos, data.qvel
+        if forces is not None:
+            forces(model, data)
         mujoco.mj_step(model, data)
         _check(data, step)
         if data.ncon:

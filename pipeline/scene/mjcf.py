@@ -19,6 +19,7 @@ with warnings.catch_warnings():
     from dm_control import mjcf
 
 from pipeline.errors import SceneError
+from pipeline.scene.effects.text import effect_kind
 from pipeline.scene.rotation import matrix_from_quaternion, quaternion_multiply
 from pipeline.scene.scene import Camera, Scene, SceneObject, half_extents
 from pipeline.scene.solid import geom_sizes
@@ -101,7 +102,22 @@ def scene_mjcf(scene: Scene) -> mjcf.RootElement:
         body.add("geom", name=obj.name, mass=obj.mass, friction=friction(obj), solref=solref(np.array(obj.damping)),
                  condim=6, priority=OBJECT_PRIORITY, **shape)  # fmt: skip
     root.keyframe.add("key", name="initial", qpos=initial_qpos(scene), qvel=initial_qvel(scene))
+    _add_effects(root, scene)
     return root
+
+
+def _add_effects(root: mjcf.RootElement, scene: Scene) -> None:
+    """What plain MuJoCo has becomes part of the document; of the rest it says, as custom text, what it lacks."""
+    for number, effect in enumerate(scene.effects):
+        kind = effect_kind(effect)
+        if kind.edit is not None:
+            kind.edit(root, scene, effect.values, effect.objects or tuple(o.name for o in scene.objects))
+            continue
+        who = (
+            "is about the recording, not the motion" if kind.recording else "is applied as a force by `dynamics` alone"
+        )
+        values = ", ".join(f"{name} {value}" for name, value in effect.parameters)
+        root.custom.add("text", name=f"effect_{number}", data=f"{kind.name} ({values}; {kind.formula}) {who}")
 
 
 def scene_xml(scene: Scene) -> str:

@@ -111,6 +111,15 @@ class Effect:
     parameters: tuple[tuple[str, Any], ...] = ()
     objects: tuple[str, ...] | None = None
 
+    def __post_init__(self) -> None:
+        values = ((k, canonical_vector(v) if isinstance(v, tuple) else canonical(v)) for k, v in self.parameters)
+        object.__setattr__(self, "parameters", tuple(values))
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The parameters by name: numbers, and tuples of numbers."""
+        return dict(self.parameters)
+
 
 @dataclass(frozen=True)
 class Scene:

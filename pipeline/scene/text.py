@@ -17,6 +17,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from pipeline.errors import SceneError
+from pipeline.scene.effects.text import effect_from_dict
 from pipeline.scene.scene import SIZE_KEYS, Camera, Effect, Scene, SceneObject
 
 Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
@@ -122,7 +123,7 @@ class _SceneText(_Strict):
     gravity: Number | Vector
     ground: _GroundText | None = None
     objects: list[Annotated[_Sphere | _Cylinder | _Box | _Capsule | _Ellipsoid | _Mesh, Field(discriminator="shape")]]
-    effects: list[dict[str, Any]] = []
+    effects: list[Any] = []  # read by pipeline.scene.effects.text
 
     @model_validator(mode="before")
     @classmethod
@@ -183,7 +184,7 @@ def scene_from_dict(data: dict[str, Any], source: str = "scene") -> Scene:
         camera=None if parsed.camera is None else _camera(parsed.camera),
         gravity=tuple(gravity),
         ground=parsed.ground.height if parsed.ground else None,
-        effects=tuple(_effect(e, i, names, source) for i, e in enumerate(parsed.effects)),
+        effects=tuple(effect_from_dict(e, i, names, source) for i, e in enumerate(parsed.effects)),
     )
 
 
@@ -202,10 +203,6 @@ def _object(o: Any) -> SceneObject:
         file=getattr(o, "file", None),
         **values,
     )
-
-
-def _effect(entry: dict[str, Any], index: int, names: list[str], source: str) -> Effect:
-    raise SceneError(f"{source}: effects[{index}].name: unknown effect {entry.get('name')!r}; valid: none yet")
 
 
 #: What is said of each kind of fault that pydantic finds, by its type; in braces its context.
@@ -296,6 +293,15 @@ def _quoted(text: str) -> str:
     return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
 
 
+def effect_text(effect: Effect) -> str:
+    """An effect as a mapping on one line: `{name: air_drag, coefficient: 0.003, objects: [ball]}`."""
+    parts = [f"name: {effect.name}"]
+    parts += [f"{k}: {_vector_text(v) if isinstance(v, tuple) else number_text(v)}" for k, v in effect.parameters]
+    if effect.objects is not None:
+        parts.append(f"objects: [{', '.join(map(_name_text, effect.objects))}]")
+    return "{" + ", ".join(parts) + "}"
+
+
 def write_scene(scene: Scene) -> str:
     """`scene` as canonical YAML text."""
     lines = []
@@ -319,5 +325,6 @@ def write_scene(scene: Scene) -> str:
         for key in OBJECT_KEYS:
             value = getattr(o, key)
             lines.append(f"  {key}: {_vector_text(value) if isinstance(value, tuple) else number_text(value)}")
-    lines.append("effects: []")
+    lines.append("effects:" if scene.effects else "effects: []")
+    lines += [f"- {effect_text(e)}" for e in scene.effects]
     return "\n".join(lines) + "\n"

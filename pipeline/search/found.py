@@ -17,7 +17,8 @@ DEEPEST = 1e-3  # m of overlap that an answer may have
 
 @dataclass(frozen=True)
 class Found:
-    """The best scene, its reward and IoU; spent, history: simulations, and the best reward after so many; the cost."""
+    """The best scene, its reward and IoU; spent, history: simulations, and the best reward after so many; the cost.
+    improved: each best scene on the way, and after how many simulations it was found."""
 
     scene: Scene
     reward: float
@@ -27,6 +28,12 @@ class Found:
     simulations: int
     invalid: int
     seconds: float
+    improved: tuple[tuple[int, Scene], ...]
+
+    def after(self, simulations: int) -> Scene:
+        """The best scene that a search of so many simulations would have come back with."""
+        known = [scene for spent, scene in self.improved if spent <= simulations]
+        return known[-1] if known else self.improved[0][1]
 
 
 class Record:
@@ -39,6 +46,7 @@ class Record:
         self.scene: Scene | None = None
         self.reward, self.iou = -np.inf, 0.0
         self._curve: list[tuple[int, float]] = []
+        self._improved: list[tuple[int, Scene]] = []
 
     @property
     def simulations(self) -> int:
@@ -56,6 +64,7 @@ class Record:
             reward, iou = float(again.reward[0]), float(again.iou[0])
         if reward > self.reward:
             self.scene, self.reward, self.iou = scene, reward, iou
+            self._improved.append((self.simulations, scene))
 
     def mark(self) -> None:
         """Note how good the best is by now."""
@@ -65,4 +74,5 @@ class Record:
         assert self.scene is not None, "a search has a start"
         curve = np.array(self._curve, float).reshape(-1, 2)
         return Found(self.scene, self.reward, self.iou, curve[:, 0].astype(int), curve[:, 1], self.simulations,
-                     self._evaluator.invalid - self._before[1], time.perf_counter() - self._began)  # fmt: skip
+                     self._evaluator.invalid - self._before[1], time.perf_counter() - self._began,
+                     tuple(self._improved))  # fmt: skip

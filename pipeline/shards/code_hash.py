@@ -84,7 +84,7 @@ def _find(name: str, root: Path) -> Path | None:
 
 def _imported_names(file: Path, root: Path) -> Iterator[str]:
     """Every dotted name that `file` may import, with its parents; some are attributes and no modules."""
-    for name in _direct_imports(file, root):
+    for name in (*_direct_imports(file, root), *_walked_packages(file, root)):
         parts = name.split(".")
         yield from (".".join(parts[: k + 1]) for k in range(len(parts)))
 
@@ -101,6 +101,16 @@ def _direct_imports(file: Path, root: Path) -> Iterator[str]:
             case ast.Call(func=ast.Name(id="import_module") | ast.Attribute(attr="import_module"), args=[argument, *_]):
                 if isinstance(argument, ast.Constant) and isinstance(argument.value, str):
                     yield argument.value
+
+
+def _walked_packages(file: Path, root: Path) -> Iterator[str]:
+    """The modules of packages that `file` imports and walks by their `__path__`, as registries do."""
+    walked = {n.value.id for n in _walk_runtime(_parse(file))
+              if isinstance(n, ast.Attribute) and n.attr == "__path__" and isinstance(n.value, ast.Name)}  # fmt: skip
+    for name in _direct_imports(file, root) if walked else ():
+        folder = root.joinpath(*name.split("."))
+        if name.rpartition(".")[2] in walked and folder.is_dir():
+            yield from (f"{name}.{path.stem}" for path in sorted(folder.glob("*.py")) if path.stem != "__init__")
 
 
 def _package(file: Path, root: Path, level: int) -> str:

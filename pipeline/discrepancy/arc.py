@@ -1,0 +1,299 @@
+"""Tracks cut into arcs: the smooth stretches between impacts, in the air or on the ground.
+
+What happens within an impact depends on the engine and on the material more than on any law that we look for, so that
+arcs have initial states of their own, and impacts are compared by the speeds before and after them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.discrepancy.breaks import Break, find_breaks
+from pipeline.discrepancy.known_scene import KnownScene
+from pipeline.discrepancy.noise import leave_one_out, rough_sigma
+from pipeline.discrepancy.track import Track
+from pipeline.errors import MeasurementError
+from pipeline.scene.rotation import matrix_from_quaternion, quaternion_conjugate, quaternion_multiply
+from pipeline.scene.scene import Scene, SceneObject, half_extents
+from pipeline.scene.solid import reach_below
+
+LEAST_SAMPLES = 6
+SETTLING = 0.05  # s after landing in which a body on the ground still swings
+OUTLIER = 5.0  # standard deviations
+SIDE = 5  # samples on each side that predict one
+
+
+@dataclass(frozen=True)
+class Impact:
+    """A jump of velocity that is explained: with the ground (other = -1) or with object `other`; before, after: indices
+    of the arcs around it, -1 where they are too short. time s, position (3,) m."""
+
+    clip: str
+    object: int
+    other: int
+    time: float
+    position: np.ndarray
+    before: int
+    after: int
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A smooth stretch of n samples. time (n,) s; position (n, 3) m; sigma (n,) m; grounded: on the ground, else in the
+    air. spin (n, 3) rad/s, quaternion (n, 4) or None; others (n, M, 3) m: where the other objects were. jumps: breaks
+    within it that nothing known explains. row (n,): the samples' places in their track."""
+
+    clip: str
+    object: int
+    grounded: bool
+    time: np.ndarray
+    position: np.ndarray
+    sigma: np.ndarray
+    row: np.ndarray
+    others: np.ndarray
+    spin: np.ndarray | None = None
+    quaternion: np.ndarray | None = None
+    jumps: tuple[Break, ...] = ()
+
+    @property
+    def mean_spin(self) -> np.ndarray | None:
+        """(3,) rad/s; None where it was not measured."""
+        if self.spin is None or not np.isfinite(self.spin).any():
+            return None
+        return np.nanmedian(self.spin, axis=0)
+
+
+@dataclass(frozen=True)
+class Cut:
+    """All arcs of all tracks, and the impacts between them. sigma: rough noise, m. outliers: (clip, object, row)."""
+
+    arcs: tuple[Arc, ...]
+    impacts: tuple[Impact, ...]
+    sigma: float
+    outliers: frozenset[tuple[str, int, int]]
+
+
+def cut_tracks(tracks: Sequence[Track], known: KnownScene) -> Cut:
+    """Arcs and impacts of all tracks. Raises `MeasurementError` for an object that the scene lacks."""
+    names = [o.name for o in known.scene.objects]
+    for t in tracks:
+        if t.object not in names:
+            raise MeasurementError(
+                f"clip {t.clip}, object {t.object}, row 1: the scene has no such object; valid: {', '.join(names)}"
+            )
+    good = [np.isfinite(t.position).all(1) for t in tracks]
+    residuals = [leave_one_out(t.time[g], t.position[g]) for t, g in zip(tracks, good, strict=True)]
+    rough = rough_sigma(np.concatenate(residuals))
+    stated = [t.sigma[np.isfinite(t.sigma)] for t in tracks if t.sigma is not None]
+    sigma = float(np.median(np.concatenate(stated))) if stated and sum(map(len, stated)) else rough
+    moving = {(t.clip, t.object): t for t in tracks}
+    arcs: list[Arc] = []
+    impacts: list[Impact] = []
+    outliers: set[tuple[str, int, int]] = set()
+    for track, kept in zip(tracks, good, strict=True):
+        scene = known.of_clip(track.clip)
+        index = names.index(track.object)
+        rows = np.flatnonzero(kept)
+        bad = _outliers(track.time[rows], track.position[rows], sigma)
+        outliers |= {(track.clip, index, int(r)) for r in rows[bad]}
+        rows = rows[~bad]
+        if len(rows) < LEAST_SAMPLES - 1:
+            continue
+        _cut_track(track, rows, scene, index, names, moving, sigma, arcs, impacts)
+    return Cut(tuple(arcs), tuple(impacts), sigma, frozenset(outliers))
+
+
+def _outliers(time: np.ndarray, position: np.ndarray, sigma: float) -> np.ndarray:
+    """Samples that are far from where those before lead and from where those after lead, (T,) bool.
+
+    At an impact a sample fits one side; an outlier fits neither. Each side's prediction is the median of the parabolas
+    through all triples of its five nearest samples, so that an outlier among them does no harm.
+    """
+    bad = np.zeros(len(time), bool)
+    for _ in range(2):  # again without the worst of them
+        sides = [_side(time, position, bad, k, sigma) for k in range(len(time))]
+        new = np.array([len(near) > 0 and min(near) > 1.0 for near in sides]) & ~bad
+        if not new.any():
+            break
+        bad |= new
+    return bad
+
+
+def _side(time: np.ndarray, position: np.ndarray, bad: np.ndarray, k: int, sigma: float) -> list[float]:
+    """How far sample k is from the prediction of each side, in units of what is too far; a side alone (near an end of
+    the track) must itself be smooth to count."""
+    out = []
+    for inwards in (np.arange(k - 1, -1, -1), np.arange(k + 1, len(time))):
+        near = inwards[~bad[inwards]][:SIDE]
+        if len(near) < SIDE:
+            continue
+        weights = _parabolas(time[near] - time[k])
+        predicted = np.median(weights @ position[near], axis=0)
+        limit = OUTLIER * sigma * (1 + 0.6 * float(np.median(np.linalg.norm(weights, axis=1)))) + 0.002
+        out.append(float(np.abs(position[k] - predicted).max()) / limit)
+    return out
+
+
+def _parabolas(t: np.ndarray) -> np.ndarray:
+    """Weights (triples, n) of n samples at times t (n,) in the parabolas through each three of them, at time 0."""
+    rows = []
+    for triple in itertools.combinations(range(len(t)), 3):
+        row = np.zeros(len(t))
+        for i in triple:
+            row[i] = np.prod([t[j] / (t[j] - t[i]) for j in triple if j != i])
+        rows.append(row)
+    return np.array(rows)
+
+
+def _cut_track(
+    track: Track, rows: np.ndarray, scene: Scene, index: int, names: Sequence[str],
+    moving: dict[tuple[str, str], Track], sigma: float, arcs: list[Arc], impacts: list[Impact],
+) -> None:  # fmt: skip
+    """Append the arcs and impacts of one track."""
+    obj, time, position = scene.objects[index], track.time[rows], track.position[rows]
+    quaternion = None if track.quaternion is None else track.quaternion[rows]
+    others = _others(time, track, names, moving)
+    spin = _spin(track, rows, obj)
+    gap = _gaps(obj, position, quaternion, scene.ground)
+    breaks = find_breaks(time, position, sigma)
+    known: list[tuple[Break, int | None]] = []
+    unknown: list[tuple[Break, int | None]] = []
+    for b in breaks:
+        other = _explanation(b, obj, time, position, gap, others, scene, names, index, sigma)
+        (unknown if other is None else known).append((b, other))
+    edges = [-np.inf, *(b.time for b, _ in known), np.inf]
+    placed: list[int] = []
+    for k, (left, right) in enumerate(itertools.pairwise(edges)):
+        inside = (time > left) & (time < right)
+        grounded = _is_grounded(position[inside], gap[inside], sigma, obj)
+        if grounded and np.isfinite(left):
+            inside &= time > left + SETTLING
+        if not grounded:
+            inside = _in_the_air(inside, gap, others, position, scene, index, sigma, k > 0, k < len(edges) - 2)
+        chosen = np.flatnonzero(inside)
+        if len(chosen) < LEAST_SAMPLES or (
+            obj.shape not in ("sphere",) and grounded and not _slides(obj, quaternion, inside)
+        ):
+            placed.append(-1)
+            continue
+        placed.append(len(arcs))
+        arcs.append(Arc(
+            track.clip, index, grounded, time[chosen], position[chosen],
+            np.full(len(chosen), sigma) if track.sigma is None else _filled(track.sigma[rows][chosen], sigma),
+            rows[chosen], others[chosen], None if spin is None else spin[chosen],
+            None if quaternion is None else quaternion[chosen],
+            tuple(b for b, _ in unknown if time[chosen[0]] < b.time < time[chosen[-1]]),
+        ))  # fmt: skip
+    for k, (b, other) in enumerate(known):
+        assert other is not None
+        impacts.append(Impact(track.clip, index, other, b.time, b.position, placed[k], placed[k + 1]))
+
+
+def _filled(values: np.ndarray, default: float) -> np.ndarray:
+    return np.where(np.isfinite(values), values, default)
+
+
+def _others(time: np.ndarray, track: Track, names: Sequence[str], moving: dict[tuple[str, str], Track]) -> np.ndarray:
+    """Where the clip's other objects were at the times (T,), (T, M, 3) m, by interpolation."""
+    places = []
+    for name in names:
+        other = moving.get((track.clip, name))
+        if name == track.object or other is None:
+            continue
+        there = np.isfinite(other.position).all(1)
+        places.append(np.stack([np.interp(time, other.time[there], c) for c in other.position[there].T], 1))
+    return np.stack(places, 1) if places else np.zeros((len(time), 0, 3))
+
+
+def _spin(track: Track, rows: np.ndarray, obj: SceneObject) -> np.ndarray | None:
+    """Measured angular velocity, else that of the measured orientations, (n, 3) rad/s."""
+    if track.angular_velocity is not None and np.isfinite(track.angular_velocity[rows]).any():
+        return track.angular_velocity[rows]
+    if track.quaternion is None or not np.isfinite(track.quaternion[rows]).all():
+        return None
+    q, t = track.quaternion[rows], track.time[rows]
+    step = 2 if len(q) > 8 else 1
+    late, early = np.minimum(np.arange(len(q)) + step, len(q) - 1), np.maximum(np.arange(len(q)) - step, 0)
+    turn = quaternion_multiply(q[late], quaternion_conjugate(q[early]))
+    turn = np.where(turn[:, :1] < 0, -turn, turn)
+    size = np.linalg.norm(turn[:, 1:], axis=1, keepdims=True)
+    angle = 2 * np.arctan2(size, turn[:, :1])
+    return np.where(size > 1e-12, turn[:, 1:] / np.maximum(size, 1e-12), 0.0) * angle / (t[late] - t[early])[:, None]
+
+
+def _gaps(obj: SceneObject, position: np.ndarray, quaternion: np.ndarray | None, ground: float | None) -> np.ndarray:
+    """How far above the ground the body's lowest point is, (T,) m; inf without a ground."""
+    if ground is None:
+        return np.full(len(position), np.inf)
+    if obj.shape == "sphere":
+        reach = np.full(len(position), half_extents(obj)[0])
+    elif quaternion is not None and np.isfinite(quaternion).all():
+        reach = np.array([reach_below(replace(obj, orientation=tuple(q))) for q in quaternion])
+    else:
+        reach = np.full(len(position), reach_below(obj))
+    return position[:, 2] - reach - ground
+
+
+def _explanation(
+    b: Break, obj: SceneObject, time: np.ndarray, position: np.ndarray, gap: np.ndarray, others: np.ndarray,
+    scene: Scene, names: Sequence[str], index: int, sigma: float,
+) -> int | None:  # fmt: skip
+    """What a jump is an impact with: GROUND (-1), another object's index, or None."""
+    near = int(np.argmin(np.abs(time - b.time)))
+    low = slice(max(0, near - 1), near + 2)
+    size = float(max(half_extents(obj)))
+    if np.isfinite(gap[near]):
+        at_break = b.position[2] - position[near, 2] + gap[near]
+        if min(at_break, gap[low].min()) < 0.25 * size + 0.01 + 4 * sigma:
+            return -1
+    present = [i for i in range(len(names)) if i != index]
+    for m in range(others.shape[1]):
+        reach = size + float(max(half_extents(scene.objects[present[m]])))
+        if np.linalg.norm(others[low, m] - position[low], axis=1).min() < 1.3 * reach + 4 * sigma:
+            return present[m]
+    return None
+
+
+def _is_grounded(position: np.ndarray, gap: np.ndarray, sigma: float, obj: SceneObject) -> bool:
+    """Whether a stretch is on the ground: low, and level."""
+    if not len(gap) or not np.isfinite(gap[0]):
+        return False
+    low = 0.3 * float(half_extents(obj).min()) + 3 * sigma
+    return bool(abs(np.median(gap)) < low and np.ptp(np.quantile(position[:, 2], [0.1, 0.9])) < 3 * sigma + 0.006)
+
+
+def _in_the_air(
+    inside: np.ndarray, gap: np.ndarray, others: np.ndarray, position: np.ndarray, scene: Scene, index: int,
+    sigma: float, after: bool, before: bool,
+) -> np.ndarray:  # fmt: skip
+    """The samples of a flight that touch nothing: those near an impact that are too low or too near are left out."""
+    out = inside.copy()
+    chosen = np.flatnonzero(inside)
+    if len(chosen) and np.isfinite(gap[0]):
+        out &= gap > 2.5 * sigma
+        for ends, touched in ((chosen, after), (chosen[::-1], before)):  # inwards from each end
+            first = ends[: max(2, len(ends) // 3)]
+            low = np.flatnonzero(gap[first] <= 2.5 * sigma)
+            lowest = int(np.argmin(gap[first[:4]]))
+            passed = gap[first[lowest]] < 1.2 * abs(gap[first[lowest]] - gap[first[min(lowest + 1, len(first) - 1)]])
+            beyond = max(int(low[-1]) + 1 if len(low) else 0, lowest if passed else 0)
+            out[ends[:beyond]] = False
+            out[ends[0]] &= not touched or bool(gap[ends[0]] > 5 * sigma + 0.005)
+    reach = [float(max(half_extents(o))) for i, o in enumerate(scene.objects) if i != index]
+    for m in range(others.shape[1]):
+        apart = np.linalg.norm(others[:, m] - position, axis=1)
+        out &= apart > float(max(half_extents(scene.objects[index]))) + reach[m] + 2.5 * sigma
+    return out
+
+
+def _slides(obj: SceneObject, quaternion: np.ndarray | None, inside: np.ndarray) -> bool:
+    """Whether a body that is no sphere rests on a face while it moves, so that its friction is that of sliding."""
+    if quaternion is None:
+        return obj.shape in ("cylinder", "box")
+    up = matrix_from_quaternion(quaternion[inside])[:, 2]  # z components of the body's axes
+    axes = np.abs(up[:, 2:]) if obj.shape == "cylinder" else np.abs(up)
+    return bool(np.median(axes.max(1)) > 0.995) if len(up) else False

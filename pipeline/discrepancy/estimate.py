@@ -1,0 +1,88 @@
+"""Fitted numbers with their standard errors, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.discrepancy.impact import fit_restitution
+from pipeline.discrepancy.select import Candidate, Selector
+from pipeline.scene.effects.kinds.restitution import damping_of
+from pipeline.scene.effects.registry import effect_kinds
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """value, stderr: numbers, or lists of the components of a vector; stderr None where nothing determines the
+    value."""
+
+    value: float | list[float]
+    stderr: float | list[float] | None
+    unit: str
+
+    def as_dict(self) -> dict[str, Any]:
+        return {"value": self.value, "stderr": self.stderr, "unit": self.unit}
+
+
+def standard_errors(found: Candidate) -> np.ndarray:
+    """Of the fitted numbers, (G,): widened for correlated noise and for what the model leaves beyond noise."""
+    problem = found.problem
+    rows = sum(int((s.weight[m] > 0).sum()) for s, m in zip(problem.stacks, problem.chosen, strict=True))
+    own = sum(
+        (4 if s.grounded else 6) * int((s.samples[m] > 0).sum())
+        for s, m in zip(problem.stacks, problem.chosen, strict=True)
+    )
+    freedom = max(rows - own - found.fit.model.size, 1)
+    excess = max(found.fit.total(problem.chosen) / freedom, 1.0)
+    return np.sqrt(np.maximum(np.diag(found.fit.covariance), 0) * excess / problem.floor.information)
+
+
+def effect_estimates(found: Candidate, effect: str) -> dict[str, Estimate]:
+    """The parameters of one of a candidate's effects."""
+    kind = effect_kinds()[effect]
+    if effect == "restitution":
+        assert found.restitution is not None
+        return {"coefficient": Estimate(found.restitution.coefficient, found.restitution.stderr, "-")}
+    if effect == "hidden_obstacle":
+        assert found.obstacle is not None
+        o = found.obstacle
+        return {
+            "position": Estimate(_plain(o.position), _plain(o.position_error), "m"),
+            "size": Estimate(o.size, o.size_error, "m"),
+        }
+    errors, model = standard_errors(found), found.fit.model
+    out = {}
+    for p in kind.parameters:
+        columns = [c for i in range(p.length) if (c := model.column(effect, p.name, i)) is not None]
+        values, spread = _plain(found.fit.theta[columns]), _plain(errors[columns])
+        out[p.name] = Estimate(values, spread, p.unit) if p.length > 1 else Estimate(values[0], spread[0], p.unit)
+    return out
+
+
+def calibrated(selector: Selector) -> dict[str, Estimate]:
+    """The free parameters of the known scene, `object.parameter`."""
+    none, known = selector.none, selector.known
+    errors, out = standard_errors(none), {}
+    for i, u in enumerate(none.fit.model.unknowns):
+        if u.owner.startswith("object:") and u.name in known.fit:
+            name = known.scene.objects[int(u.owner.split(":")[1])].name
+            determined = errors[i] < 0.5 * u.sigma
+            out[f"{name}.{u.name}"] = Estimate(
+                float(none.fit.theta[i]), float(errors[i]) if determined else None, u.unit
+            )
+        elif u.owner == "gravity_error":
+            out["gravity"] = Estimate(float(none.fit.theta[i]), float(errors[i]), u.unit)
+    if "damping" in known.fit:
+        for number, obj in enumerate(known.scene.objects):
+            found = fit_restitution([b for b in selector.bounces if b.object == number])
+            if found is not None:
+                value = damping_of(found.coefficient)
+                slope = abs(damping_of(found.coefficient - found.stderr) - value)
+                out[f"{obj.name}.damping"] = Estimate(value, slope, "-")
+    return out
+
+
+def _plain(values: np.ndarray) -> list[float]:
+    return [float(v) for v in values]

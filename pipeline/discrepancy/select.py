@@ -1,0 +1,412 @@
+"""Which effects the measurements ask for.
+
+Every model, from none to three effects, gets one score, in the units of chi squared: what it leaves of the fitted
+clips, plus BIC's price of its parameters, plus what it leaves of the held-out clips. The lowest score wins, if it
+wins by more than chance makes it win where nothing is hidden (`CLAIM`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.discrepancy.fit import MOST_ITERATIONS, Fit, fit, unstuck
+from pipeline.discrepancy.frame_rate import is_standard
+from pipeline.discrepancy.impact import Bounce, RestitutionFit, bounces, fit_restitution
+from pipeline.discrepancy.model import Model, known_model, with_effect
+from pipeline.discrepancy.obstacle import Obstacle, fit_obstacle
+from pipeline.discrepancy.problem import Problem, split_at_jumps, starts_of
+from pipeline.discrepancy.quick import Guess, QuickRegression
+from pipeline.discrepancy.starts import starts
+from pipeline.scene.effects.kind import EffectKind, Regime
+from pipeline.scene.effects.registry import effect_kinds
+
+CLAIM = 8.0  # by how much a first effect must win; frozen on development worlds (benchmarks/discovery.py)
+CLAIM_MORE = 16.0  # the same for a second and a third
+ALIKE = 7.0  # effects whose scores differ by less are not told apart
+WORTH_FITTING = 0.5  # share of the best quick gain that makes a further fit worth while
+BEGINNINGS, MANY_BEGINNINGS = 2, 5  # starts of an effect that are fitted; of one that acts by the place
+MOST_EFFECTS = 3
+LEAST_CLIPS_FOR_MORE = 3  # fewer clips differ from each other in too many ways for two effects
+UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.015  # a model explains the data unless both are exceeded
+UNEXPLAINED_SHARE_FEW = 0.06  # of one or two clips, whose own peculiarities nothing averages out
+SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
+OBSTACLE_MISFIT = 0.03  # m
+FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction, with which calibration begins
+SLIP_PRICE = 8.0  # of a ball on the ground whose unknown spin is taken not to be that of rolling
+BROKEN_Z, BROKEN_SHARE = 6.0, 0.12  # arcs so far off, and so few, are left out
+EQUALS = 5  # further effects that are fitted because they promise nearly as much as the best
+MOST_FITTED = 9  # effects that are fitted at a time, the most promising by the quick regression
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A model with its fit. score: see above. chi2: of fitted and held-out clips, corrected for correlated noise.
+    bic: of the fitted clips; held_out: chi squared of the held-out ones. extra: parameters beside the fit's."""
+
+    effects: tuple[str, ...]
+    fit: Fit
+    problem: Problem
+    score: float
+    bic: float
+    held_out: float
+    restitution: RestitutionFit | None = None
+    obstacle: Obstacle | None = None
+
+    @property
+    def first(self) -> str:
+        return self.effects[-1]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """none: the calibrated model without effects; singles: every effect alone, best first; chosen: the winner;
+    alike: sets of effects that cannot be told from one of the winner's; excess: what the winner leaves beyond
+    noise, as a share of what the calibrated model leaves, and as a z-score; unknown: whether that is too much."""
+
+    none: Candidate
+    singles: tuple[Candidate, ...]
+    chosen: Candidate
+    alike: tuple[tuple[str, ...], ...]
+    excess_share: float
+    excess_z: float
+    unknown: bool
+    bounces: tuple[Bounce, ...]
+    untestable: tuple[str, ...]
+
+
+def testable(kind: EffectKind, problem: Problem) -> bool:
+    """Whether the measurements could show the effect at all."""
+    regimes = {Regime.FLIGHT} if any(not s.grounded for s in problem.stacks) else set()
+    if any(s.grounded for s in problem.stacks):
+        regimes |= {Regime.SLIDING, Regime.ROLLING, Regime.SPINNING, Regime.RESTING}
+    if kind.name == "hidden_obstacle":
+        return problem.jumps > 0
+    coordinates = np.array([(s.weight > 0).any((0, 1)) for s in problem.stacks]).any(0).sum()
+    if coordinates < 2 and (kind.name == "rotating_frame" or any(p.length > 1 for p in kind.parameters)):
+        return False  # a height alone has no directions
+    if kind.name == "restitution":
+        return "damping" not in problem.known.fit
+    if not regimes & set(kind.regimes):
+        return False
+    ground = [s for s in problem.stacks if s.grounded]
+    if kind.name == "rolling_resistance":  # the same law as the rolling friction that is fitted
+        return "rolling_friction" not in problem.known.fit and any((s.radius > 0).any() for s in ground)
+    if kind.name == "spin_friction":
+        return any((s.spin_weight > 0).any() for s in ground)
+    if kind.name == "adhesion":  # presses like a greater friction, which must be known to tell
+        return "sliding_friction" not in problem.known.fit
+    if "spin" in kind.needs:
+        return any((s.has_spin & (np.linalg.norm(s.spin, axis=1) > 0.5)).any() for s in problem.stacks)
+    if "others" in kind.needs:
+        return any(a.others.shape[1] for a in problem.arcs)
+    if "orientation" in kind.needs:
+        return any(a.quaternion is not None and not a.grounded for a in problem.arcs)
+    return True
+
+
+class Selector:
+    """Fits and scores models of one problem. `effects`: the names that may be answered."""
+
+    def __init__(
+        self, problem: Problem, effects: Sequence[str], progress: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self.known, self.progress = problem.known, progress
+        kinds = effect_kinds()
+        self.kinds = [kinds[name] for name in effects if testable(kinds[name], problem)]
+        self.untestable = tuple(name for name in effects if not testable(kinds[name], problem))
+        self._pose(problem)
+
+    def _pose(self, problem: Problem) -> None:
+        """Calibrate the model without effects."""
+        self.problem = problem
+        self.restitution: RestitutionFit | None = None
+        self.none = self._calibrated()
+        clips = frozenset(problem.fitted)
+        self.bounces = bounces(problem.impacts, problem.stacks, self.none.fit, self.known, clips)
+        self.restitution = None if "damping" in self.known.fit else fit_restitution(self.bounces)
+        self.none = self._with_bounces(self.none, False)
+
+    def _calibrated(self) -> Candidate:
+        """The model without effects, from several frictions: with too much of it bodies stop and nothing tells how
+        much."""
+        model = known_model(self.known, self.problem.stacks)
+        sliding = [i for i, u in enumerate(model.unknowns) if u.name == "sliding_friction"]
+        begin = starts_of(self.problem)
+        best: Candidate | None = None
+        for friction in FRICTIONS if sliding else (0.0,):
+            theta = model.start
+            theta[sliding] = friction
+            found = self._fitted(self.problem, model, theta, begin, ())
+            if best is None or found.bic < best.bic - 0.1:
+                best = found
+        assert best is not None
+        return best
+
+    def select(self) -> Selection:
+        """The models that explain the measurements best."""
+        beside_impacts = self._without_broken(self.none, beside_impacts=True)
+        if beside_impacts is not None:
+            self._pose(beside_impacts)
+        singles = self._extended(self.none)
+        best = self._best(singles)
+        for _ in range(2):
+            left_out = self._without_broken(best)
+            if left_out is None:
+                break
+            self._pose(left_out)
+            singles = self._extended(self.none)
+            best = self._best(singles)
+        chosen = self.none
+        if best.effects and best.score < self.none.score - CLAIM:
+            chosen = self._more(best, singles)
+        z, share = self._excess(chosen)
+        alike = self._alike(chosen, singles)
+        few = len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE
+        unknown = z > UNEXPLAINED_Z and share > (UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE)
+        return Selection(
+            self.none, tuple(singles), chosen, alike, share, z, unknown, tuple(self.bounces), self.untestable
+        )
+
+    def _best(self, singles: Sequence[Candidate]) -> Candidate:
+        return min([self.none, *singles], key=lambda c: c.score - self._clock_doubt(c))
+
+    def _without_broken(self, best: Candidate, beside_impacts: bool = False) -> Problem | None:
+        """The problem without the few arcs that the best model misses while it explains all others: an impact that
+        was not seen, an outlier among few samples. None where there are no such arcs, or too many. beside_impacts: only
+        arcs that an impact begins or ends, and without jumps: what is left of a contact in them looks like a force that
+        nothing has."""
+        if self._excess(best)[0] < UNEXPLAINED_Z or best.obstacle is not None:
+            return None
+        touched = {i for impact in self.problem.impacts for i in (impact.before, impact.after)}
+        share, broken, left, freedom = self.problem.floor.information, [], 0.0, 0.0
+        for stack, chi2 in zip(self.problem.stacks, best.fit.position_chi2, strict=True):
+            rows = np.maximum((stack.weight > 0).sum((1, 2)) - (4 if stack.grounded else 6), 1)
+            z = (chi2 * share - rows) / np.sqrt(2 * rows)
+            broken.append(z > BROKEN_Z)
+            if beside_impacts:
+                broken[-1] &= np.array([i in touched and not self.problem.arcs[i].jumps for i in stack.index])
+            left += float(chi2[~broken[-1]].sum() * share)
+            freedom += float(rows[~broken[-1]].sum())
+        count, arcs = sum(int(b.sum()) for b in broken), sum(map(len, broken))
+        if not 0 < count <= BROKEN_SHARE * (arcs + 2) or (left - freedom) / np.sqrt(2 * max(freedom, 1)) > 3:
+            return None
+        stacks = tuple(replace(s, weight=np.where(b[:, None, None], 0.0, s.weight))
+                       for s, b in zip(self.problem.stacks, broken, strict=True))  # fmt: skip
+        kept = [replace(p, chi2=np.where(b, 0, p.chi2), parameters=np.where(b, 0, p.parameters))
+                for p, b in zip(self.problem.parts, broken, strict=True)]  # fmt: skip
+        return replace(self.problem, stacks=stacks, parts=tuple(kept), broken=self.problem.broken + count)
+
+    def _more(self, best: Candidate, singles: Sequence[Candidate]) -> Candidate:
+        """Forward selection, from the best and the runners-up, as long as an effect more wins by enough."""
+        leaders = [c for c in singles if c.score < self.none.score - CLAIM][:2]
+        chosen = best
+        if len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE:
+            return chosen
+        for _ in range(MOST_EFFECTS - 1):
+            z, _ = self._excess(chosen)
+            if z < 2.5:
+                break
+            longer = [c for leader in leaders for c in self._extended(leader, MOST_FITTED - 4)]
+            winner = min(longer, key=lambda c: c.score, default=chosen)
+            swapped = [
+                c for c in singles if c.first == winner.effects[-1] and len(winner.effects) == 2 and c not in leaders
+            ]
+            for single in swapped:  # what the first effect had to make up for may now be had at a lower price
+                winner = min([winner, *self._extended(single, MOST_FITTED - 4)], key=lambda c: c.score)
+            if winner.score > chosen.score - CLAIM_MORE:
+                break
+            chosen, leaders = winner, [winner]
+        return chosen
+
+    def _alike(self, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[tuple[str, ...], ...]:
+        if len(chosen.effects) != 1:
+            return ()
+        names = [c.first for c in singles if c.score < chosen.score + ALIKE + self._clock_doubt(c)]
+        hits = {c.first: c.obstacle.hits for c in singles if c.obstacle is not None}
+        if chosen.first in ("impulse", "hidden_obstacle") and hits.get("hidden_obstacle") == 1:
+            names = list(
+                dict.fromkeys(
+                    [
+                        chosen.first,
+                        *names,
+                        *(n for n in ("impulse", "hidden_obstacle") if any(c.first == n for c in singles)),
+                    ]
+                )
+            )
+        return (tuple(names),) if len(names) > 1 else ()
+
+    def _clock_doubt(self, found: Candidate) -> float:
+        """What a wrong clock has against or for it: cameras run at standard rates, so that a recording whose rate
+        is one speaks against a wrong clock that would make it none, and the other way round."""
+        column = found.fit.model.column("clock_rate", "ratio") if found.effects == ("clock_rate",) else None
+        rate = self.problem.frame_rate
+        if column is None or rate is None:
+            return 0.0
+        ratio, error = found.fit.theta[column], max(float(found.fit.covariance[column, column]) ** 0.5, 2e-4)
+        stated, true = is_standard(rate, 2e-4), is_standard(rate * float(ratio), 2 * error)
+        return 2 * ALIKE if true and not stated else -2 * ALIKE if stated and not true else 0.0
+
+    def _extended(self, base: Candidate, most: int = MOST_FITTED) -> list[Candidate]:
+        """`base` with one effect more, best first: the `most` that the quick regression finds promising, and its
+        equals."""
+        quick = QuickRegression(base.problem.stacks, base.fit, base.problem.chosen)
+        out, promising = [], []
+        for kind in self.kinds:
+            if kind.name in base.effects:
+                continue
+            if kind.name in ("hidden_obstacle", "restitution"):
+                found = self._special(kind, base)
+                if found is not None:
+                    out.append(found)
+                continue
+            guesses = quick.guesses(kind, starts(kind, self.known, base.problem.stacks), self.known)
+            promising.append((kind, guesses))
+        promising.sort(key=lambda pair: -pair[1][0].gain)
+        enough = promising[0][1][0].gain * WORTH_FITTING if promising else 0.0
+        for number, (kind, guesses) in enumerate(promising):
+            if number < most or (guesses[0].gain > enough and number < most + EQUALS):
+                self.progress(kind.name)
+                found = self._one(kind, base, guesses)
+                if found is not None:
+                    out.append(found)
+        return sorted(out, key=lambda c: c.score)
+
+    def _one(self, kind: EffectKind, base: Candidate, guesses: Sequence[Guess]) -> Candidate | None:
+        best: Candidate | None = None
+        tried = _apart(guesses) if kind.name == "hidden_attractor" and not base.effects else guesses[:BEGINNINGS]
+        for guess in tried:
+            if guess is not guesses[0] and guess.gain < WORTH_FITTING / 2 * guesses[0].gain:
+                continue
+            model = with_effect(base.fit.model, kind, self.known)
+            low, high = (
+                np.array([getattr(u, k) for u in model.unknowns[base.fit.model.size :]]) for k in ("low", "high")
+            )
+            theta = np.concatenate([base.fit.theta, np.clip(guess.values, low, high)])
+            found = self._fitted(base.problem, model, theta, base.fit.starts, (*base.effects, kind.name))
+            balls = any(s.grounded and (s.radius > 0).any() for s in base.problem.stacks)
+            if found.fit.slipping or (balls and not base.effects):
+                again = self._fitted(
+                    base.problem, model, self._unslipped(model, theta), starts_of(base.problem), found.effects
+                )
+                found = min(found, again, key=lambda c: c.score)
+            found = self._with_bounces(found, "restitution" in base.effects)
+            found = replace(found, obstacle=base.obstacle)
+            if np.isfinite(found.score) and (best is None or found.score < best.score):
+                best = found
+        if best is not None and kind.name == "magnus_lift" and not self._spin_earns_its_place(base, best):
+            return None
+        return best
+
+    def _unslipped(self, model: Model, theta: np.ndarray) -> np.ndarray:
+        """theta with frictions as stated: without the effect they may have been far off to make up for it."""
+        return np.where([u.owner.startswith("object:") for u in model.unknowns], model.start, theta)
+
+    def _special(self, kind: EffectKind, base: Candidate) -> Candidate | None:
+        if kind.name == "restitution":
+            if self.restitution is None:
+                return None
+            return replace(self._with_bounces(self._unbounced(base), True), effects=(*base.effects, kind.name))
+        obstacle = fit_obstacle(self.problem.arcs, self.known)
+        if obstacle is None or obstacle.misfit > OBSTACLE_MISFIT or base.obstacle is not None:
+            return None
+        split = split_at_jumps(base.problem)
+        found = self._fitted(split, base.fit.model, base.fit.theta, starts_of(split), (*base.effects, kind.name))
+        lost = max(base.problem.rows - split.rows, 0)
+        added = sum(map(len, split.stacks)) - sum(map(len, base.problem.stacks))
+        price = (
+            5 * np.log(self.problem.effective_rows) + 6 * added + lost
+        )  # a sphere and how it bounces; free restarts overfit
+        found = replace(found, score=found.score + price, bic=found.bic + price, obstacle=obstacle)
+        return self._with_bounces(found, "restitution" in base.effects)
+
+    def _spin_earns_its_place(self, base: Candidate, found: Candidate) -> bool:
+        """Whether the measured spins explain more than those of other clips in their places."""
+        stacks = found.problem.stacks
+        spins = np.concatenate([s.spin for s in stacks])
+        if np.linalg.norm(spins - spins.mean(0), axis=1).mean() < 0.2 * np.linalg.norm(spins, axis=1).mean():
+            return True  # all the same: shuffling says nothing
+        gain = base.score - found.score
+        if gain < CLAIM:
+            return True
+        shuffled = [replace(s, spin=np.roll(s.spin, max(1, len(s) // 2), axis=0)) for s in stacks]
+        begin = [np.concatenate([b[:, :6], s.spin], 1) if not s.grounded else b
+                 for b, s in zip(found.fit.starts, shuffled, strict=True)]  # fmt: skip
+        copy = replace(found.problem, stacks=tuple(shuffled))
+        other = self._with_bounces(self._fitted(copy, found.fit.model, found.fit.theta, begin, found.effects),
+                                   "restitution" in base.effects)  # fmt: skip
+        return base.score - other.score < SHUFFLED_SHARE * gain
+
+    def _fitted(
+        self, problem: Problem, model: Model, theta: np.ndarray, begin: Sequence[np.ndarray], effects: tuple[str, ...]
+    ) -> Candidate:
+        iterations = MOST_ITERATIONS if len(effects) < 2 else MOST_ITERATIONS // 2
+        found = fit(problem.stacks, model, theta, begin, problem.chosen, iterations)
+        other = unstuck(problem.stacks, found)
+        if other is not None:
+            found = fit(problem.stacks, model, found.theta, other, problem.chosen, iterations)
+        share = problem.floor.information
+        inside, outside = found.total(problem.chosen) * share, found.total(problem.held) * share
+        bic = inside + model.size * np.log(self.problem.effective_rows) + SLIP_PRICE * found.slipping
+        return Candidate(effects, found, problem, bic + outside, bic, outside)
+
+    def _with_bounces(self, found: Candidate, free: bool) -> Candidate:
+        """With the bounces' part of the score: as known damping has them, or with a restitution of their own."""
+        if self.restitution is None:
+            return found
+        term = self.restitution.chi2 + np.log(max(len(self.bounces), 2)) if free else self.restitution.chi2_expected
+        return replace(found, score=found.score + term, bic=found.bic + term,
+                       restitution=self.restitution if free else None)  # fmt: skip
+
+    def _unbounced(self, found: Candidate) -> Candidate:
+        assert self.restitution is not None
+        term = self.restitution.chi2_expected
+        return replace(found, score=found.score - term, bic=found.bic - term)
+
+    def _excess(self, found: Candidate) -> tuple[float, float]:
+        """What a model leaves beyond noise: as a z-score, and as a share of what the calibrated model leaves."""
+        share = self.problem.floor.information
+
+        def beyond(c: Candidate) -> tuple[float, float]:
+            floor = sum(float(p.chi2.sum()) for p in c.problem.parts)
+            total = sum(float(x.sum()) for x in c.fit.position_chi2)
+            smooth = sum(int(p.parameters.sum()) for p in c.problem.parts)
+            own = (
+                sum((4 if s.grounded else 6) * int((s.samples > 0).sum()) for s in c.problem.stacks) + c.fit.model.size
+            )
+            return (total - floor) * share, max(smooth - own, 1)
+
+        left, freedom = beyond(found)
+        whole, freedom_none = beyond(self.none)
+        bounce = 0.0
+        if self.restitution is not None:
+            bounce = self.restitution.chi2 if found.restitution else self.restitution.chi2_expected
+            bounce -= len(self.bounces)
+        z = (left + bounce - freedom) / np.sqrt(2 * (freedom + len(self.bounces)))
+        whole += (self.restitution.chi2_expected if self.restitution else 0.0) - freedom_none
+        return float(z), float(np.clip((left + max(bounce, 0) - freedom) / max(whole, 1e-9), 0, 1))
+
+
+def _apart(guesses: Sequence[Guess]) -> list[Guess]:
+    """The best of the guesses of a place that are well apart from each other."""
+    places = np.array([g.values[:3] for g in guesses])
+    spacing = float(np.ptp(places, axis=0).max()) / 3
+    out: list[Guess] = []
+    for guess in guesses:
+        if all(np.linalg.norm(guess.values[:3] - other.values[:3]) > spacing for other in out):
+            out.append(guess)
+    return out[:MANY_BEGINNINGS]
+
+
+def names_of(text: str) -> tuple[str, ...]:
+    """The effects that `--effects` names. Raises ValueError with what is valid."""
+    known = effect_kinds()
+    if text == "all":
+        return tuple(known)
+    names: Iterable[str] = [n.strip() for n in text.split(",") if n.strip()]
+    for name in names:
+        if name not in known:
+            raise ValueError(f"unknown effect {name!r}; valid: all, {', '.join(known)}")
+    return tuple(dict.fromkeys(names))

@@ -1,0 +1,61 @@
+"""Balls dropped from a 48 m bridge: heights at 15 Hz, two drops each
+(github.com/briandesilva/discovery-of-physics-from-data, MIT). The sheet is OOXML whatever its name says. Where a
+ball's weight is not given (??), that of its kind is taken."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.discrepancy.track import Track
+from pipeline.external.place import RealSet
+
+OUNCE = 0.0283495  # kg
+USUAL = {"volleyball": (9.5, 66.0)}  # ounces, cm around
+SOURCE, LICENCE = "briandesilva/discovery-of-physics-from-data", "MIT"
+
+
+def read_ball_drops(folder: Path) -> list[RealSet]:
+    """A set for each ball. folder: real_motion/ball_drops."""
+    import openpyxl  # of the extra `benchmark`
+
+    sizes = _sizes(folder / "data" / "balls.txt")
+    data = (folder / "data" / "Ball_drops_data.xls").read_bytes()
+    book = openpyxl.load_workbook(io.BytesIO(data), data_only=True)
+    out = []
+    for sheet in book:
+        rows = [r[:3] for r in sheet.iter_rows(min_row=2, values_only=True) if r[0] is not None and r[2] is not None]
+        values = np.array(rows, float)
+        key = sheet.title.lower().replace(" ", "")
+        name = next((k for k in sizes if _same(k, key)), None)
+        mass, radius = sizes[name] if name else (0.3, 0.1)
+        tracks = []
+        for drop in np.unique(values[:, 0]):
+            mine = values[values[:, 0] == drop]
+            position = np.column_stack([np.zeros((len(mine), 2)), mine[:, 2]])
+            tracks.append(Track(f"drop_{int(drop)}", "ball", mine[:, 1], position))
+        known = {"ground": None, "objects": [{"name": "ball", "shape": "sphere", "radius": radius, "mass": mass}]}
+        out.append(RealSet(key, tuple(tracks), known, SOURCE, LICENCE))
+    return out
+
+
+def _same(name: str, sheet: str) -> bool:
+    words = {"wiffle": "whiffle"}
+    name = name.lower()
+    for old, new in words.items():
+        name = name.replace(old, new)
+    return name.rstrip("s") in (sheet, sheet.removesuffix("ball"), sheet.replace("ball", "")) or name == sheet
+
+
+def _sizes(path: Path) -> dict[str, tuple[float, float]]:
+    """Ball -> mass, kg, and radius, m."""
+    out = {}
+    for line in path.read_text().splitlines()[1:]:
+        parts = line.split()
+        if len(parts) == 3:
+            usual = USUAL.get(parts[0], (8.0, 60.0))
+            ounces, around = (u if word == "??" else float(word) for u, word in zip(usual, parts[1:], strict=True))
+            out[parts[0]] = (ounces * OUNCE, around / 200 / np.pi)
+    return out

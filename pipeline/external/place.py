@@ -1,0 +1,30 @@
+"""Where published measurements lie: `DYNAMICS_DATA`, else ../shared/data beside the project."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.discrepancy.track import Track
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class RealSet:
+    """tracks: measured; known: the content of the scene file; source, licence: whose they are."""
+
+    name: str
+    tracks: tuple[Track, ...]
+    known: dict[str, Any]
+    source: str
+    licence: str
+
+
+def real_motion_folder() -> Path | None:
+    """The folder with ball_drops, cube_tosses and table_tennis; None where there is none."""
+    base = Path(os.environ.get("DYNAMICS_DATA", ROOT.parent / "shared" / "data"))
+    folder = base / "real_motion"
+    return folder if folder.is_dir() else None

@@ -1,0 +1,97 @@
+"""A verdict against the truth: was it right, and how many of them were, with Wilson's intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+LARGEST_SET = 3  # an equivalence set of more names is no answer
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """right: the hidden effects were named, by the verdict or by a small set of equivalents; false: something was
+    claimed that is not there; some: of several effects one at least was named. label: what the confusion matrix
+    counts it as. errors: relative error of each parameter; covered: the share of its components
+    whose 95 % interval holds the truth."""
+
+    right: bool
+    false: bool
+    some: bool
+    truth: str
+    label: str
+    errors: Mapping[str, float]
+    covered: Mapping[str, float]
+
+
+def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
+    """verdict: of report.json; truth: of a hidden world (`pipeline.hidden.world`)."""
+    hidden = {e["name"] for e in truth["effects"]}
+    named = [n for n in verdict["effects"] if n != "unknown"]
+    unknown = "unknown" in verdict["effects"]
+    sets = [set(s) for s in verdict["equivalent"] if len(s) <= LARGEST_SET]
+    listed = truth.get("unlisted") is None and not truth.get("struck")
+    name = "+".join(sorted(hidden)) if hidden and listed else "none" if listed else "unlisted"
+    answer = "unknown" if unknown else "+".join(sorted(named)) or "none"
+    if not listed:
+        return Judgement(unknown, bool(named), unknown, name, name if unknown else answer, {}, {})
+    if not hidden:
+        return Judgement(not named and not unknown, bool(named), True, name, answer, {}, {})
+    alike = len(hidden) == 1 and any(hidden <= s for s in sets)
+    right = not unknown and (set(named) == hidden or alike)
+    label = name if right else answer
+    errors, covered = _parameters(verdict, truth) if set(named) == hidden else ({}, {})
+    return Judgement(right, bool(set(named) - hidden) and not alike, bool(hidden & set(named)) or alike, name, label,
+                     errors, covered)  # fmt: skip
+
+
+def _parameters(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, float]]:
+    errors: dict[str, float] = {}
+    covered: dict[str, float] = {}
+    for effect in truth["effects"]:
+        for key, value in effect.items():
+            if key == "name":
+                continue
+            found = verdict["parameters"].get(key if len(truth["effects"]) == 1 else f"{effect['name']}.{key}")
+            if found is None or found["stderr"] is None:
+                continue
+            true, own = np.atleast_1d(np.array(value, float)), np.atleast_1d(np.array(found["value"], float))
+            spread = np.atleast_1d(np.array(found["stderr"], float))
+            size = max(float(np.linalg.norm(true)), 1e-12)
+            errors[f"{effect['name']}.{key}"] = float(np.linalg.norm(own - true)) / size
+            covered[f"{effect['name']}.{key}"] = float(np.mean(np.abs(own - true) <= 1.96 * spread))
+    return errors, covered
+
+
+def wilson(hits: int, count: int, z: float = 1.96) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share."""
+    if count == 0:
+        return 0.0, 1.0
+    p, q = hits / count, z * z / count
+    centre, half = p + q / 2, z * np.sqrt(p * (1 - p) / count + q / 4 / count)
+    return float((centre - half) / (1 + q)), float((centre + half) / (1 + q))
+
+
+def macro_f1(judged: Sequence[Judgement]) -> float:
+    """Mean over the true names of the harmonic mean of precision and recall."""
+    names = sorted({j.truth for j in judged})
+    scores = []
+    for name in names:
+        hits = sum(j.truth == name and j.right for j in judged)
+        told = sum((j.label == name) for j in judged)
+        there = sum(j.truth == name for j in judged)
+        scores.append(2 * hits / max(told + there, 1))
+    return float(np.mean(scores)) if scores else 0.0
+
+
+def confusion(judged: Sequence[Judgement]) -> tuple[list[str], list[str], np.ndarray]:
+    """Names of the rows (truth) and columns (answer), and how often each pair came."""
+    rows = sorted({j.truth for j in judged})
+    columns = [*rows, *sorted({j.label for j in judged} - set(rows))]
+    counts = np.zeros((len(rows), len(columns)), int)
+    for j in judged:
+        counts[rows.index(j.truth), columns.index(j.label)] += 1
+    return rows, columns, counts

@@ -1,0 +1,132 @@
+"""The forces of a scene's effects that plain MuJoCo has not, written into a running simulation."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.kind import EffectKind
+from pipeline.scene.effects.registry import effect_kinds
+from pipeline.scene.scene import Effect, Scene, half_extents
+
+CHATTER_STEPS = 4
+ApplyForces = Callable[[mujoco.MjModel, mujoco.MjData], None]
+
+
+@dataclass(frozen=True)
+class AppliedEffect:
+    """An effect of B scenes at once: its parameters (B, 1) and (B, 1, 3), and the objects on which it acts (N,)
+    bool."""
+
+    kind: EffectKind
+    values: dict[str, np.ndarray]
+    acts: np.ndarray
+
+
+def applied_effects(scenes: Sequence[Scene]) -> list[AppliedEffect]:
+    """Those effects of the scenes that are applied as forces; the scenes share their names and objects, in order."""
+    names = [[(e.name, e.objects) for e in s.effects] for s in scenes]
+    assert all(n == names[0] for n in names), "scenes of one batch share their effects' names"
+    out = []
+    for i, effect in enumerate(scenes[0].effects):
+        kind = effect_kinds()[effect.name]
+        if kind.applied:
+            out.append(AppliedEffect(kind, _stacked([s.effects[i] for s in scenes]), _acts(effect, scenes[0])))
+    return out
+
+
+def _stacked(effects: Sequence[Effect]) -> dict[str, np.ndarray]:
+    rows: dict[str, list[Any]] = {name: [e.values[name] for e in effects] for name, _ in effects[0].parameters}
+    return {name: np.array(row, float)[:, None] for name, row in rows.items()}
+
+
+def _acts(effect: Effect, scene: Scene) -> np.ndarray:
+    return np.array([effect.objects is None or o.name in effect.objects for o in scene.objects])
+
+
+def total_force(effects: Sequence[AppliedEffect], body: Body) -> np.ndarray:
+    """The sum of the effects' forces on bodies of leading shape (B, N), (B, N, 3) N."""
+    for e in effects:
+        if e.kind.air_velocity is not None:
+            body.air_velocity = body.air_velocity + e.kind.air_velocity(e.values, body) * e.acts[:, None]
+    force = np.zeros_like(body.position)
+    for e in effects:
+        if e.kind.force is not None:
+            force += e.kind.force(e.values, body) * e.acts[:, None]
+    return force
+
+
+def other_centres(position: np.ndarray) -> np.ndarray:
+    """Of positions (..., N, 3), for each object those of the others, (..., N, N - 1, 3)."""
+    n = position.shape[-2]
+    index = np.array([[j for j in range(n) if j != i] for i in range(n)], int).reshape(n, max(n - 1, 0))
+    return position[..., index, :]
+
+
+def resting_body(scenes: Sequence[Scene]) -> Body:
+    """What does not change during the runs of B scenes, the rest zero; leading shape (B, N)."""
+    shape = (len(scenes), len(scenes[0].objects))
+    zero = np.zeros((*shape, 3))
+    mass = np.array([[o.mass for o in s.objects] for s in scenes])
+    radius = np.array([[0.0 if o.shape == "mesh" else half_extents(o)[2] for o in s.objects] for s in scenes])
+    friction = np.array([[o.sliding_friction for o in s.objects] for s in scenes])
+    gravity = np.array([s.gravity for s in scenes])[:, None] + zero
+    return Body(np.zeros(shape), zero, zero, zero, other_centres(zero), mass, radius, gravity, np.zeros(shape),
+                friction,                zero, zero)  # fmt: skip
+
+
+def effect_forces(scene: Scene) -> ApplyForces | None:
+    """What writes the forces of `scene` before each step; None where MuJoCo needs no help."""
+    effects = applied_effects([scene])
+    if not effects or not scene.objects:
+        return None
+    constant = resting_body([scene])
+    normal = RecentNormalForce()
+    ends = slice(1, 1 + len(scene.objects))
+
+    def apply(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        qvel = data.qvel.reshape(-1, 6)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        spin = np.einsum("nij,nj->ni", data.xmat[ends].reshape(-1, 3, 3), qvel[:, 3:])
+        position = data.xipos[ends].copy()
+        velocity = qvel[:, :3] + np.cross(spin, position - data.xpos[ends])
+        body = Body(
+            np.full(constant.time.shape, data.time), position[None], velocity[None], spin[None],
+            other_centres(position)[None], constant.mass, constant.radius, constant.gravity,
+            normal.after(ground_forces(model, data, len(scene.objects))[None]), constant.sliding_friction,
+            constant.air_velocity,            constant.ground_velocity,
+        )  # fmt: skip
+        data.xfrc_applied[ends, :3] = total_force(effects, body)[0]
+
+    return apply
+
+
+class RecentNormalForce:
+    """The normal force of the last few steps, in the mean: MuJoCo's bodies chatter on the ground, touching it at some
+    steps and not at others, where a real one would rest on it."""
+
+    def __init__(self) -> None:
+        self._recent: deque[np.ndarray] = deque(maxlen=CHATTER_STEPS)
+
+    def after(self, last: np.ndarray) -> np.ndarray:
+        """The mean with the forces of the last step (...) N, and those before."""
+        self._recent.append(last)
+        return np.mean(self._recent, axis=0)
+
+
+def ground_forces(model: mujoco.MjModel, data: mujoco.MjData, objects: int) -> np.ndarray:
+    """The ground's normal force on each object in the last step, (N,) N."""
+    out, force = np.zeros(objects), np.zeros(6)
+    for i in range(data.ncon):
+        first, second = model.geom_bodyid[data.contact.geom[i]]
+        if min(first, second) == 0:
+            mujoco.mj_contactForce(model, data, i, force)
+            out[max(first, second) - 1] += force[0]
+    return out

@@ -1,0 +1,54 @@
+"""What a law sees of a body: arrays that broadcast, so that one law serves one body, a scene, a batch and a fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass
+class Body:
+    """Bodies at one moment, in the world's frame; `...` is any leading shape.
+
+    time (...), s. position, velocity, angular_velocity (..., 3): of the centre of mass. others (..., M, 3) m:
+    centres of the other objects. mass (...), kg; radius (...), m. gravity (..., 3) m/s². normal_force (...), N, of
+    the ground on the body, 0 in the air. sliding_friction (...). air_velocity, ground_velocity (..., 3) m/s.
+    """
+
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    angular_velocity: np.ndarray
+    others: np.ndarray
+    mass: np.ndarray
+    radius: np.ndarray
+    gravity: np.ndarray
+    normal_force: np.ndarray
+    sliding_friction: np.ndarray
+    air_velocity: np.ndarray
+    ground_velocity: np.ndarray
+
+    @property
+    def airspeed(self) -> np.ndarray:
+        """Velocity relative to the air, (..., 3) m/s."""
+        return self.velocity - self.air_velocity
+
+    @property
+    def slip(self) -> np.ndarray:
+        """Velocity of a ball's lowest point over the ground, (..., 3) m/s, its z being 0."""
+        out = self.velocity - self.ground_velocity
+        out[..., 0] -= self.angular_velocity[..., 1] * self.radius
+        out[..., 1] += self.angular_velocity[..., 0] * self.radius
+        out[..., 2] = 0.0
+        return out
+
+
+def length(vectors: np.ndarray) -> np.ndarray:
+    """|v| (..., 1) of vectors (..., 3)."""
+    return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))[..., None]
+
+
+def direction(vectors: np.ndarray, least: float) -> np.ndarray:
+    """v / sqrt(|v|² + least²): a unit vector that goes smoothly through zero, (..., 3)."""
+    return vectors / np.sqrt(np.einsum("...i,...i->...", vectors, vectors)[..., None] + least * least)

@@ -1,0 +1,34 @@
+"""Contact pulls the body on, which presses it harder on what it touches until it lets go."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.kind import EffectKind, Parameter, Regime, Values
+from pipeline.scene.scene import Scene
+
+
+def normal_force(values: Values, body: Body) -> np.ndarray:
+    return values["force"]
+
+
+def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str, ...]) -> None:
+    for name in objects:
+        root.actuator.add("adhesion", name=f"adhesion_{name}", body=name, gain=values["force"], ctrlrange=[0, 1])
+    key = root.find("key", "initial")
+    key.ctrl = np.ones(len(root.actuator.adhesion))
+
+
+EFFECT = EffectKind(
+    name="adhesion",
+    formula="the normal force grows by F while in contact",
+    parameters=(Parameter("force", "N", low=0, scale=1.0),),
+    regimes=(Regime.IMPACT, Regime.SLIDING),
+    experiment="slide it with a weight on top: friction of adhesion does not grow with the weight",
+    normal_force=normal_force,
+    edit=edit,
+)

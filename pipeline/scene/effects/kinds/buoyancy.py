@@ -1,0 +1,32 @@
+"""A share of the weight that the surrounding air or water carries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
+from pipeline.scene.scene import Scene
+
+
+def force(values: Values, body: Body) -> np.ndarray:
+    return -(values["fraction"] * body.mass)[..., None] * body.gravity
+
+
+def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str, ...]) -> None:
+    for name in objects:
+        root.find("body", name).gravcomp = values["fraction"]
+
+
+EFFECT = EffectKind(
+    name="buoyancy",
+    formula="F = -b m g",
+    parameters=(Parameter("fraction", "-", low=0, high=2, scale=0.1),),
+    regimes=EVERYWHERE,
+    experiment="repeat with a heavier body of the same size: buoyancy takes a smaller share of its weight",
+    force=force,
+    edit=edit,
+)

@@ -1,0 +1,37 @@
+"""Gravity has another strength than was stated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pipeline.scene.effects.body import Body, length
+from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
+from pipeline.scene.scene import Scene
+
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def force(values: Values, body: Body) -> np.ndarray:
+    size = length(body.gravity)
+    down = np.where(size > 0, body.gravity / np.maximum(size, 1e-12), DOWN)
+    return body.mass[..., None] * (values["gravity"][..., None] * down - body.gravity)
+
+
+def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str, ...]) -> None:
+    stated = np.array(root.option.gravity)
+    size = np.linalg.norm(stated)
+    root.option.gravity = values["gravity"] * (stated / size if size else DOWN)
+
+
+EFFECT = EffectKind(
+    name="gravity_error",
+    formula="g is not what was stated",
+    parameters=(Parameter("gravity", "m/s^2", low=0, high=100, scale=1.0, neutral=9.81),),
+    regimes=EVERYWHERE,
+    experiment="time a pendulum of known length at the same place",
+    force=force,
+    edit=edit,
+)

@@ -1,0 +1,22 @@
+"""Drag that is proportional to the speed, as of slow motion in something viscous."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
+
+
+def force(values: Values, body: Body) -> np.ndarray:
+    return -values["coefficient"][..., None] * body.airspeed
+
+
+EFFECT = EffectKind(
+    name="linear_drag",
+    formula="F = -c u",
+    parameters=(Parameter("coefficient", "kg/s", low=0, scale=0.05),),
+    regimes=EVERYWHERE,
+    experiment="throw at half and at twice the speed: quadratic drag grows fourfold, linear drag twofold",
+    force=force,
+)

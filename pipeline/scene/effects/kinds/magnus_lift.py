@@ -1,0 +1,32 @@
+"""Lift of a spinning body across its spin and its motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
+
+
+def force(values: Values, body: Body) -> np.ndarray:
+    w, u = body.angular_velocity, body.airspeed
+    cross = np.stack(
+        [
+            w[..., 1] * u[..., 2] - w[..., 2] * u[..., 1],
+            w[..., 2] * u[..., 0] - w[..., 0] * u[..., 2],
+            w[..., 0] * u[..., 1] - w[..., 1] * u[..., 0],
+        ],
+        axis=-1,
+    )
+    return values["coefficient"][..., None] * cross
+
+
+EFFECT = EffectKind(
+    name="magnus_lift",
+    formula="F = s w x u",
+    parameters=(Parameter("coefficient", "kg", scale=0.001),),
+    regimes=EVERYWHERE,
+    experiment="throw with the spin reversed: lift changes its side",
+    force=force,
+    needs=("spin",),
+)

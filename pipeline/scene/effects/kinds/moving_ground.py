@@ -1,0 +1,35 @@
+"""The ground's surface moves: a conveyor belt."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pipeline.errors import SceneError
+from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.kind import GROUNDED, EffectKind, Parameter, Values
+from pipeline.scene.scene import Scene
+
+
+def ground_velocity(values: Values, body: Body) -> np.ndarray:
+    v = values["velocity"]
+    return np.concatenate([v, np.zeros_like(v[..., :1])], -1)
+
+
+def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str, ...]) -> None:
+    if scene.ground is None:
+        raise SceneError("effects: moving_ground needs a ground; valid: ground: {height: 0.0}")
+    root.find("geom", "ground").surfacevel = [*values["velocity"], 0.0]
+
+
+EFFECT = EffectKind(
+    name="moving_ground",
+    formula="friction acts against the velocity relative to the moving ground",
+    parameters=(Parameter("velocity", "m/s", length=2, low=-60, high=60, scale=0.2),),
+    regimes=GROUNDED,
+    experiment="put a body down at rest: a belt carries it along",
+    ground_velocity=ground_velocity,
+    edit=edit,
+)

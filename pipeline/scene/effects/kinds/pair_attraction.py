@@ -1,0 +1,27 @@
+"""The objects attract each other (negative: repel), as the inverse square of their distance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
+
+LEAST_DISTANCE = 0.02  # m: nearer, the force grows no more
+
+
+def force(values: Values, body: Body) -> np.ndarray:
+    away = body.others - body.position[..., None, :]
+    square = np.einsum("...i,...i->...", away, away) + LEAST_DISTANCE**2
+    return values["strength"][..., None] * (away / (square * np.sqrt(square))[..., None]).sum(-2)
+
+
+EFFECT = EffectKind(
+    name="pair_attraction",
+    formula="F = k r / |r|^3 between objects",
+    parameters=(Parameter("strength", "N m^2", scale=0.05),),
+    regimes=EVERYWHERE,
+    experiment="move one of the objects alone",
+    force=force,
+    needs=("others",),
+)

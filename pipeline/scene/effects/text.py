@@ -1,0 +1,76 @@
+"""Effects as they stand in a scene's YAML: reading with one clear error per fault, and the canonical form."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from pipeline.errors import SceneError
+from pipeline.scene.effects.kind import EffectKind, Parameter
+from pipeline.scene.effects.registry import effect_kinds
+from pipeline.scene.scene import Effect
+
+
+def effect_from_dict(entry: Any, index: int, names: Sequence[str], source: str) -> Effect:
+    """The effect that parsed YAML describes; names: of the scene's objects. Raises `SceneError`, naming the place."""
+    place = f"{source}: effects[{index}]"
+    if not isinstance(entry, dict):
+        raise SceneError(f"{place}: must be a mapping with a name and its parameters, not {entry!r}")
+    kind = effect_kinds().get(entry.get("name"))  # type: ignore[arg-type]
+    if kind is None:
+        close = difflib.get_close_matches(str(entry.get("name")), effect_kinds(), 1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise SceneError(
+            f"{place}.name: unknown effect {entry.get('name')!r}{hint}; valid: {', '.join(effect_kinds())}"
+        )
+    valid = ["name", *(p.name for p in kind.parameters), "objects"] + ["object"] * (kind.kick is not None)
+    for key in entry:
+        if key not in valid:
+            close = difflib.get_close_matches(str(key), valid, 1)
+            hint = f" (did you mean {close[0]!r}?)" if close else ""
+            raise SceneError(f"{place}.{key}: unknown key{hint}; valid keys of {kind.name}: {', '.join(valid)}")
+    for parameter in kind.parameters:
+        if parameter.name not in entry:
+            needed = ", ".join(f"{p.name} ({p.unit})" for p in kind.parameters)
+            raise SceneError(f"{place}.{parameter.name}: missing key; needed by {kind.name}: {needed}")
+    values = tuple((p.name, _value(entry[p.name], p, f"{place}.{p.name}")) for p in kind.parameters)
+    return Effect(kind.name, values, _objects(entry, names, place))
+
+
+def _value(value: Any, parameter: Parameter, place: str) -> float | tuple[float, ...]:
+    if parameter.length == 1:
+        return _number(value, parameter, place)
+    if not isinstance(value, list) or len(value) != parameter.length:
+        raise SceneError(f"{place}: valid: a list of {parameter.length} numbers ({parameter.unit}), not {value!r}")
+    return tuple(_number(v, parameter, f"{place}[{i}]") for i, v in enumerate(value))
+
+
+def _number(value: Any, parameter: Parameter, place: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise SceneError(f"{place}: must be a finite number ({parameter.unit}), not {value!r}")
+    if not parameter.low <= value <= parameter.high:
+        bounds = f"from {parameter.low:g} to {parameter.high:g}".replace("to inf", "upwards").replace("-inf", "below")
+        raise SceneError(f"{place}: {value:g} is out of range; valid: {bounds} ({parameter.unit})")
+    return float(value)
+
+
+def _objects(entry: dict[str, Any], names: Sequence[str], place: str) -> tuple[str, ...] | None:
+    """Which objects it acts on; None: all. `object` (of a blow) is short for a list of one."""
+    key = "object" if "object" in entry else "objects"
+    if entry.get(key) is None:
+        return None
+    listed = [entry[key]] if key == "object" else entry[key]
+    if not isinstance(listed, list) or not listed:
+        raise SceneError(f"{place}.{key}: must be a list of names of objects, not {listed!r}")
+    for i, name in enumerate(listed):
+        if name not in names:
+            where = f"{place}.object" if key == "object" else f"{place}.objects[{i}]"
+            raise SceneError(f"{where}: there is no object {name!r}; valid: {', '.join(names)}")
+    return tuple(listed)
+
+
+def effect_kind(effect: Effect) -> EffectKind:
+    """What a scene's effect is an instance of."""
+    return effect_kinds()[effect.name]

@@ -1,0 +1,137 @@
+"""Verdicts on small worlds, and the files that the command leaves."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from ruamel.yaml import YAML
+from small_world import KNOWN, effect, thrown
+
+from pipeline.commands.main import main
+from pipeline.discrepancy.discover import discover, report
+from pipeline.discrepancy.known_scene import known_scene
+from pipeline.discrepancy.track import tracks_table
+from pipeline.physics.simulate import compile_xml
+from pipeline.scene.effects.registry import effect_kinds
+from pipeline.scene.text import load_scene
+
+ALL = tuple(effect_kinds())
+STRONG = {
+    "air_drag": {"coefficient": 0.01}, "magnus_lift": {"coefficient": 0.002}, "tilted_gravity": {"tilt": (0.05, 0.02)},
+    "rotating_frame": {"angular_velocity": 0.3}, "impulse": {"time": 0.4, "momentum": (0.1, 0.0, 0.1)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", sorted(STRONG))
+def test_a_strong_effect_is_named_and_the_gap_closes(name: str) -> None:
+    rng = np.random.default_rng(sorted(STRONG).index(name))
+    found = discover(thrown(rng, 8, (effect(name, **STRONG[name]),)), known_scene(KNOWN), 0.3, ALL, rng)
+    assert found.verdict.effects == (name,)
+    assert found.gap.before > 1.5 * found.gap.noise_floor
+    assert found.gap.after == pytest.approx(found.gap.noise_floor, rel=0.15)
+
+
+def test_where_nothing_is_hidden_nothing_is_claimed() -> None:
+    rng = np.random.default_rng(5)
+    found = discover(thrown(rng, 8), known_scene(KNOWN), 0.3, ALL, rng)
+    assert found.verdict.effects == ()
+    assert found.gap.after == pytest.approx(found.gap.noise_floor, rel=0.1)
+
+
+def test_an_effect_that_the_scene_has_already_is_not_found_again() -> None:
+    rng = np.random.default_rng(11)
+    known = known_scene({**KNOWN, "effects": [{"name": "air_drag", "coefficient": 0.01}]})
+    assert discover(thrown(rng, 8, (effect("air_drag", coefficient=0.01),)), known, 0.3, ALL, rng).verdict.effects == ()
+
+
+def test_what_only_scales_gravity_is_one_set() -> None:
+    rng = np.random.default_rng(6)
+    found = discover(thrown(rng, 8, (effect("gravity_error", gravity=10.5),)), known_scene(KNOWN), 0.3, ALL, rng)
+    (alike,) = found.verdict.equivalent
+    assert {"gravity_error", "length_scale"} <= set(alike) and "air_drag" not in alike
+    assert "pendulum" in found.verdict.experiment
+
+
+def test_a_spin_that_explains_nothing_does_not_earn_its_place() -> None:
+    rng = np.random.default_rng(7)
+    tracks = thrown(rng, 8, (effect("tilted_gravity", tilt=(0.05, 0.0)),))
+    assert "magnus_lift" not in discover(tracks, known_scene(KNOWN), 0.3, ALL, rng).verdict.effects
+
+
+def test_struck_off_the_list_lift_is_unknown_and_the_formula_finds_it() -> None:
+    rng = np.random.default_rng(8)
+    names = tuple(n for n in ALL if n != "magnus_lift")
+    found = discover(thrown(rng, 8, (effect("magnus_lift", coefficient=0.004),)), known_scene(KNOWN), 0.3, names, rng)
+    assert found.verdict.effects == ("unknown",)
+    assert found.verdict.form is not None and "w x v" in found.verdict.form
+
+
+def test_probabilities_sum_to_one_and_the_report_has_what_the_format_says() -> None:
+    rng = np.random.default_rng(9)
+    found = discover(thrown(rng, 4, (effect("linear_drag", coefficient=0.1),)), known_scene(KNOWN), 0.3, ALL, rng)
+    content = report(found)
+    assert sum(found.probability.values()) == pytest.approx(1)
+    needed = {"noise", "clips", "calibrated", "disagreement", "candidates", "verdict", "gap"}
+    assert needed <= content.keys()
+    assert {"effect", "probability", "delta_bic", "held_out_gain", "parameters"} == content["candidates"][0].keys()
+    assert {"clip", "object", "t_start", "t_end", "regime", "residual", "unit", "z_score", "direction"} == content[
+        "disagreement"
+    ][0].keys()
+    z = [d["z_score"] for d in content["disagreement"]]
+    assert z == sorted(z, reverse=True)
+    assert content["gap"]["metric"] == "position_rmse_m"
+    assert "against the velocity" in " ".join(d["direction"] for d in content["disagreement"])
+
+
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    rng = np.random.default_rng(10)
+    measured, scene = tmp_path / "m.parquet", tmp_path / "scene.yaml"
+    pq.write_table(tracks_table(thrown(rng, 4, (effect("air_drag", coefficient=0.01),))), measured)
+    with scene.open("w") as file:
+        YAML(typ="safe").dump(KNOWN, file)
+    return measured, scene
+
+
+def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path: Path) -> None:
+    measured, scene = files(tmp_path)
+    out = tmp_path / "out"
+    assert main(["discover", str(measured), str(scene), "-o", str(out)]) == 0
+    content = json.loads((out / "report.json").read_text())
+    assert content["verdict"]["effects"] == ["air_drag"]
+    assert content["verdict"]["parameters"]["coefficient"]["value"] == pytest.approx(0.01, rel=0.1)
+    augmented = load_scene(out / "augmented.yaml")
+    assert [e.name for e in augmented.effects] == ["air_drag"]
+    compile_xml((out / "augmented.xml").read_text())
+    page = (out / "report.html").read_text()
+    assert "<svg" in page and "http" not in page.replace("http://www.w3.org", "").replace(
+        "http://purl.org", ""
+    ).replace("http://creativecommons.org", "").replace("https://matplotlib.org", "")
+    assert {"residuals.parquet", "recording.rrd"} <= {p.name for p in out.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--effects", "telepathy"], "unknown effect 'telepathy'; valid: all"),
+        (["--held-out", "1.5"], "--held-out 1.5: valid"),
+    ],
+)
+def test_bad_words_are_said_in_one_line_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
+    measured, scene = files(tmp_path)
+    out = tmp_path / "deep" / "out"
+    assert main(["discover", str(measured), str(scene), "-o", str(out), *words]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+    assert not out.parent.exists()
+
+
+def test_a_bad_file_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, scene = files(tmp_path)
+    (tmp_path / "bad.csv").write_text("clip,object,time,x,y\n")
+    assert main(["discover", str(tmp_path / "bad.csv"), str(scene), "-o", str(tmp_path / "out")]) == 2
+    assert "no column 'z'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,64 @@
+"""Arcs, noise and fits obey what they are for."""
+
+import numpy as np
+import pytest
+from small_world import KNOWN, NOISE, effect, thrown
+
+from pipeline.discrepancy.arc import cut_tracks
+from pipeline.discrepancy.breaks import find_breaks
+from pipeline.discrepancy.fit import fit
+from pipeline.discrepancy.known_scene import known_scene
+from pipeline.discrepancy.model import known_model, with_effect
+from pipeline.discrepancy.noise import leave_one_out, rough_sigma
+from pipeline.discrepancy.problem import pose, starts_of
+from pipeline.discrepancy.track import Track
+from pipeline.errors import MeasurementError
+from pipeline.scene.effects.registry import effect_kinds
+
+
+def test_noise_is_found_at_irregular_times_with_outliers_in_between(rng: np.random.Generator) -> None:
+    t = np.cumsum(rng.uniform(0.01, 0.02, 400))
+    x = np.stack([2 * t, np.sin(t), 5 - 4.9 * t**2], 1) + rng.normal(0, 0.003, (400, 3))
+    x[::50] += 1.0
+    assert rough_sigma(leave_one_out(t, x)) == pytest.approx(0.003, rel=0.3)
+
+
+def test_a_bounce_is_a_break_and_a_parabola_has_none(rng: np.random.Generator) -> None:
+    t = np.arange(60) / 60
+    smooth = np.stack([t, 0 * t, 3 * t - 4.9 * t**2], 1) + rng.normal(0, NOISE, (60, 3))
+    assert find_breaks(t, smooth, NOISE) == []
+    kinked = smooth + np.maximum(0, t - 0.505)[:, None] * [0.0, 0.0, 4.0]
+    (found,) = find_breaks(t, kinked, NOISE)
+    assert found.time == pytest.approx(0.505, abs=0.01)
+    np.testing.assert_allclose(found.jump, [0, 0, 4], atol=0.25)
+
+
+def test_an_object_that_the_scene_lacks_is_named(rng: np.random.Generator) -> None:
+    track = Track("c", "cube", np.arange(10) / 60, rng.normal(size=(10, 3)))
+    with pytest.raises(MeasurementError, match="clip c, object cube, row 1: the scene has no such object; valid: ball"):
+        cut_tracks([track], known_scene(KNOWN))
+
+
+def test_single_outliers_are_left_out_and_good_samples_are_not(rng: np.random.Generator) -> None:
+    tracks = thrown(rng, 3)
+    tracks[1].position[[11, 40]] += [0.3, 0, 0.2]
+    cut = cut_tracks(tracks, known_scene(KNOWN))
+    assert {("clip_1", 0, 11), ("clip_1", 0, 40)} <= cut.outliers and len(cut.outliers) <= 4
+
+
+def test_a_fit_finds_the_coefficient_within_its_standard_errors(rng: np.random.Generator) -> None:
+    known = known_scene(KNOWN)
+    problem = pose(thrown(rng, 8, (effect("air_drag", coefficient=0.004),)), known, 0.0, rng)
+    model = with_effect(known_model(known, problem.stacks), effect_kinds()["air_drag"], known)
+    found = fit(problem.stacks, model, model.start, starts_of(problem), problem.chosen)
+    assert abs(found.theta[0] - 0.004) < 4 * found.covariance[0, 0] ** 0.5
+    assert found.total(problem.chosen) == pytest.approx(problem.rows - 6 * 8, rel=0.12)
+
+
+def test_chi_squared_never_rises_during_a_fit(rng: np.random.Generator) -> None:
+    known = known_scene(KNOWN)
+    problem = pose(thrown(rng, 4, (effect("linear_drag", coefficient=0.1),)), known, 0.0, rng)
+    model = with_effect(known_model(known, problem.stacks), effect_kinds()["linear_drag"], known)
+    totals = [fit(problem.stacks, model, model.start, starts_of(problem), problem.chosen, n).total(problem.chosen)
+              for n in (1, 2, 4)]  # fmt: skip
+    assert totals[0] >= totals[1] - 1e-6 >= totals[2] - 2e-6

@@ -1,0 +1,45 @@
+"""Published measurements, where they are there (DYNAMICS_DATA, else ../shared/data)."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.discrepancy.discover import discover
+from pipeline.discrepancy.known_scene import known_scene
+from pipeline.external.ball_drops import read_ball_drops
+from pipeline.external.cube_tosses import read_cube_tosses
+from pipeline.external.place import real_motion_folder
+from pipeline.external.table_tennis import read_table_tennis
+from pipeline.scene.effects.registry import effect_kinds
+
+
+@pytest.fixture
+def folder() -> Path:
+    found = real_motion_folder()
+    if found is None:
+        pytest.skip("no published measurements here: set DYNAMICS_DATA to the folder that has real_motion")
+    return found
+
+
+def test_ball_drops_have_two_drops_of_each_ball(folder: Path) -> None:
+    pytest.importorskip("openpyxl", reason="an extra: benchmark")
+    sets = read_ball_drops(folder / "ball_drops")
+    assert len(sets) == 11
+    for real in sets:
+        assert len(real.tracks) == 2 and all(42 <= len(t.time) <= 58 for t in real.tracks)
+        assert 0.02 < known_scene(real.known).scene.objects[0].mass < 7
+
+
+def test_a_cube_that_rests_touches_the_ground(folder: Path) -> None:
+    real = read_cube_tosses(folder / "cube_tosses", 5)
+    assert all(t.quaternion is not None for t in real.tracks)
+    assert abs(real.known["ground"]["height"]) < 0.05
+
+
+@pytest.mark.slow
+def test_table_tennis_balls_have_drag(folder: Path) -> None:
+    real = read_table_tennis(folder / "table_tennis", 10)
+    found = discover(real.tracks, known_scene(real.known), 0.3, tuple(effect_kinds()), np.random.default_rng(0))
+    named = set(found.verdict.effects) | {c.first for c in found.selection.singles[:3]}
+    assert named & {"air_drag", "linear_drag", "wind"}

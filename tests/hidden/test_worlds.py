@@ -1,0 +1,101 @@
+"""Hidden worlds: the two engines agree, recipes repeat, verdicts are judged as the issue says."""
+
+import numpy as np
+import pytest
+
+from pipeline.hidden.engine import ENGINES, Twist, run_event_driven, run_mujoco
+from pipeline.hidden.judge import confusion, judge, macro_f1, wilson
+from pipeline.hidden.recipes import recipe_of
+from pipeline.hidden.world import Recipe, make_world
+from pipeline.scene.scene import Effect, Scene, SceneObject
+
+TIMES = np.arange(31) / 60
+BALL = SceneObject(
+    "sphere", (0.05,), 0.2, position=(0, 0, 3), velocity=(2, 1, 1), angular_velocity=(5, -10, 20), name="ball"
+)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Effect("air_drag", (("coefficient", 0.01),)), Effect("magnus_lift", (("coefficient", 0.002),)),
+        Effect("rotating_frame", (("angular_velocity", 0.5),)), Effect("buoyancy", (("fraction", 0.3),)),
+        Effect("impulse", (("time", 0.2), ("momentum", (0.1, 0.0, 0.1)))),
+        Effect("tilted_gravity", (("tilt", (0.1, 0.05)),)),
+    ],
+    ids=lambda e: e.name,
+)  # fmt: skip
+def test_in_the_air_both_engines_agree(effect: Effect) -> None:
+    scene = Scene((BALL,), effects=(effect,))
+    ours, mujoco = (run(scene, TIMES, Twist()).position for run in (run_event_driven, run_mujoco))
+    free = run_mujoco(Scene((BALL,)), TIMES, Twist()).position
+    start = np.linspace(0, 1, len(TIMES))[:, None, None]
+    apart = ours - mujoco
+    assert (
+        np.abs(apart - start * apart[-1]).max() < 0.02 * np.abs(mujoco - free).max() + 1e-3
+    )  # MuJoCo's Euler drifts linearly
+
+
+@pytest.mark.parametrize(("name", "coefficient"), [("air_drag", 0.01), ("magnus_lift", 0.002)])
+def test_bullet_agrees_in_the_air(name: str, coefficient: float) -> None:
+    pytest.importorskip("pybullet", reason="an extra: benchmark")
+    scene = Scene((BALL,), effects=(Effect(name, (("coefficient", coefficient),)),))
+    ours, bullet = (ENGINES[e](scene, TIMES, Twist()).position for e in ("events", "bullet"))
+    assert np.abs(ours - bullet).max() < 0.03
+
+
+def test_a_ball_bounces_off_with_its_restitution_at_once() -> None:
+    ball = SceneObject("sphere", (0.05,), 0.2, 0.0, position=(0, 0, 0.55), name="ball")
+    scene = Scene((ball,), effects=(Effect("restitution", (("coefficient", 0.8),)),))
+    z = run_event_driven(scene, np.arange(241) / 240, Twist()).position[:, 0, 2]  # fmt: skip
+    assert z.min() > 0.049
+    assert z[100:].max() - 0.05 == pytest.approx(0.5 * 0.8**2, rel=0.02)
+
+
+def test_a_puck_stops_where_friction_says() -> None:
+    puck = SceneObject("cylinder", (0.05, 0.02), 0.2, 0.3, position=(0, 0, 0.01), velocity=(1, 0, 0), name="puck")
+    x = run_event_driven(Scene((puck,)), TIMES, Twist()).position[-1, 0, 0]
+    assert x == pytest.approx(1 / (2 * 0.3 * 9.81), rel=0.01)
+
+
+def test_a_world_is_a_function_of_its_recipe_and_generator() -> None:
+    recipe = Recipe(3, ("air_drag",), clips=2)
+    first, second = (make_world(recipe, np.random.default_rng(4)) for _ in range(2))
+    np.testing.assert_array_equal(first.tracks[0].position, second.tracks[0].position)
+    assert first.truth == second.truth and "effects" not in first.known
+
+
+def test_recipes_go_round_their_list() -> None:
+    names = ["air_drag", "none", "unlisted", "air_drag+wind"]
+    recipes = [recipe_of(k, names, 10, 0.002, 4, np.random.default_rng(k)) for k in range(4)]
+    assert [r.effects for r in recipes] == [("air_drag",), (), (), ("air_drag", "wind")]
+    assert recipes[2].unlisted is not None and recipes[1].unlisted is None
+
+
+def verdict(*names: str, equivalent: tuple[tuple[str, ...], ...] = ()) -> dict[str, object]:
+    return {"effects": list(names), "equivalent": [list(s) for s in equivalent], "parameters": {}}
+
+
+def truth(*names: str, unlisted: str | None = None) -> dict[str, object]:
+    return {"effects": [{"name": n} for n in names], "unlisted": unlisted}
+
+
+def test_verdicts_are_right_by_name_or_by_a_small_set() -> None:
+    assert judge(verdict("air_drag"), truth("air_drag")).right
+    assert judge(verdict("wind", equivalent=(("wind", "air_drag"),)), truth("air_drag")).right
+    large = ("a", "b", "c", "air_drag")
+    assert not judge(verdict("a", equivalent=(large,)), truth("air_drag")).right
+    assert judge(verdict(), truth()).right and judge(verdict("wind"), truth()).false
+    assert judge(verdict("unknown"), truth(unlisted="swirl")).right
+    assert judge(verdict("wind"), truth(unlisted="swirl")).false
+    both = judge(verdict("wind"), truth("wind", "buoyancy"))
+    assert both.some and not both.right
+
+
+def test_wilson_and_the_confusion_matrix() -> None:
+    low, high = wilson(95, 100)
+    assert low == pytest.approx(0.888, abs=0.002) and high == pytest.approx(0.978, abs=0.002)
+    judged = [judge(verdict("air_drag"), truth("air_drag")), judge(verdict(), truth("wind"))]
+    rows, columns, counts = confusion(judged)
+    assert counts.sum() == 2 and rows == ["air_drag", "wind"] and "none" in columns
+    assert macro_f1(judged) == pytest.approx(0.5)
