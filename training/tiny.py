@@ -38,7 +38,7 @@ from pipeline.physics.simulate import simulate
 from pipeline.scene.sample import Distribution
 from pipeline.scene.scene import BASIC_SHAPES, Scene
 from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.flow_noise import FlowNoise, noisy_flow
+from pipeline.vision.flow_noise import noisy_flow, raft_noise
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
@@ -67,7 +67,8 @@ def clip_picture(params: Params, suite: str, index: int, scene: Scene) -> np.nda
 
 
 def noisy_picture(params: Params, suite: str, index: int, view: View) -> np.ndarray:
-    flow = noisy_flow(clip_rng(params.seed, suite, index, "flow noise"), view.flow, view.mask, FlowNoise())
+    rng = clip_rng(params.seed, suite, index, "flow noise")
+    flow = noisy_flow(rng, view.flow, view.mask, raft_noise(rng))
     return flow_picture(flow, params.flow.picture, scaled_max_px(LAYOUT.width, 1 / params.clip.fps))
 
 

@@ -102,7 +102,6 @@ def body_at(
     body.time = np.full(x.shape[:-1], t)
     body.position, body.velocity, body.angular_velocity, body.others = x, v, w, other_centres(x)
     body.normal_force = np.where(grounded, body.mass * 9.81 + press, 0.0)
-    body.air_velocity = np.zeros_like(v)
 
 
 def _rub(

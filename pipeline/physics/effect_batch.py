@@ -15,10 +15,10 @@ from pipeline.physics.batch import States
 from pipeline.physics.effect_forces import (
     RecentNormalForce,
     applied_effects,
+    force_of_step,
     ground_forces,
     other_centres,
     resting_body,
-    total_force,
 )
 from pipeline.physics.simulate import compile_xml
 from pipeline.scene.effects.body import Body
@@ -53,7 +53,7 @@ def run_with_effects(scenes: Sequence[Scene], steps: np.ndarray, threads: int) -
             if in_contact:
                 each = [ground_forces(models[i], batch.get_data(i), count) for i in range(len(scenes))]
                 body.normal_force = normal.after(np.array(each))
-            push[:, 1:, :3] = total_force(effects, body)
+            push[:, 1:, :3] = force_of_step(effects, body)
         if step < steps[-1]:
             batch.step()
     valid = np.isclose(time.reshape(-1), steps[-1] / STEPS_PER_SECOND, rtol=0, atol=1e-9)
@@ -73,4 +73,3 @@ def _now(body: Body, qpos: np.ndarray, qvel: np.ndarray, offset: np.ndarray, ste
     body.velocity = rates[..., :3] + np.cross(spin, arm)
     body.angular_velocity = spin
     body.others = other_centres(body.position)
-    body.air_velocity = np.zeros_like(body.velocity)

@@ -1,9 +1,10 @@
 """Exact flow with the errors of a measured one, thousands of times cheaper than measuring it.
 
-RAFT's errors are of four kinds, and each has its parameters: edges are blurred, because its grid is coarse; the
+RAFT's errors are of six kinds, and each has its parameters: edges are blurred, because its grid is coarse; the
 flow wavers a little, smoothly over some pixels and more so where it is long; parts of an object are taken for
-background (drop-outs); and the motion of objects leaks into the background beside them. `fit_noise` measures the
-parameters on pairs of exact and estimated flow.
+background (drop-outs); the motion of objects leaks into the background beside them; shadows move along with their
+objects; and the resting ground flickers in the cells of the coarse grid, most where it is dark or plain. `fit_noise`
+measures most of the parameters on pairs of exact and estimated flow; `raft_noise` draws them as RAFT has them.
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ class FlowNoise:
 
     edge_px: sigma of the blur of edges. waver_px: standard deviation of the smooth error on objects, at rest.
     waver_share: what is added to it, a share of the flow's length. correlation_px: sigma of the smoothing of that
-    error. still_px: standard deviation of the error on the background. dropout: share of an object's pixels that
-    read as background. dropout_px: sigma of the patches that drop out. leak: share of the background beside an object
-    that takes its motion.
+    error. still_px: standard deviation of the error on the background; cell_px: side of the cells in which it is
+    constant, 0: it is smooth; cell_spread: standard deviation of the logarithm of the cells' own deviations. dropout:
+    share of an object's pixels that read as background. dropout_px: sigma of the patches that drop out. leak: share
+    of the background beside an object that takes its motion. shadow: motion of shadows, a share of the objects'.
     """
 
     edge_px: float = 1.5
@@ -36,39 +38,86 @@ class FlowNoise:
     dropout: float = 0.02
     dropout_px: float = 6.0
     leak: float = 0.15
+    cell_px: float = 0.0
+    cell_spread: float = 0.0
+    shadow: float = 0.0
 
     def __post_init__(self) -> None:
         for f in fields(self):
             if not 0 <= getattr(self, f.name) < np.inf:
                 raise ValueError(f"{f.name} is zero or more, not {getattr(self, f.name)}")
-        if self.dropout > 1 or self.leak > 1:
-            raise ValueError("dropout and leak are shares, at most 1")
+        if max(self.dropout, self.leak, self.shadow) > 1:
+            raise ValueError("dropout, leak and shadow are shares, at most 1")
 
     def scaled(self, strength: float) -> FlowNoise:
         """Every error `strength` times as large or as frequent; their scales of length stay."""
         sizes = ("edge_px", "waver_px", "waver_share", "still_px")
-        shares = {name: min(1.0, strength * getattr(self, name)) for name in ("dropout", "leak")}
+        shares = {name: min(1.0, strength * getattr(self, name)) for name in ("dropout", "leak", "shadow")}
         return replace(self, **shares, **{name: strength * getattr(self, name) for name in sizes})
 
 
 NO_NOISE = FlowNoise(0, 0, 0, 0, 0, 0, 0, 0)
+
+#: Low, high of the noise of a clip; uniform in the logarithm but for shares. About the 10th to 90th percentile of
+#: `fit_noise` on 60 rendered clips with the shipped RAFT; clips differ that much by their light and texture.
+RAFT_RANGES: dict[str, tuple[float, float]] = {
+    "edge_px": (2.5, 9.0),
+    "waver_px": (0.05, 1.4),
+    "waver_share": (0.01, 0.25),
+    "correlation_px": (9.0, 19.0),
+    "still_px": (0.03, 0.5),
+    "dropout": (0.005, 0.06),
+    "dropout_px": (6.0, 20.0),
+    "leak": (0.15, 0.6),
+    "cell_spread": (0.3, 1.2),
+}
+CELL_PX = 16.0  # RAFT's coarse grid, 8 px of 240x160
+SHADOWS = 0.7  # share of clips whose shadows move
+
+
+def raft_noise(rng: np.random.Generator) -> FlowNoise:
+    """The noise of one clip, drawn as RAFT has it."""
+    drawn = {name: float(np.exp(rng.uniform(*np.log(limits)))) for name, limits in RAFT_RANGES.items()}
+    shadow = rng.uniform(0.2, 1.0) if rng.random() < SHADOWS else 0.0
+    return FlowNoise(**drawn, cell_px=CELL_PX, shadow=shadow)
 
 
 def noisy_flow(rng: np.random.Generator, flow_px: np.ndarray, masks: np.ndarray, noise: FlowNoise) -> np.ndarray:
     """flow_px (T, H, W, 2) of objects in masks (T, H, W), 0 is background, with `noise`; the same shape, float32."""
     scale = flow_px.shape[2] / REFERENCE_WIDTH
     out = np.empty(flow_px.shape, np.float32)
+    shadow = shadow_place(rng, flow_px.shape[1:3]) if noise.shadow else None
     for t, (flow, mask) in enumerate(zip(flow_px, masks, strict=True)):
-        out[t] = noisy_frame(rng, flow.astype(np.float32), mask > 0, noise, scale)
+        seen, front = flow.astype(np.float32), mask > 0
+        if shadow is not None:
+            seen = shadowed(seen, front, shadow, noise.shadow)
+        out[t] = noisy_frame(rng, seen, front, noise, scale)
     return out
+
+
+def shadow_place(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    """The affine map (2, 3) from a clip's objects to their shadows: squashed, and cast to a side."""
+    height, width = shape
+    squash = rng.uniform(0.25, 0.7)
+    fall = rng.uniform(0.02, 0.2) * height
+    return np.array([[1, rng.uniform(-0.3, 0.3), rng.uniform(-0.12, 0.12) * width],
+                     [0, squash, (1 - squash) * height / 2 + fall]], np.float32)  # fmt: skip
+
+
+def shadowed(flow: np.ndarray, foreground: np.ndarray, place: np.ndarray, strength: float) -> np.ndarray:
+    """The flow with that of the shadows where no object is."""
+    height, width = foreground.shape
+    cast = cv2.warpAffine(flow * foreground[..., None], place, (width, height), flags=cv2.INTER_NEAREST)
+    return np.where(foreground[..., None], flow, flow + np.float32(strength) * cast)
 
 
 def noisy_frame(
     rng: np.random.Generator, flow: np.ndarray, foreground: np.ndarray, noise: FlowNoise, scale: float
 ) -> np.ndarray:
     """flow: (H, W, 2) float32 px. foreground: (H, W) bool. scale: px here to a px of 480x320."""
+    still = scale * noise.still_px * still_noise(rng, flow.shape, noise, scale)
     if not foreground.any():
-        return flow + scale * noise.still_px * smooth_noise(rng, (*foreground.shape, 2), scale * noise.correlation_px)
+        return flow + still
     measured = leaked(rng, flow, foreground, noise, scale)
     if noise.dropout > 0:
         field = smooth_noise(rng, foreground.shape, scale * noise.dropout_px)
@@ -78,8 +127,18 @@ def noisy_frame(
     waver = smooth_noise(rng, flow.shape, scale * noise.correlation_px)
     length = np.linalg.norm(measured, axis=-1, keepdims=True)
     moving = np.maximum(foreground[..., None], length > 0.5 * scale)
-    sigma = np.where(moving, noise.waver_px * scale + noise.waver_share * length, noise.still_px * scale)
-    return measured + sigma * waver
+    return measured + np.where(moving, (noise.waver_px * scale + noise.waver_share * length) * waver, still)
+
+
+def still_noise(rng: np.random.Generator, shape: tuple[int, ...], noise: FlowNoise, scale: float) -> np.ndarray:
+    """The error (H, W, 2) on the background over its standard deviation: smooth, or by cells."""
+    cell = round(scale * noise.cell_px)
+    if cell < 2:
+        return smooth_noise(rng, shape, scale * noise.correlation_px)
+    rows, columns = -(-shape[0] // cell), -(-shape[1] // cell)
+    size = np.exp(noise.cell_spread * smooth_noise(rng, (rows, columns), 1.5))
+    cells = size[..., None] * rng.standard_normal((rows, columns, 2), dtype=np.float32)
+    return np.repeat(np.repeat(cells, cell, 0), cell, 1)[: shape[0], : shape[1]]
 
 
 def leaked(

@@ -6,7 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.vision.flow_noise import NO_NOISE, FlowNoise, fit_noise, nearest_foreground, noisy_flow, smooth_noise
+from pipeline.vision.flow_noise import (
+    NO_NOISE,
+    RAFT_RANGES,
+    FlowNoise,
+    fit_noise,
+    nearest_foreground,
+    noisy_flow,
+    raft_noise,
+    smooth_noise,
+)
 
 
 def moving_discs(rng, count=12, height=160, width=240):
@@ -90,6 +99,33 @@ def test_a_fit_to_exact_flow_finds_no_noise(rng):
 def test_nothing_to_fit_is_an_error():
     with pytest.raises(ValueError, match="no object moves"):
         fit_noise(np.zeros((1, 20, 30, 2)), np.zeros((1, 20, 30, 2)), np.zeros((1, 20, 30), np.uint8))
+
+
+def test_noise_like_rafts_is_measured_as_such(rng):
+    flow, masks = moving_discs(rng, 20)
+    drawn = [raft_noise(rng) for _ in range(12)]
+    found = [fit_noise(flow, noisy_flow(rng, flow, masks, noise), masks) for noise in drawn]
+    for name in ("still_px", "dropout", "edge_px"):
+        ratio = np.array([getattr(f, name) / getattr(d, name) for f, d in zip(found, drawn, strict=True)])
+        assert 0.3 < np.median(ratio) < 3, name
+    assert all(RAFT_RANGES[n][0] <= getattr(d, n) <= RAFT_RANGES[n][1] for d in drawn for n in RAFT_RANGES)
+
+
+def test_shadows_move_as_their_objects_do_and_hide_none(rng):
+    flow, masks = moving_discs(rng, 6)
+    noisy = noisy_flow(rng, flow, masks, replace(NO_NOISE, shadow=0.5))
+    assert np.array_equal(noisy[masks > 0], flow[masks > 0])
+    cast = noisy[masks == 0]
+    assert 0 < (cast != 0).any(-1).mean() < 0.5
+    assert np.linalg.norm(cast, axis=-1).max() <= 0.5 * np.linalg.norm(flow, axis=-1).max() + 1e-5
+
+
+def test_the_ground_flickers_in_cells(rng):
+    flow = np.zeros((1, 64, 96, 2), np.float32)
+    noisy = noisy_flow(rng, flow, np.zeros((1, 64, 96), np.uint8), replace(NO_NOISE, still_px=1.0, cell_px=40.0))
+    cells = noisy[0].reshape(8, 8, 12, 8, 2)  # 40 px of 480 are 8 of 96
+    assert np.ptp(cells, axis=(1, 3)).max() == 0
+    assert noisy.std() == pytest.approx(0.2, rel=0.3)
 
 
 def test_negative_parameters_are_refused():
