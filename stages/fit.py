@@ -2,17 +2,21 @@
 
 Reads data/best_of_k/<suite>, data/render/<suite> (masks), data/flow/<suite>. Writes data/fit/<suite>: clip, guess (the
 classical guess, a scene) and guess_simulations, scene, reward, iou, simulations, spent and history (best reward after
-so many simulations). Parameters: seed, clip, search, fit. Run: python -m stages.fit SUITE
+so many simulations), instance (of each object), certainty (how far the clip determines each number).
+Parameters: seed, clip, search, fit. Run: python -m stages.fit SUITE
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import pyarrow as pa
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
+from pipeline.scene.scene import Scene
 from pipeline.scene.text import write_scene
+from pipeline.search.certainty import certainties
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.solve import solve
 from pipeline.shards.clip_rng import clip_rng
@@ -25,7 +29,10 @@ from stages.params import load
 from stages.run_shards import run_shards
 from stages.search_target import distinct_starts, search_target
 
-SCHEMA = pa.schema([("clip", pa.int64()), ("guess", pa.string()), ("guess_simulations", pa.int32()), *FOUND])
+CERTAINTY = pa.struct({"place": pa.string(), "kind": pa.string(), "value": pa.float64(), "spread": pa.float64(),
+                       "unit": pa.string(), "share": pa.float64()})  # fmt: skip
+SCHEMA = pa.schema([("clip", pa.int64()), ("guess", pa.string()), ("guess_simulations", pa.int32()), *FOUND,
+                    ("instance", pa.list_(pa.int32())), ("certainty", pa.list_(CERTAINTY))])  # fmt: skip
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
@@ -36,10 +43,20 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
         starts = distinct_starts(ranked, clip, p["starts"])
         solved = solve(evaluator, starts, p["simulations"], clip_rng(p["seed"], shard.suite, clip, "fit"))
         rows.append({"clip": clip, "guess": None if solved.guess is None else write_scene(solved.guess),
-                     "guess_simulations": solved.guess_simulations, **found_row(solved.found)})  # fmt: skip
+                     "guess_simulations": solved.guess_simulations, **found_row(solved.found),
+                     "instance": instances(evaluator, solved.found.scene),
+                     "certainty": [asdict(c) for c in certainties(evaluator, solved.found.scene)]})  # fmt: skip
         invalid += solved.found.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)
+
+
+def instances(evaluator: Evaluator, scene: Scene) -> list[int]:
+    """Of each object the instance (from 0) that it is, -1 where there is none left for it."""
+    out = [-1] * len(scene.objects)
+    for i, j in evaluator.pairs(scene):
+        out[i] = int(j)
+    return out
 
 
 def main(suite: str) -> None:

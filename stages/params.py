@@ -178,6 +178,11 @@ class Fit(Section):
     simulations: Annotated[int, Field(ge=200)]
 
 
+class Predict(Section):
+    seconds: Positive
+    simulations: Count
+
+
 class Score(Section):
     bootstrap: Count
     gallery: Annotated[int, Field(ge=0)]
@@ -215,6 +220,7 @@ class Params(Section):
     search: Search
     cmaes: Cmaes
     fit: Fit
+    predict: Predict
     score: Score
     hide: Hide
     discover: Discover
@@ -235,6 +241,7 @@ READS: dict[str, tuple[str, ...]] = {
     "best_of_k": ("clip", "search"),
     "cmaes": ("seed", "clip", "search", "cmaes"),
     "fit": ("seed", "clip", "search", "fit"),
+    "predict": ("seed", "clip", "search.width", "search.height", "predict"),
     "hide": ("seed", "hide"),
     "discover": ("seed", "discover"),
     "score": ("seed", "clip", "score", "model", "flow.source"),

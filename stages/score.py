@@ -1,7 +1,8 @@
 """Score every answer of every suite, and write the report.
 
-Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit}/<suite> and data/finetune. Writes reports/: scores.json
-(metrics), scores.csv, scores.md, parameters.md, clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
+Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite> and data/finetune. Writes reports/:
+scores.json (metrics), scores.csv, scores.md, parameters.md, prediction.md, determined.md, clips.csv (a row per clip and
+method), plots/*.csv (plots), index.html.
 Parameters: seed, clip, score, and for the page's head model, flow.source. Run: python -m stages.score
 """
 
@@ -14,13 +15,16 @@ import numpy as np
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
+from pipeline.evaluation.determined import by_kind
+from pipeline.evaluation.determined import table as determined_table
 from pipeline.evaluation.figures import jpeg
 from pipeline.evaluation.gallery import clip_picture
 from pipeline.evaluation.mean_curves import best_of_curve, mean_curve
 from pipeline.evaluation.report import page, picture
 from pipeline.evaluation.scene_scores import HEIGHT, METRICS, WIDTH, Reference, score, true_reference
-from pipeline.evaluation.sections import COLUMNS, ERRORS, ShownClip, sections
+from pipeline.evaluation.sections import COLUMNS, ERRORS, PREDICTED, ShownClip, sections
 from pipeline.evaluation.tables import as_csv, as_json, markdown, summarise, table
+from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
 from pipeline.search.target import make_target, resize_masks
 from pipeline.shards.cost import compute_seconds
@@ -31,6 +35,8 @@ from stages.params import load
 from stages.run_shards import DATA, folder
 
 REPORTS = Path("reports")
+PREDICTED_SUITES = ("id", "real")
+BASELINES = {"constant velocity": "velocity", "frozen": "frozen"}
 SUITES = ("id", "held_out", "more", "real")
 PRINTED = ("composition", "iou_initial", "iou", "epe_frame")
 TITLE = "Video in, physics out: the scores"
@@ -122,6 +128,28 @@ def shown_clips(name: str, suite: Suite, count: int, schedule: Schedule) -> list
     return out
 
 
+def prediction_rows(name: str) -> list[dict[str, Any]]:
+    """Rows of suite, method, iou over the unseen part, and of the search over the seen one."""
+    rows = []
+    for clip in open_shards(folder("predict", name)):
+        row = clip.row()
+        head = {"suite": name, "clip": row["clip"], "simulations": 0, "seconds": np.nan}
+        rows.append({**head, "method": "search", "iou": row["search"], "seen": row["seen"],
+                     "simulations": row["simulations"]})  # fmt: skip
+        rows += [{**head, "method": method, "iou": row[column]} for method, column in BASELINES.items()]
+    return rows
+
+
+def determined_clips(suite: Suite) -> list[tuple[list[dict[str, Any]], Scene, list[int], Scene | None]]:
+    """Of each clip what its search was sure of, its scene, the instances of the objects, and the truth."""
+    out = []
+    for clip, found in enumerate(suite["fit"]):
+        row = found.row()
+        truth = read_scene(suite["sample"][clip].row()["scene"]) if "sample" in suite else None
+        out.append((row["certainty"], read_scene(row["scene"]), row["instance"], truth))
+    return out
+
+
 def write_rows(path: Path, rows: list[dict[str, Any]]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     names = list(dict.fromkeys(key for row in rows for key in row))
@@ -145,6 +173,9 @@ def main() -> None:
     summary = summarise(rows, [*METRICS, *ERRORS], params.score.bootstrap, rng)
     both = [curve_rows(name, suite) for name, suite in suites.items()]
     best_of_k, searches = ([row for part in each for row in part] for each in zip(*both, strict=True))
+    predicted = [row for name in PREDICTED_SUITES for row in prediction_rows(name)]
+    prediction = summarise(predicted, list(PREDICTED), params.score.bootstrap, rng)
+    determined = by_kind([clip for suite in suites.values() for clip in determined_clips(suite)])
     training = {
         "train": read_curve(DATA / "finetune/loss.csv"),
         "validation": read_curve(DATA / "finetune/eval_loss.csv"),
@@ -166,7 +197,10 @@ def main() -> None:
         (REPORTS / "scores.csv").write_text(as_csv(summary))
         (REPORTS / "scores.md").write_text(markdown(*table(summary, COLUMNS)))
         (REPORTS / "parameters.md").write_text(markdown(*table(summary, ERRORS)))
-        text = page(TITLE, LEAD, facts, sections(summary, best_of_k, searches, training, gallery))
+        (REPORTS / "prediction.md").write_text(markdown(*table(prediction, PREDICTED)))
+        (REPORTS / "determined.md").write_text(markdown(*determined_table(determined)))
+        parts = sections(summary, best_of_k, searches, training, determined, prediction, gallery)
+        text = page(TITLE, LEAD, facts, parts)
         (REPORTS / "index.html").write_text(text, encoding="utf-8")
     print(markdown(*table(summary, {m: COLUMNS[m] for m in PRINTED})), end="")
     print(f"score: the report is {REPORTS.resolve() / 'index.html'}", flush=True)

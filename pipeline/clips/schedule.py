@@ -43,3 +43,15 @@ class Schedule:
         """(model_frames, 2) frame indices of the pairs whose flow the model sees."""
         first = np.arange(self.model_frames) * self.frames // self.model_frames
         return np.stack([first, first + 1], 1)
+
+    def first(self, seconds: float) -> Schedule:
+        """The schedule of the first part of the clip alone, with the same frames. Raises ValueError where the model's
+        frames cannot be parted there."""
+        frames = round(seconds * self.fps)
+        seen = int((self.pairs[:, 1] < frames).sum())
+        if 0 < seen < frames < self.frames:
+            part = Schedule(frames / self.fps, self.fps, seen)
+            if np.array_equal(part.pairs, self.pairs[:seen]):
+                return part
+        every = self.seconds / self.model_frames
+        raise ValueError(f"{seconds:g} s; valid: multiples of {every:g} s, less than {self.seconds:g}")

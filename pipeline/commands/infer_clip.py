@@ -22,6 +22,7 @@ from pipeline.errors import ParamsError
 from pipeline.model.base import load_base
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking
+from pipeline.search.certainty import Certainty, certainties, hardly
 from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.search.found import Found
 from pipeline.search.solve import solve
@@ -110,6 +111,9 @@ def infer_clip(request: Request) -> None:
         rows = _table(methods)
         for line in aligned(rows):
             progress.say("", line)
+        known = certainties(evaluator, best.scene) if found else []
+        if known:
+            progress.say("note", f"hardly determined by this clip: {', '.join(hardly(known)) or 'nothing'}")
         doubt = [DOUBT] if best.overlap.sequence < DOUBTFUL_IOU else []
         for line in doubt:
             progress.say("note", line)
@@ -120,7 +124,7 @@ def infer_clip(request: Request) -> None:
                               best.overlap.pairs, best.answer.parsed.think, (*clip.notes, *doubt))  # fmt: skip
             renderer = write_outputs(folder, outcome)
         progress.say("pictures", f"of the replay: {renderer}")
-        write_result(folder, "infer", _result(request, clip, answers, ranking.rewards, methods, best, doubt, found,
+        write_result(folder, "infer", _result(request, clip, answers, ranking.rewards, methods, best, doubt, found, known,
                                               renderer, run.event_texts, progress.seconds))  # fmt: skip
     print(f"{'written':<11}{request.out}: look at overlay.png first")
 
@@ -191,7 +195,7 @@ def _say_input(progress: Progress, request: Request, clip: ClipInput) -> None:
 
 def _result(
     request: Request, clip: ClipInput, answers: list[Answer], rewards: Rewards, methods: list[Method], best: Method,
-    doubt: list[str], found: Found | None, renderer: str, events: list[str], seconds: dict[str, float],
+    doubt: list[str], found: Found | None, known: list[Certainty], renderer: str, events: list[str], seconds: dict[str, float],
 ) -> dict[str, Any]:  # fmt: skip
     taken = clip.taken.clip
     return {
@@ -236,6 +240,11 @@ def _result(
             "spent": found.spent.tolist(),
             "history": [_number(v) for v in found.history],
         },
+        "certainty": [
+            {"place": c.place, "value": _number(c.value), "spread": _number(c.spread), "unit": c.unit,
+             "determined": c.determined}
+            for c in known
+        ],
         "renderer": renderer,
         "seconds": seconds,
         "made": time.strftime("%Y-%m-%dT%H:%M:%S%z"),

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import cma
 import numpy as np
 
-from pipeline.evaluation.overlap_scores import assign, pair_iou
 from pipeline.physics.batch import stack_scenes
 from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
@@ -34,8 +33,7 @@ class _Run:
     ) -> None:
         self._evaluator, self._record = evaluator, record
         self._space: Space = search_space(start)
-        measured, _ = evaluator.measure(stack_scenes([start]))
-        self._pairs = assign(pair_iou(measured.counts(0)))
+        self._pairs = evaluator.pairs(start)
         first = evaluator.rewards(stack_scenes([start]), self._pairs)
         self.reward = float(first.reward[0])
         record.offer(start, self.reward, float(first.iou[0]), self._pairs)

@@ -9,7 +9,8 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.overlap_scores import assign, pair_iou, sequence_iou
-from pipeline.physics.batch import BatchSimulator, SceneBatch, States
+from pipeline.physics.batch import BatchSimulator, SceneBatch, States, stack_scenes
+from pipeline.scene.scene import Scene
 from pipeline.search.pooling import Pooling, Residuals
 from pipeline.search.reward import Measured, Totals, measure_kernel
 from pipeline.search.target import REFERENCE_WIDTH, Target
@@ -89,6 +90,11 @@ class Evaluator:
             out.shared, out.predicted, out.true, out.foreground, out.epe_frame, out.epe, out.pooled,
         )  # fmt: skip
         return out, states.valid
+
+    def pairs(self, scene: Scene) -> np.ndarray:
+        """(P, 2) which object of a scene is which instance of the target, by overlap."""
+        measured, _ = self.measure(stack_scenes([scene]))
+        return assign(pair_iou(measured.counts(0)))
 
     def rewards(self, scenes: SceneBatch, pairs: np.ndarray | None = None) -> Rewards:
         """Rewards of the candidates; pairs (P, 2): the same objects to instances for all, else the best for each."""

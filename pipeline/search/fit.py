@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.evaluation.overlap_scores import assign, pair_iou
 from pipeline.physics.batch import stack_scenes, unstack
 from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
@@ -51,10 +50,7 @@ class Island:
         pairs: np.ndarray | None = None,
     ) -> None:  # fmt: skip
         self._evaluator, self._record, self._budget, self._rng = evaluator, record, budget, rng
-        if pairs is None:
-            measured, _ = evaluator.measure(stack_scenes([start]))
-            pairs = assign(pair_iou(measured.counts(0)))
-        self.pairs = pairs
+        self.pairs = evaluator.pairs(start) if pairs is None else pairs
         self.here = self._look(start)
 
     @property

@@ -107,9 +107,10 @@ class Space:
 
     def encode(self) -> np.ndarray:
         """(D,) the start, inside the bounds."""
-        return np.clip((np.array([self._value(k) for k in self.keys]) - self.low) / self.span, 0, 1)
+        return np.clip((np.array([self.value(k) for k in self.keys]) - self.low) / self.span, 0, 1)
 
-    def _value(self, key: Key) -> float:
+    def value(self, key: Key) -> float:
+        """What the start has for a coordinate, in its unit."""
         camera = self.start.camera
         assert camera is not None
         if key.index < 0:

@@ -28,3 +28,15 @@ def test_pairs_are_spread_evenly_and_stay_inside_the_clip(seconds: float, fps: i
     assert (np.diff(steps) > 0).all()
     assert steps[-1] < schedule.steps
     np.testing.assert_allclose(steps / 240, np.arange(schedule.frames) / fps, atol=0.5 / 240 + 1e-9)
+
+
+def test_the_first_part_has_the_same_frames_as_the_whole() -> None:
+    whole = Schedule()
+    part = whole.first(0.5)
+    assert (part.frames, part.model_frames) == (15, 5)
+    np.testing.assert_array_equal(part.pairs, whole.pairs[:5])
+    np.testing.assert_array_equal(part.frame_steps, whole.frame_steps[:15])
+    with pytest.raises(ValueError, match=r"0.47 s; valid: multiples of 0.1 s"):
+        whole.first(0.47)
+    with pytest.raises(ValueError, match="1 s; valid"):
+        whole.first(1.0)

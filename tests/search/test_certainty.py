@@ -1,0 +1,53 @@
+"""What a clip determines, and what it does not."""
+
+from dataclasses import replace
+
+import numpy as np
+from targets import evaluator, exact_target, sampled
+
+from pipeline.scene.scene import Scene, SceneObject
+from pipeline.search.certainty import IGNORANCE, certainties, hardly, scale_direction, without
+from pipeline.search.parameters import search_space
+
+
+def lone_ball(rng: np.random.Generator) -> Scene:
+    ball = SceneObject("sphere", (0.15,), 1.0, position=(0, 0.2, 0.15), velocity=(0.4, -0.3, 0))
+    return replace(sampled(rng, 1), objects=(ball,))
+
+
+def test_the_mass_of_a_lone_body_is_not_determined_and_its_motion_is(rng: np.random.Generator) -> None:
+    scene = lone_ball(rng)
+    found = {c.place: c for c in certainties(evaluator(scene), scene)}
+    assert not found["objects[0].mass"].determined
+    assert "mass" in hardly(list(found.values()))
+    assert found["objects[0].velocity[0]"].determined
+    assert all(0 <= c.share <= 1 and c.spread > 0 for c in found.values())
+
+
+def test_a_world_that_grows_about_the_camera_looks_the_same(rng: np.random.Generator) -> None:
+    scene = sampled(rng, 2)
+    space = search_space(scene)
+    grown = space.scene(space.encode() + 0.1 * scale_direction(space))
+    assert grown.objects[0].size != scene.objects[0].size
+    ours, theirs = exact_target(scene), exact_target(grown)
+    union = ((ours.masks > 0) | (theirs.masks > 0)).sum()
+    assert (ours.masks != theirs.masks).sum() < 0.1 * union
+
+
+def test_information_along_a_direction_is_taken_and_no_other(rng: np.random.Generator) -> None:
+    rows = rng.normal(size=(9, 5))
+    information, direction = rows.T @ rows, rng.normal(size=5)
+    left = without(information, direction)
+    np.testing.assert_allclose(left @ direction, 0, atol=1e-9)
+    assert np.linalg.eigvalsh(left).min() > -1e-9
+    across = rng.normal(size=5)
+    across -= direction * (direction @ information @ across) / (direction @ information @ direction)
+    np.testing.assert_allclose(left @ across, information @ across, atol=1e-9)
+
+
+def test_nothing_is_known_worse_than_by_its_bounds(rng: np.random.Generator) -> None:
+    scene = lone_ball(rng)
+    space = search_space(scene)
+    for c, span in zip(certainties(evaluator(scene), scene), space.span, strict=True):
+        if c.kind != "mass":
+            assert c.spread <= span / np.sqrt(IGNORANCE) + 1e-9
