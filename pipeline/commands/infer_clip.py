@@ -124,8 +124,8 @@ def infer_clip(request: Request) -> None:
                               best.overlap.pairs, best.answer.parsed.think, (*clip.notes, *doubt))  # fmt: skip
             renderer = write_outputs(folder, outcome)
         progress.say("pictures", f"of the replay: {renderer}")
-        write_result(folder, "infer", _result(request, clip, answers, ranking.rewards, methods, best, doubt, found, known,
-                                              renderer, run.event_texts, progress.seconds))  # fmt: skip
+        write_result(folder, "infer", _result(request, clip, answers, ranking.rewards, methods, best, doubt, found,
+                                              known, renderer, run.event_texts, progress.seconds))  # fmt: skip
     print(f"{'written':<11}{request.out}: look at overlay.png first")
 
 
@@ -195,7 +195,8 @@ def _say_input(progress: Progress, request: Request, clip: ClipInput) -> None:
 
 def _result(
     request: Request, clip: ClipInput, answers: list[Answer], rewards: Rewards, methods: list[Method], best: Method,
-    doubt: list[str], found: Found | None, known: list[Certainty], renderer: str, events: list[str], seconds: dict[str, float],
+    doubt: list[str], found: Found | None, known: list[Certainty], renderer: str, events: list[str],
+    seconds: dict[str, float],
 ) -> dict[str, Any]:  # fmt: skip
     taken = clip.taken.clip
     return {
