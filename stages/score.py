@@ -21,18 +21,18 @@ from pipeline.evaluation.figures import jpeg
 from pipeline.evaluation.gallery import clip_picture
 from pipeline.evaluation.mean_curves import best_of_curve, mean_curve
 from pipeline.evaluation.report import page, picture
-from pipeline.evaluation.scene_scores import HEIGHT, METRICS, WIDTH, Reference, score, true_reference
+from pipeline.evaluation.scene_scores import METRICS, score
 from pipeline.evaluation.sections import COLUMNS, ERRORS, PREDICTED, ShownClip, sections
 from pipeline.evaluation.tables import as_csv, as_json, markdown, summarise, table
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
-from pipeline.search.target import make_target, resize_masks
 from pipeline.shards.cost import compute_seconds
-from pipeline.shards.dataset import ShardedDataset, open_shards
+from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
 from stages.main import run
 from stages.params import load
 from stages.run_shards import DATA, folder
+from stages.suite import Suite, greedy_row, open_suite, reference
 
 REPORTS = Path("reports")
 PREDICTED_SUITES = ("id", "real")
@@ -45,25 +45,7 @@ LEAD = (
     "greedy, the best of K samples by replay, after CMA-ES from the best samples, and after the search, which has a "
     "classical guess (blobs lifted to the ground, no learning) among its starts; that guess is scored too."
 )
-Suite = dict[str, ShardedDataset]
-
-
-def open_suite(suite: str) -> Suite:
-    names = ["render", "flow", "infer", "best_of_k", "cmaes", "fit"] + ["sample"] * (suite != "real")
-    return {name: open_shards(folder(name, suite)) for name in names}
-
-
-def reference(suite: Suite, clip: int, schedule: Schedule) -> Reference:
-    """A sampled clip's own exact replay; for a real clip the masks and the flow that were measured."""
-    if "sample" in suite:
-        return true_reference(read_scene(suite["sample"][clip].row()["scene"]), schedule)
-    masks, first = suite["render"][clip].array("mask"), schedule.pairs[:, 0]
-    measured = make_target(masks[first], suite["flow"][clip].array("flow"), WIDTH, HEIGHT)
-    return Reference(resize_masks(masks, WIDTH, HEIGHT), measured.flow, first)
-
-
-def greedy_row(suite: Suite, clip: int) -> dict[str, Any]:
-    return next(row for row in suite["infer"][clip].rows() if row["sample"] < 0)
+STAGES = ("render", "flow", "infer", "best_of_k", "cmaes", "fit")
 
 
 def answers(suite: Suite, clip: int) -> dict[str, tuple[str, int]]:
@@ -167,7 +149,7 @@ def read_curve(path: Path) -> tuple[list[float], list[float]]:
 def main() -> None:
     params = load("score")
     schedule = Schedule(**params.clip.model_dump())
-    suites = {name: open_suite(name) for name in SUITES}
+    suites = {name: open_suite(name, STAGES) for name in SUITES}
     rows = [row for name, suite in suites.items() for row in score_suite(name, suite, schedule)]
     rng = np.random.default_rng(params.seed)
     summary = summarise(rows, [*METRICS, *ERRORS], params.score.bootstrap, rng)

@@ -26,7 +26,14 @@ def test_spreads_that_hold_are_counted_and_factors_are_ratios(truth: Scene) -> N
     mass, damping = truth.objects[0].mass, truth.objects[0].damping
     rows = [
         {"place": "objects[0].mass", "kind": "mass", "value": 3 * mass, "spread": 2.0, "unit": "factor", "share": 0.4},
-        {"place": "objects[0].damping", "kind": "damping", "value": damping + 3, "spread": 1.0, "unit": "-", "share": 1},
+        {
+            "place": "objects[0].damping",
+            "kind": "damping",
+            "value": damping + 3,
+            "spread": 1.0,
+            "unit": "-",
+            "share": 1,
+        },
     ]
     header, cells = table(by_kind([(rows, truth, [0, 1], truth), (rows[1:], truth, [0, 1], None)]))
     assert header == HEADER

@@ -1,0 +1,222 @@
+"""Where a search should start from, and what it reaches at which budget: the table of starts by budgets.
+
+Works on the clips of a finished graph: suite `id` (the first --each clips of 1, 2 and 3 objects) and suite `real`,
+whose true masks are taken as given, and for it also masks from motion. Every answer is kept in
+benchmarks/results/starts/answers.jsonl as it comes (a run that was stopped goes on); starts.csv and starts.md beside
+it sum them up, and the report shows them. In a clone, with fresh clips and 32 samples a clip:
+
+    dvc exp run -S seed=7 -S suites.id.clips=80 -S infer.samples=32 -S suites.real.path=CROSS_ENGINE \\
+        best_of_k@id best_of_k@real
+    python -m benchmarks.starts [--each 16] [--simulations 12800] [--only guess,given,…] [--workers 2] [--minutes M]
+
+Starts: prior (a scene drawn as the suites' are), greedy, best1 (the first sample), bestK (the best of all samples by
+replay), guess (classical, nothing given), given (the same with the true shapes given), motion (as guess, with masks
+from motion). Rivals: plain CMA-ES (128 a generation), from bestK as in the paper, and from given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import multiprocessing
+import time
+import warnings
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from pipeline.clips.draw import Filters, draw_clips
+from pipeline.clips.schedule import Schedule
+from pipeline.evaluation.intervals import bootstrap_mean
+from pipeline.evaluation.scene_scores import score
+from pipeline.evaluation.starts_table import starts_table
+from pipeline.evaluation.tables import markdown
+from pipeline.scene.sample import Distribution
+from pipeline.scene.scene import Scene
+from pipeline.scene.text import read_scene
+from pipeline.search.cmaes import Budget, search
+from pipeline.search.evaluator import Evaluator
+from pipeline.search.fit import fit
+from pipeline.search.found import Found, Record
+from pipeline.search.guess import guess_scene
+from pipeline.search.solve import solve
+from pipeline.search.target import Target, make_target
+from pipeline.shards.clip_rng import clip_rng
+from pipeline.vision.dis import DIS
+from pipeline.vision.motion_masks import masks_from_motion
+from stages.params import PARAMS_FILE, Params
+from stages.params_file import read_params_file
+from stages.suite import Suite, greedy_row, open_suite, reference
+
+RESULTS = Path("benchmarks/results/starts")
+BUDGETS = (0, 200, 1000, 1280, 3200, 12800)
+POPULATION, SIGMA = 128, 0.1
+METRICS = ("iou", "iou_initial", "epe", "epe_frame", "composition", "penetration", "valid")
+PARTS = ("render", "flow")
+MODEL_PARTS = ("infer", "best_of_k")
+BY_MODEL = ("greedy", "best1", "bestK")
+
+
+def shapes_of(suite: Suite, clip: int, params: Params) -> list[str] | None:
+    """The true shapes in the order of the instances; None where they are not known."""
+    if "sample" in suite:
+        return list(read_scene(suite["sample"][clip].row()["scene"]).shapes)
+    folder = Path(params.suites.real.path or ".") / suite["render"][clip].row()["name"]
+    if not (folder / "truth.json").is_file():
+        return None
+    kinds = {o["id"]: o["type"] for o in json.loads((folder / "truth.json").read_text())["objects"]}
+    with np.load(folder / "masks.npz") as stored:
+        return [kinds[int(i)] for i in np.unique(stored["masks"]) if i]
+
+
+def start_of(kind: str, suite: Suite, clip: int, target: Target, shapes: list[str] | None, params: Params) -> Scene:
+    if kind == "greedy":
+        return read_scene(greedy_row(suite, clip)["scene"])
+    if kind == "best1":
+        return read_scene(next(r for r in suite["infer"][clip].rows() if r["sample"] == 0)["scene"])
+    if kind == "bestK":
+        return read_scene(suite["best_of_k"][clip].rows()[0]["scene"])
+    if kind == "prior":
+        distribution = Distribution(**params.sample.distribution.model_dump())
+        filters = Filters(**params.sample.filters.model_dump())
+        schedule = Schedule(**params.clip.model_dump())
+        weights = {max(target.instances, 1): 1.0}
+        return draw_clips(params.seed, "prior", range(clip, clip + 1), distribution, filters, schedule, weights).scenes[
+            0
+        ]
+    assert shapes is not None
+    times = Schedule(**params.clip.model_dump()).pairs[:, 0] / params.clip.fps
+    return guess_scene(target, shapes, times)
+
+
+def searched(
+    kind: str, suite: Suite, clip: int, target: Target, shapes: list[str] | None, params: Params, simulations: int
+) -> Found:
+    schedule = Schedule(**params.clip.model_dump())
+    evaluator, rng = Evaluator(target, schedule, threads=1), clip_rng(params.seed, "starts", clip, kind)
+    if kind in ("guess", "motion"):
+        return solve(evaluator, [], simulations, rng).found
+    start = start_of(kind.removesuffix(" CMA-ES"), suite, clip, target, shapes, params)
+    if kind.endswith("CMA-ES"):
+        return search(evaluator, [start], Budget(POPULATION, simulations // POPULATION, SIGMA), rng)
+    return fit(evaluator, Record(evaluator), [start], simulations, rng)
+
+
+def target_of(suite: Suite, clip: int, params: Params, motion: bool) -> Target:
+    schedule = Schedule(**params.clip.model_dump())
+    rendered = suite["render"][clip]
+    masks = rendered.array("mask")
+    if motion:
+        frames = rendered.array("rgb")
+        masks = masks_from_motion(frames, DIS("medium").flow(frames[:-1], frames[1:]))
+    flow = suite["flow"][clip].array("flow")
+    return make_target(masks[schedule.pairs[:, 0]], flow, params.search.width, params.search.height)
+
+
+def answer(job: tuple[str, int, str, int]) -> dict[str, Any]:
+    """One clip from one start: the metrics of the best scene after each budget."""
+    name, clip, kind, simulations = job
+    warnings.simplefilter("ignore")
+    params = read_params_file(PARAMS_FILE, Params)
+    suite = open_suite(name, [*PARTS, *MODEL_PARTS * kind.startswith(BY_MODEL)])
+    schedule = Schedule(**params.clip.model_dump())
+    target = target_of(suite, clip, params, kind == "motion")
+    shapes = shapes_of(suite, clip, params)
+    found = searched(kind, suite, clip, target, shapes, params, simulations)
+    truth = reference(suite, clip, schedule)
+    out: dict[str, Any] = {"suite": name, "clip": clip, "start": kind, "instances": int(truth.masks.max()),
+                           "simulations": found.simulations, "seconds": found.seconds}  # fmt: skip
+    for budget in (b for b in BUDGETS if b <= simulations):
+        scene = found.after(budget)
+        scores = score(scene, truth, schedule)
+        if shapes is not None:
+            scores["composition"] = float(sorted(scene.shapes) == sorted(shapes))
+        out[str(budget)] = {m: scores[m] for m in METRICS if m in scores}
+    return out
+
+
+def jobs_of(params: Params, each: int, simulations: int, kinds: list[str]) -> list[tuple[str, int, str, int]]:
+    out = []
+    for name in ("id", "real"):
+        suite = open_suite(name, PARTS)
+        count: dict[int, int] = defaultdict(int)
+        for clip in range(len(suite["render"])):
+            instances = int(suite["render"][clip].array("mask").max())
+            count[instances] += 1
+            if name == "id" and count[instances] > each:
+                continue
+            for kind in kinds:
+                if kind != "motion" or name == "real":
+                    out.append((name, clip, kind, simulations))
+    return out
+
+
+KINDS = ("given", "guess", "motion", "given CMA-ES", "bestK", "greedy", "best1", "prior", "bestK CMA-ES")
+
+
+def summary(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A row for each suite, start, budget and metric: mean, interval, clips."""
+    rng = np.random.default_rng(0)
+    rows = []
+    groups: dict[tuple[str, int], list[dict[str, Any]]] = defaultdict(list)
+    for a in answers:
+        groups[a["suite"], KINDS.index(a["start"])].append(a)
+    for (suite, kind), some in sorted(groups.items()):
+        for budget in BUDGETS:
+            for metric in METRICS:
+                values = [a[str(budget)][metric] for a in some if metric in a.get(str(budget), {})]
+                if values:
+                    e = bootstrap_mean(np.array(values), 2000, rng)
+                    rows.append({"suite": suite, "start": KINDS[kind], "simulations": budget, "metric": metric,
+                                 "mean": e.mean, "low": e.low, "high": e.high, "largest": max(values),
+                                 "clips": e.n})  # fmt: skip
+    return rows
+
+
+def write_summary(answers: list[dict[str, Any]]) -> str:
+    """starts.csv, starts.md; returns the text."""
+    rows = summary(answers)
+    with (RESULTS / "starts.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
+    text = markdown(*starts_table(rows))
+    (RESULTS / "starts.md").write_text(text, encoding="utf-8")
+    return text
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--each", type=int, default=16, help="clips of each number of objects, suite id")
+    parser.add_argument("--simulations", type=int, default=12800)
+    parser.add_argument("--only", default=",".join(KINDS), help="starts, with commas between")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--minutes", type=float, help="stop after so long; run again to go on")
+    arguments = parser.parse_args()
+    kinds = [k.strip() for k in arguments.only.split(",")]
+    if wrong := [k for k in kinds if k not in KINDS]:
+        parser.error(f"--only: unknown start {wrong[0]!r}; valid: {', '.join(KINDS)}")
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    kept = RESULTS / "answers.jsonl"
+    answers = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
+    done = {(a["suite"], a["clip"], a["start"]) for a in answers}
+    params = read_params_file(PARAMS_FILE, Params)
+    waiting = [j for j in jobs_of(params, arguments.each, arguments.simulations, kinds) if j[:3] not in done]
+    until = time.monotonic() + 60 * arguments.minutes if arguments.minutes else np.inf
+    with multiprocessing.get_context("spawn").Pool(arguments.workers) as pool, kept.open("a") as file:
+        for result in tqdm(pool.imap_unordered(answer, waiting), total=len(waiting), unit="search"):
+            answers.append(result)
+            file.write(json.dumps(result) + "\n")
+            file.flush()
+            if time.monotonic() > until:
+                pool.terminate()
+                break
+    print(write_summary(answers))
+
+
+if __name__ == "__main__":
+    main()
