@@ -1,8 +1,8 @@
 """Score every answer of every suite, and write the report.
 
-Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite> and data/finetune. Writes reports/:
-scores.json (metrics), scores.csv, scores.md, parameters.md, prediction.md, determined.md, clips.csv (a row per clip and
-method), plots/*.csv (plots), index.html.
+Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite>, data/finetune, and the benchmark of starts
+(benchmarks/results/starts/starts.csv). Writes reports/: scores.json (metrics), scores.csv, scores.md, parameters.md,
+prediction.md, determined.md, clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
 Parameters: seed, clip, score, and for the page's head model, flow.source. Run: python -m stages.score
 """
 
@@ -35,6 +35,7 @@ from stages.run_shards import DATA, folder
 from stages.suite import Suite, greedy_row, open_suite, reference
 
 REPORTS = Path("reports")
+STARTS = Path("benchmarks/results/starts/starts.csv")
 PREDICTED_SUITES = ("id", "real")
 BASELINES = {"constant velocity": "velocity", "frozen": "frozen"}
 SUITES = ("id", "held_out", "more", "real")
@@ -141,6 +142,11 @@ def write_rows(path: Path, rows: list[dict[str, Any]]) -> None:
         writer.writerows({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
 
 
+def read_rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def read_curve(path: Path) -> tuple[list[float], list[float]]:
     rows = list(csv.reader(path.open()))[1:]
     return [float(r[0]) for r in rows], [float(r[1]) for r in rows]
@@ -181,7 +187,7 @@ def main() -> None:
         (REPORTS / "parameters.md").write_text(markdown(*table(summary, ERRORS)))
         (REPORTS / "prediction.md").write_text(markdown(*table(prediction, PREDICTED)))
         (REPORTS / "determined.md").write_text(markdown(*determined_table(determined)))
-        parts = sections(summary, best_of_k, searches, training, determined, prediction, gallery)
+        parts = sections(summary, best_of_k, searches, training, read_rows(STARTS), determined, prediction, gallery)
         text = page(TITLE, LEAD, facts, parts)
         (REPORTS / "index.html").write_text(text, encoding="utf-8")
     print(markdown(*table(summary, {m: COLUMNS[m] for m in PRINTED})), end="")

@@ -10,6 +10,7 @@ from pipeline.evaluation.determined import Kind
 from pipeline.evaluation.determined import table as determined_table
 from pipeline.evaluation.figures import bars, curves
 from pipeline.evaluation.report import Section, drawing, folded, html_table
+from pipeline.evaluation.starts_table import starts_table
 from pipeline.evaluation.tables import Summary, table
 
 #: Metric -> heading of the table of scores.
@@ -51,6 +52,13 @@ _ERRORS = (
     "Mean absolute errors over clips whose composition is right. The mass of a body that touches nothing movable, and "
     "the absolute scale, are not determined by a clip."
 )
+_STARTS = (
+    "From a run of its own on more clips (python -m benchmarks.starts; its answers are in benchmarks/results/starts): "
+    "sequence IoU after so many simulations, with 95 % bootstrap intervals, by where the search starts. given: the "
+    "classical guess with the true shapes; guess: nothing given; motion: nothing given, not even masks. id: sampled "
+    "clips; real: another engine's. The last columns are for the largest budget; penetration is the largest of all "
+    "answers."
+)
 _DETERMINED = (
     "Of the scenes that the search found: the spread (standard deviation) of each number by the curvature of the cost "
     "there, inflated by what was measured on other clips; determined: less than half of the spread of its bounds. The "
@@ -84,12 +92,14 @@ def sections(
     best_of_k: Sequence[Mapping[str, Any]],
     searches: Sequence[Mapping[str, Any]],
     training: Mapping[str, Curve],
+    starts: Sequence[Mapping[str, Any]],
     determined: Mapping[str, Kind],
     prediction: Summary,
     gallery: Mapping[str, Sequence[ShownClip]],
 ) -> list[Section]:
     """best_of_k: rows of series, k, iou; searches: rows of series, simulations, reward; training: losses by name;
-    determined: kinds of parameters; prediction: of the unseen half; gallery: the clips shown of each suite."""
+    starts: rows of the benchmark of starts; determined: kinds of parameters; prediction: of the unseen half; gallery:
+    the clips shown of each suite."""
     best, reward = lines(best_of_k, "k", "iou"), lines(searches, "simulations", "reward")
     figures = [
         drawing(bars(summary, "iou", "sequence IoU"), "Sequence IoU by suite and method, with 95 % intervals."),
@@ -101,6 +111,7 @@ def sections(
         Section("Scores", _SCORES, html_table(*table(summary, COLUMNS))),
         Section("Curves", "", f'<div class="row">{"".join(figures)}</div>'),
         Section("Parameter errors", _ERRORS, html_table(*table(summary, ERRORS))),
+        Section("Starts and budgets", _STARTS, html_table(*starts_table(starts))),
         Section("What a clip determines", _DETERMINED, html_table(*determined_table(determined))),
         Section("Prediction", _PREDICTION, html_table(*table(prediction, PREDICTED))),
     ]

@@ -6,13 +6,15 @@
    kept, each group of objects that meet on its own, where they match better than before.
 3. With all coordinates free it goes down again. So on, as long as the budget lasts.
 
+Where the shapes are not known, half of the leaps give an object another one.
+
 Leaps and descents go by the pooled residuals; the answer is what had the best reward on the way.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +23,7 @@ from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.found import Found, Record
 from pipeline.search.gauss_newton import Descent, neighbours
-from pipeline.search.moves import moved
+from pipeline.search.moves import moved, reshaped
 from pipeline.search.parameters import Space, search_space
 
 VARIATIONS = 64
@@ -30,6 +32,7 @@ HORIZONS = (3, 6)  # of ten frames, matched before all are
 STEPS = 3  # of Gauss-Newton before a horizon moves on
 LEAP_STEPS = 5
 MATCHED = 0.02  # cost of an object that needs no leap
+RESHAPED = 0.5  # share of the leaps in which one object takes another shape, where that is asked for
 LEAST = 150  # simulations, below which nothing new is begun
 SPARE = 8  # simulations kept back for looks at single scenes
 
@@ -112,22 +115,23 @@ class Island:
         self._record.mark()
         return Candidate(space.scene(run.point.x), run.point.cost)
 
-    def leap(self) -> None:
-        """Leap with some of what does not match yet, and keep what got better."""
+    def leap(self, reshape: bool = False) -> None:
+        """Leap with some of what does not match yet, and keep what got better; reshape: some take another shape."""
         here = self.here
         unmatched = [int(i) for i in np.flatnonzero(here.cost > MATCHED)] or [int(np.argmax(here.cost))]
         movable = [i for i in unmatched if self._rng.random() < 0.5] or [int(self._rng.choice(unmatched))]
         horizons = HORIZONS[int(self._rng.integers(len(HORIZONS) + 1)) :]
-        leapt = self.vary(here.scene, movable, horizons[0] if horizons else None, apart=True)
+        changed = here.scene
+        if reshape and self._rng.random() < RESHAPED:
+            changed = reshaped(here.scene, int(self._rng.choice(movable)), self._rng)
+        leapt = self.vary(changed, movable, horizons[0] if horizons else None, apart=changed is here.scene)
         leapt = self.approach(leapt, horizons, camera=False)
         there = self.descend(search_space(leapt).fixing_camera(), LEAP_STEPS)
-        chosen, other = stack_scenes([here.scene]), stack_scenes([there.scene])
-        groups = neighbours(self._evaluator, chosen)
-        better = [g for g in groups if there.cost[g].sum() < here.cost[g].sum()]
-        for i in (i for group in better for i in group):
-            chosen.copy_object(i, other, 0)
+        groups = neighbours(self._evaluator, stack_scenes([here.scene]))
+        better = [i for g in groups if there.cost[g].sum() < here.cost[g].sum() for i in g]
         if better:
-            mixed = self._look(unstack(chosen, 0, here.scene))
+            objects = (there.scene.objects[i] if i in better else o for i, o in enumerate(here.scene.objects))
+            mixed = self._look(replace(here.scene, objects=tuple(objects)))
             self._take(mixed)
             self._take(self.descend(search_space(mixed.scene)))
 
@@ -139,11 +143,12 @@ def fit(
     simulations: int,
     rng: np.random.Generator,
     progress: Callable[[int, float], None] = lambda spent, reward: None,
+    reshape: bool = False,
 ) -> Found:
     """The best scene found from any of the starts, the most promising first, when `record` is at so many simulations.
 
-    The answer is never worse than the best start that can be had without overlap. progress: called with the
-    simulations spent and the best reward so far.
+    reshape: objects may take other shapes than they start with. The answer is never worse than the best start that can
+    be had without overlap. progress: called with the simulations spent and the best reward so far.
     """
     islands: list[Island] = []
     for start in starts:
@@ -154,7 +159,7 @@ def fit(
         progress(record.simulations, record.reward)
     best = min(islands, key=lambda i: i.here.cost.sum())
     while simulations - record.simulations >= LEAST:
-        best.leap()
+        best.leap(reshape)
         progress(record.simulations, record.reward)
     record.mark()
     return record.found()
