@@ -6,8 +6,6 @@
    kept, each group of objects that meet on its own, where they match better than before.
 3. With all coordinates free it goes down again. So on, as long as the budget lasts.
 
-Where the shapes are not known, half of the leaps give an object another one.
-
 Leaps and descents go by the pooled residuals; the answer is what had the best reward on the way.
 """
 
@@ -23,7 +21,7 @@ from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.found import Found, Record
 from pipeline.search.gauss_newton import Descent, neighbours
-from pipeline.search.moves import moved, reshaped
+from pipeline.search.moves import moved
 from pipeline.search.parameters import Space, search_space
 
 VARIATIONS = 64
@@ -32,7 +30,6 @@ HORIZONS = (3, 6)  # of ten frames, matched before all are
 STEPS = 3  # of Gauss-Newton before a horizon moves on
 LEAP_STEPS = 5
 MATCHED = 0.02  # cost of an object that needs no leap
-RESHAPED = 0.5  # share of the leaps in which one object takes another shape, where that is asked for
 LEAST = 150  # simulations, below which nothing new is begun
 SPARE = 8  # simulations kept back for looks at single scenes
 
@@ -115,16 +112,13 @@ class Island:
         self._record.mark()
         return Candidate(space.scene(run.point.x), run.point.cost)
 
-    def leap(self, reshape: bool = False) -> None:
-        """Leap with some of what does not match yet, and keep what got better; reshape: some take another shape."""
+    def leap(self) -> None:
+        """Leap with some of what does not match yet, and keep what got better."""
         here = self.here
         unmatched = [int(i) for i in np.flatnonzero(here.cost > MATCHED)] or [int(np.argmax(here.cost))]
         movable = [i for i in unmatched if self._rng.random() < 0.5] or [int(self._rng.choice(unmatched))]
         horizons = HORIZONS[int(self._rng.integers(len(HORIZONS) + 1)) :]
-        changed = here.scene
-        if reshape and self._rng.random() < RESHAPED:
-            changed = reshaped(here.scene, int(self._rng.choice(movable)), self._rng)
-        leapt = self.vary(changed, movable, horizons[0] if horizons else None, apart=changed is here.scene)
+        leapt = self.vary(here.scene, movable, horizons[0] if horizons else None, apart=True)
         leapt = self.approach(leapt, horizons, camera=False)
         there = self.descend(search_space(leapt).fixing_camera(), LEAP_STEPS)
         groups = neighbours(self._evaluator, stack_scenes([here.scene]))
@@ -143,12 +137,11 @@ def fit(
     simulations: int,
     rng: np.random.Generator,
     progress: Callable[[int, float], None] = lambda spent, reward: None,
-    reshape: bool = False,
 ) -> Found:
     """The best scene found from any of the starts, the most promising first, when `record` is at so many simulations.
 
-    reshape: objects may take other shapes than they start with. The answer is never worse than the best start that can
-    be had without overlap. progress: called with the simulations spent and the best reward so far.
+    The answer is never worse than the best start that can be had without overlap. progress: called with the
+    simulations spent and the best reward so far.
     """
     islands: list[Island] = []
     for start in starts:
@@ -159,7 +152,7 @@ def fit(
         progress(record.simulations, record.reward)
     best = min(islands, key=lambda i: i.here.cost.sum())
     while simulations - record.simulations >= LEAST:
-        best.leap(reshape)
+        best.leap()
         progress(record.simulations, record.reward)
     record.mark()
     return record.found()

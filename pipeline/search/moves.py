@@ -6,14 +6,11 @@ moved on its own, so that of a batch the best may be taken object by object.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from pipeline.physics.batch import SceneBatch
 from pipeline.scene.rotation import quaternion_from_rotation_vector, quaternion_multiply
-from pipeline.scene.scene import BASIC_SHAPES, Scene, half_extents
-from pipeline.scene.solid import reach_below, reaches_below
+from pipeline.scene.solid import reaches_below
 from pipeline.search.parameters import BOUNDS
 
 SHARE = 0.4  # of the candidates that each kind of move changes
@@ -28,20 +25,6 @@ def moved(rng: np.random.Generator, scene: SceneBatch, count: int, movable: list
         _move(rng, out, i)
         out.copy_object(i, scene, 0)
     return out
-
-
-def reshaped(scene: Scene, i: int, rng: np.random.Generator) -> Scene:
-    """The scene with object i as another of the basic shapes, of about the same outline, in the same place."""
-    old = scene.objects[i]
-    shape = str(rng.choice([s for s in BASIC_SHAPES if s != old.shape]))
-    x, y, z = half_extents(old)
-    size = {"sphere": ((x + y + z) / 3,), "cylinder": ((x + y) / 2, 2 * z), "box": (1.8 * x, 1.8 * y, 1.8 * z)}[shape]
-    turn = (1.0, 0.0, 0.0, 0.0) if "sphere" in (shape, old.shape) else old.orientation
-    new = replace(old, shape=shape, size=size, orientation=turn, name="")
-    if scene.ground is not None:
-        lowest = scene.ground + reach_below(new)
-        new = replace(new, position=(*old.position[:2], max(old.position[2], lowest)))
-    return replace(scene, objects=tuple(new if k == i else o for k, o in enumerate(scene.objects)))
 
 
 def _move(rng: np.random.Generator, batch: SceneBatch, i: int) -> None:

@@ -49,5 +49,5 @@ def solve(
         progress(record.simulations, record.reward)
         starts.append(guess)
     order = rank(evaluator, starts).order
-    found = fit(evaluator, record, [starts[i] for i in order], simulations, rng, progress, reshape=True)
+    found = fit(evaluator, record, [starts[i] for i in order], simulations, rng, progress)
     return Solved(found, guess, guessing)

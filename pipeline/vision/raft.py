@@ -287,7 +287,7 @@ class RAFT(nn.Module):
         """Flow of each pair, (B, H, W, 2) float32, px of the frames given, x right and y down.
 
         frames_a, frames_b: (B, H, W, 3) uint8 RGB. size: (width, height) in px at which RAFT works; None: the
-        frames' own. Frames are padded (edges repeated) to multiples of 8.
+        frames' own. Frames are padded (edges repeated) by a cell on each side and to multiples of 8.
         """
         count, height, width = check_frames(frames_a, frames_b)
         self.eval()
@@ -309,12 +309,14 @@ class RAFT(nn.Module):
         return out
 
     def padded(self, a: Tensor, b: Tensor, iterations: int, start: Tensor | None) -> Tensor:
+        """The last flow alone, of frames with a margin of a cell or more: beside its border convex upsampling has zeros
+        to choose from, which stand for no motion."""
         height, width = a.shape[-2:]
-        down, right = (max(SMALLEST, -(-n // CELL) * CELL) - n for n in (height, width))
+        down, right = (max(SMALLEST, -(-n // CELL) * CELL + 2 * CELL) - n for n in (height, width))
         left, top = right // 2, down // 2
         padding = (left, right - left, top, down - top)
         a, b = (F.pad(x, padding, mode="replicate") for x in (a, b))
-        start = None if start is None else F.pad(start, padding)
+        start = None if start is None else F.pad(start, padding, mode="replicate")
         return self(a, b, iterations, every=False, start=start)[-1][..., top : top + height, left : left + width]
 
     def save(self, folder: Path | str) -> None:
