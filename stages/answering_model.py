@@ -13,7 +13,7 @@ from stages.run_shards import DATA
 
 FOLDER = DATA / "prefer"
 FILE = "answering_model.json"
-CURVE = "curve.csv"  # of the optimisation, where there was one
+CURVE = "curve.csv"  # of the optimisation; a header alone where there was none
 FINETUNED = DATA / "finetune" / "model"
 PREFERRED = FOLDER / "model"
 

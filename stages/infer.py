@@ -42,14 +42,14 @@ SCHEMA = pa.schema(
 
 
 @lru_cache(maxsize=1)
-def model(folder: str, dtype: str) -> tuple[Base, Tries]:
-    base = load_base(folder, dtype=dtype)
+def model(folder: str, frames: int, dtype: str) -> tuple[Base, Tries]:
+    base = load_base(folder, frames=frames, dtype=dtype)
     return base, Tries(base.codec)
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
     (source,) = inputs
-    base, tries = model(p["model"], p["dtype"])
+    base, tries = model(p["model"], p["clip"]["model_frames"], p["dtype"])
     greedy = Sampling(reasoning=p["reasoning"], seconds=p["clip"]["seconds"])
     sampled = Sampling(p["samples"], p["temperature"], p["top_p"], p["reasoning"], p["clip"]["seconds"])
     rows: list[dict[str, Any]] = []

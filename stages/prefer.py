@@ -1,8 +1,8 @@
 """Preference optimisation (DPO) of the fine-tuned model on clips of a target domain, without labels.
 
 Reads data/finetune/model and of the suite prefer.suite data/render (masks) and data/flow. Writes data/prefer: which
-model answers from now on and which clips it has used (answering_model.json); where enabled, model (a checkpoint),
-pairs.json and curve.csv (plots). An interrupted run goes on from its pairs and its last checkpoint.
+model answers from now on and which clips it has used (answering_model.json), curve.csv (plots, by `score`); where enabled,
+model (a checkpoint) and pairs.json. An interrupted run goes on from its pairs and its last checkpoint.
 Parameters: seed, clip, model.input, model.reasoning, model.dtype, search.width, search.height, prefer.
 Run: python -m stages.prefer
 """
@@ -42,13 +42,14 @@ COLUMNS = ("step", "loss", "accuracy", "margin")
 
 def keep(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
     """Not enabled: the fine-tuned model answers."""
+    write_curve(output, [])
     AnsweringModel(False).write(output)
     return {}
 
 
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
     rendered, flow = inputs
-    base = load_base(p["model"], dtype=p["dtype"])
+    base = load_base(p["model"], frames=p["clip"]["model_frames"], dtype=p["dtype"])
     tries = Tries(base.codec)
     source = {"flow": flow, "render": rendered}[picture_stage(p["input"])]
     size = base.layout.width, base.layout.height
@@ -72,10 +73,14 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
         prefer(base, pairs, shown, p["beta"], sampling, plan, scratch, rows.append, tries)
     base.save(output / "model")
     write_pairs(output / "pairs.json", pairs)
-    lines = [",".join(COLUMNS), *(",".join(f"{row[c]:.6g}" for c in COLUMNS) for row in rows if "loss" in row)]
-    (output / CURVE).write_text("\n".join(lines) + "\n")
+    write_curve(output, rows)
     AnsweringModel(True, p["suite"], tuple(p["used"])).write(output)
     return {"clips": len(p["used"]), "pairs": len(pairs)}
+
+
+def write_curve(folder: Path, rows: Sequence[Mapping[str, float]]) -> None:
+    lines = [",".join(COLUMNS), *(",".join(f"{row[c]:.6g}" for c in COLUMNS) for row in rows if "loss" in row)]
+    (folder / CURVE).write_text("\n".join(lines) + "\n")
 
 
 def write_pairs(path: Path, pairs: Sequence[Pair]) -> None:

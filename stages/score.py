@@ -179,8 +179,7 @@ def main() -> None:
         write_rows(REPORTS / "clips.csv", [{k: v for k, v in row.items() if k != "seconds"} for row in rows])
         write_rows(REPORTS / "plots" / "best_of_k.csv", best_of_k)
         write_rows(REPORTS / "plots" / "search.csv", searches)
-        if model.preferred:
-            shutil.copyfile(FOLDER / CURVE, REPORTS / "plots" / "prefer.csv")
+        shutil.copyfile(FOLDER / CURVE, REPORTS / "plots" / "prefer.csv")
         (REPORTS / "scores.json").write_text(json.dumps(as_json(summary), indent=1) + "\n")
         (REPORTS / "scores.csv").write_text(as_csv(summary))
         (REPORTS / "scores.md").write_text(markdown(*table(summary, COLUMNS)))
