@@ -1,8 +1,8 @@
 """Preference optimisation (DPO) of the fine-tuned model on clips of a target domain, without labels.
 
 Reads data/finetune/model and of the suite prefer.suite data/render (masks) and data/flow. Writes data/prefer: which
-model answers from now on and which clips it has used (answering_model.json), curve.csv (plots, by `score`); where enabled,
-model (a checkpoint) and pairs.json. An interrupted run goes on from its pairs and its last checkpoint.
+model answers from now on and which clips it has used (answering_model.json), curve.csv (plots, through `score`); where
+enabled, model (a checkpoint) and pairs.json. An interrupted run goes on from its pairs and its last checkpoint.
 Parameters: seed, clip, model.input, model.reasoning, model.dtype, search.width, search.height, prefer.
 Run: python -m stages.prefer
 """
