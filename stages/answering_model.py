@@ -8,6 +8,8 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.errors import ShardError
 from stages.run_shards import DATA
 
@@ -44,3 +46,8 @@ def answering_model(folder: Path = FOLDER) -> AnsweringModel:
         raise ShardError(f"{file} is missing; `dvc repro` makes it, or `dvc checkout` brings it back")
     stored = json.loads(file.read_text())
     return AnsweringModel(stored["preferred"], stored["suite"], tuple(stored["used"]))
+
+
+def split_clips(rng: np.random.Generator, clips: int, used: int) -> tuple[int, ...]:
+    """Which of so many clips the optimisation may use, in order; all others are for the evaluation."""
+    return tuple(sorted(rng.permutation(clips)[:used].tolist()))

@@ -12,30 +12,21 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from transformers.utils import logging
 
-from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
-from pipeline.model.base import load_base
-from pipeline.model.generate import Sampling
-from pipeline.model.patches import resize_frames
-from pipeline.model.preference import Pair, draw_answers, prefer, rank_pairs, split_clips
-from pipeline.model.trainer import TrainingPlan
-from pipeline.model.walker import Tries
-from pipeline.scene.scene import Scene
-from pipeline.search.best_of_k import rank
-from pipeline.search.evaluator import Evaluator
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keep_folder import keep_folder
-from stages.answering_model import CURVE, FINETUNED, FOLDER, AnsweringModel
-from stages.clip_pictures import picture_stage, pictures
+from stages.answering_model import CURVE, FINETUNED, FOLDER, AnsweringModel, split_clips
 from stages.main import run
 from stages.params import load
 from stages.run_shards import folder
-from stages.search_target import search_target
+
+if TYPE_CHECKING:
+    from pipeline.model.preference import Pair
+    from pipeline.scene.scene import Scene
 
 COLUMNS = ("step", "loss", "accuracy", "margin")
 
@@ -48,6 +39,21 @@ def keep(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
 
 
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
+    # imported here: it takes seconds, and by default there is nothing to do
+    from transformers.utils import logging
+
+    from pipeline.clips.schedule import Schedule
+    from pipeline.model.base import load_base
+    from pipeline.model.generate import Sampling
+    from pipeline.model.patches import resize_frames
+    from pipeline.model.preference import Pair, draw_answers, prefer, rank_pairs
+    from pipeline.model.trainer import TrainingPlan
+    from pipeline.model.walker import Tries
+    from pipeline.search.best_of_k import rank
+    from pipeline.search.evaluator import Evaluator
+    from stages.clip_pictures import picture_stage, pictures
+    from stages.search_target import search_target
+
     rendered, flow = inputs
     base = load_base(p["model"], frames=p["clip"]["model_frames"], dtype=p["dtype"])
     tries = Tries(base.codec)
@@ -56,7 +62,7 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
     shown = {c: resize_frames(pictures(source[c], p["input"], p["clip"]), *size) for c in p["used"]}
     sampling = Sampling(p["samples"], p["temperature"], p["top_p"], p["reasoning"], p["clip"]["seconds"])
 
-    def judge(clip: int, scenes: Sequence[Scene]) -> np.ndarray:
+    def judge(clip: int, scenes: "Sequence[Scene]") -> np.ndarray:
         target = search_target(rendered[clip].shard, flow[clip].shard, clip, p)
         return rank(Evaluator(target, Schedule(**p["clip"]), threads=1), scenes).rewards.reward
 
@@ -83,7 +89,7 @@ def write_curve(folder: Path, rows: Sequence[Mapping[str, float]]) -> None:
     (folder / CURVE).write_text("\n".join(lines) + "\n")
 
 
-def write_pairs(path: Path, pairs: Sequence[Pair]) -> None:
+def write_pairs(path: Path, pairs: "Sequence[Pair]") -> None:
     partial = path.with_suffix(".partial")
     partial.write_text(json.dumps([asdict(pair) for pair in pairs], indent=1) + "\n")
     partial.replace(path)

@@ -37,11 +37,6 @@ class Pair:
     gap: float
 
 
-def split_clips(rng: np.random.Generator, clips: int, used: int) -> tuple[int, ...]:
-    """Which of so many clips the optimisation may use, in order; all others are for the evaluation."""
-    return tuple(sorted(rng.permutation(clips)[:used].tolist()))
-
-
 def pairs_of(clip: int, completions: Sequence[str], rewards: Sequence[float], margin: float, most: int) -> list[Pair]:
     """The best completion with the worst, the second best with the second worst, and so on: at most so many pairs.
 

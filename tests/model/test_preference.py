@@ -19,7 +19,6 @@ from pipeline.model.preference import (
     pairs_of,
     prefer,
     rank_pairs,
-    split_clips,
 )
 from pipeline.model.trainer import TrainingPlan
 from pipeline.model.walker import Tries
@@ -148,15 +147,6 @@ def test_the_same_seed_gives_the_same_pairs_however_many_are_decoded_at_a_time(r
     for pair in pairs:
         higher, lower = (read_completion(text).scene.objects[0].mass for text in (pair.better, pair.worse))
         assert higher - lower == pytest.approx(pair.gap)
-
-
-def test_a_used_clip_is_never_among_those_left(rng: np.random.Generator) -> None:
-    clips = int(rng.integers(2, 40))
-    used = split_clips(rng, clips, int(rng.integers(1, clips)))
-    assert len(set(used)) == len(used)
-    assert set(used) < set(range(clips))
-    seed = int(rng.integers(1000))
-    assert split_clips(np.random.default_rng(seed), clips, 1) == split_clips(np.random.default_rng(seed), clips, 1)
 
 
 # ---- training

@@ -17,7 +17,7 @@ from pipeline.shards.map_shards import map_shards
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from stages import prefer
-from stages.answering_model import FINETUNED, PREFERRED, AnsweringModel, answering_model
+from stages.answering_model import FINETUNED, PREFERRED, AnsweringModel, answering_model, split_clips
 from stages.score import told_apart
 
 CLIPS = 4
@@ -99,3 +99,15 @@ def test_some_clips_must_be_left_for_the_scores(folder: Path) -> None:
     with pytest.raises(ParamsError, match=r"`prefer\.clips` is 4, but real has 4 clips; valid: fewer"):
         prefer.main()
     assert not (folder / "data" / "prefer").exists()
+
+
+def test_a_used_clip_is_never_among_those_left(rng: np.random.Generator) -> None:
+    clips = int(rng.integers(2, 40))
+    used = split_clips(rng, clips, int(rng.integers(1, clips)))
+    assert len(set(used)) == len(used)
+    assert set(used) < set(range(clips))
+    model = AnsweringModel(True, "real", used)
+    fresh = [clip for clip in range(clips) if not model.has_used("real", clip)]
+    assert sorted([*used, *fresh]) == list(range(clips))
+    seed = int(rng.integers(1000))
+    assert split_clips(np.random.default_rng(seed), clips, 1) == split_clips(np.random.default_rng(seed), clips, 1)
