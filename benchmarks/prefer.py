@@ -34,12 +34,11 @@ from pipeline.language.completion import read_completion
 from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling
 from pipeline.model.patches import resize_frames
-from pipeline.model.preference import Pair, draw_answers, prefer, rank_pairs
+from pipeline.model.preference import Pair, draw_answers, pairs_of, prefer, weighted_reward
 from pipeline.model.trainer import TrainingPlan
 from pipeline.model.walker import Tries
-from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import rank
-from pipeline.search.evaluator import Evaluator
+from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.search.target import make_target, resize_masks
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from pipeline.vision.measured_flow import measured_flow
@@ -127,7 +126,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     own = read_params_file(PARAMS_FILE, Params).prefer
     parser.add_argument("--model", default="models/tiny")
-    for name in ("samples", "temperature", "top_p", "margin", "pairs", "beta", "steps", "batch_size", "learning_rate"):
+    for name in ("samples", "temperature", "top_p", "epe_weight", "margin", "pairs", "beta", "steps",
+                 "batch_size", "learning_rate"):  # fmt: skip
         value = getattr(own, name)
         parser.add_argument(f"--{name.replace('_', '-')}", type=type(value), default=value)
     parser.add_argument("--seeds", type=int, default=1, help="of the optimisation; their scores are averaged by clip")
@@ -152,26 +152,31 @@ def main() -> None:
     def note(text: str) -> None:
         print(f"{time.perf_counter() - began:6.0f} s  {text}", flush=True)
 
-    def judge(clip: int, scenes: Sequence[Scene]) -> np.ndarray:
+    def drawn(clip: int) -> dict[str, list]:
+        seed = zlib.crc32(f"{params.seed} prefer cross_engine {clip}".encode())
+        (texts,) = draw_answers(base, {clip: clips[clip].picture}, sampling, {clip: seed}, own.decoded, tries).values()
         masks = clips[clip].masks[schedule.pairs[:, 0]]
         target = make_target(masks, clips[clip].flow, params.search.width, params.search.height)
-        return rank(Evaluator(target, schedule, threads=1), scenes).rewards.reward
-
-    def drawn(clip: int) -> list[dict]:
-        seed = zlib.crc32(f"{params.seed} prefer cross_engine {clip}".encode())
-        answers = draw_answers(base, {clip: clips[clip].picture}, sampling, {clip: seed}, own.decoded, tries)
+        scenes = [read_completion(text).scene for text in texts]
+        rewards = rank(Evaluator(target, schedule, threads=1), scenes).rewards
         note(f"clip {clip}: {a.samples} answers")
-        return [asdict(pair) for pair in rank_pairs(answers, judge, a.margin, a.pairs)]
+        return {"texts": texts, **{name: column.tolist() for name, column in asdict(rewards).items()}}
+
+    def paired(clip: int) -> list[Pair]:
+        answers = kept(a.work / f"{named}-{clip}.json", lambda: drawn(clip))
+        texts = answers.pop("texts")
+        rewards = Rewards(**{name: np.array(column) for name, column in answers.items()})
+        return pairs_of(clip, texts, weighted_reward(rewards, a.epe_weight).tolist(), a.margin, a.pairs)
 
     note(f"{len(clips)} clips")
     named = f"{zlib.crc32(Path(a.model, 'model.safetensors').read_bytes()):08x}"
     before = kept(a.work / f"{named}-before.json", lambda: greedy_scores(base, clips, everything, params, tries))
     note(f"greedy sequence IoU before: {np.mean([row['iou'] for row in before]):.4f}")
-    named += f"-{a.samples}-{a.temperature}-{a.top_p}-{a.margin}-{a.pairs}"
-    pairs = {c: [Pair(**row) for row in kept(a.work / f"{named}-{c}.json", lambda c=c: drawn(c))] for c in everything}
+    named += f"-{a.samples}-{a.temperature}-{a.top_p}"
+    pairs = {clip: paired(clip) for clip in everything}
     note(f"{sum(map(len, pairs.values()))} pairs")
 
-    named += f"-{a.beta}-{a.steps}-{a.batch_size}-{a.learning_rate}"
+    named += f"-{a.epe_weight}-{a.margin}-{a.pairs}-{a.beta}-{a.steps}-{a.batch_size}-{a.learning_rate}"
 
     def answered(used: list[int], held_out: list[int], seed: int, scratch: Path) -> list[dict]:
         tuned = load_base(a.model, frames=schedule.model_frames)

@@ -163,6 +163,7 @@ class Prefer(Section):
     temperature: Positive
     top_p: Annotated[float, Field(gt=0, le=1)]
     decoded: Count
+    epe_weight: NonNegative
     margin: NonNegative
     pairs: Count
     beta: Positive

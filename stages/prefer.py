@@ -46,7 +46,7 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
     from pipeline.model.base import load_base
     from pipeline.model.generate import Sampling
     from pipeline.model.patches import resize_frames
-    from pipeline.model.preference import Pair, draw_answers, prefer, rank_pairs
+    from pipeline.model.preference import Pair, draw_answers, prefer, rank_pairs, weighted_reward
     from pipeline.model.trainer import TrainingPlan
     from pipeline.model.walker import Tries
     from pipeline.search.best_of_k import rank
@@ -64,7 +64,8 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
 
     def judge(clip: int, scenes: "Sequence[Scene]") -> np.ndarray:
         target = search_target(rendered[clip].shard, flow[clip].shard, clip, p)
-        return rank(Evaluator(target, Schedule(**p["clip"]), threads=1), scenes).rewards.reward
+        rewards = rank(Evaluator(target, Schedule(**p["clip"]), threads=1), scenes).rewards
+        return weighted_reward(rewards, p["epe_weight"])
 
     drawn = scratch / "pairs.json"
     if not drawn.is_file():
@@ -111,7 +112,7 @@ def main() -> None:
         "dtype": m.dtype, "model": str(FINETUNED), "width": params.search.width, "height": params.search.height,
         "suite": own.suite, "used": split_clips(np.random.default_rng(params.seed), clips, own.clips),
         "samples": own.samples, "temperature": own.temperature, "top_p": own.top_p, "decoded": own.decoded,
-        "margin": own.margin, "pairs": own.pairs, "beta": own.beta,
+        "epe_weight": own.epe_weight, "margin": own.margin, "pairs": own.pairs, "beta": own.beta,
         "plan": {"steps": own.steps, "epochs": 1.0, "batch_size": own.batch_size, "learning_rate": own.learning_rate,
                  "lora_rank": own.lora_rank, "checkpoint_steps": own.checkpoint_steps},
     }  # fmt: skip

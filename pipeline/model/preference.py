@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import torch
@@ -23,6 +23,9 @@ from pipeline.model.generate import Sampling, batches, generate
 from pipeline.model.trainer import Report, TrainingPlan, train
 from pipeline.model.walker import Tries
 from pipeline.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from pipeline.search.evaluator import Rewards
 
 Judge = Callable[[int, Sequence[Scene]], np.ndarray]
 
@@ -71,6 +74,11 @@ def rank_pairs(answers: Mapping[int, Sequence[str]], judge: Judge, margin: float
         rewards = judge(clip, [read_completion(text).scene for text in texts])
         pairs += pairs_of(clip, texts, rewards.tolist(), margin, most)
     return pairs
+
+
+def weighted_reward(rewards: Rewards, epe_weight: float) -> np.ndarray:
+    """(B,) IoU - epe_weight * EPE (px over the whole frame): with 1 the search's reward."""
+    return np.where(rewards.valid, rewards.iou - epe_weight * rewards.epe_frame, rewards.reward)
 
 
 def implicit_margin(
