@@ -15,8 +15,9 @@ from transformers.utils import logging
 
 from pipeline.language.codec import Tokens
 from pipeline.model.base import load_base
-from pipeline.model.finetune import ClipDataset, TrainingPlan, finetune
+from pipeline.model.finetune import ClipDataset, finetune
 from pipeline.model.patches import resize_frames
+from pipeline.model.trainer import TrainingPlan
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
 from stages.clip_pictures import picture_stage, pictures

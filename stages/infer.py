@@ -1,7 +1,8 @@
 """Completions of clips: one greedy and K sampled, under the grammar, so that every answer parses.
 
-Reads data/finetune/model and data/flow/<suite> (or data/render/<suite> with model.input=rgb). Writes
-data/infer/<suite>: clip, sample (-1 greedy, 0 … K-1), text, scene (canonical YAML), log_probability.
+Reads the model that answers (data/finetune/model, or with prefer.enabled data/prefer/model) and data/flow/<suite> (or
+data/render/<suite> with model.input=rgb). Writes data/infer/<suite>: clip, sample (-1 greedy, 0 … K-1), text, scene
+(canonical YAML), log_probability.
 Parameters: seed, clip, model.input, model.reasoning, model.dtype, infer. Run: python -m stages.infer SUITE
 """
 
@@ -23,12 +24,12 @@ from pipeline.shards.dataset import Clip
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
+from stages.answering_model import answering_model
 from stages.clip_pictures import picture_stage, pictures
 from stages.main import run
 from stages.params import load
-from stages.run_shards import DATA, run_shards
+from stages.run_shards import run_shards
 
-MODEL = DATA / "finetune" / "model"
 SCHEMA = pa.schema(
     {
         "clip": pa.int64(),
@@ -41,14 +42,14 @@ SCHEMA = pa.schema(
 
 
 @lru_cache(maxsize=1)
-def model(folder: str, dtype: str) -> tuple[Base, Tries]:
-    base = load_base(folder, dtype=dtype)
+def model(folder: str, frames: int, dtype: str) -> tuple[Base, Tries]:
+    base = load_base(folder, frames=frames, dtype=dtype)
     return base, Tries(base.codec)
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
     (source,) = inputs
-    base, tries = model(p["model"], p["dtype"])
+    base, tries = model(p["model"], p["clip"]["model_frames"], p["dtype"])
     greedy = Sampling(reasoning=p["reasoning"], seconds=p["clip"]["seconds"])
     sampled = Sampling(p["samples"], p["temperature"], p["top_p"], p["reasoning"], p["clip"]["seconds"])
     rows: list[dict[str, Any]] = []
@@ -69,10 +70,10 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
 
 def main(suite: str) -> None:
     params = load("infer", suite)
-    m = params.model
+    m, checkpoint = params.model, answering_model().folder
     parameters = {"seed": params.seed, "clip": params.clip.model_dump(), "input": m.input, "reasoning": m.reasoning,
-                  "dtype": m.dtype, "model": str(MODEL), **params.infer.model_dump()}  # fmt: skip
-    run_shards("infer", suite, compute, parameters, [picture_stage(m.input)], files={"model": MODEL},
+                  "dtype": m.dtype, "model": str(checkpoint), **params.infer.model_dump()}  # fmt: skip
+    run_shards("infer", suite, compute, parameters, [picture_stage(m.input)], files={"model": checkpoint},
                versions=["torch", "transformers"])  # fmt: skip
 
 

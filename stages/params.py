@@ -155,6 +155,25 @@ class Finetune(Section):
     checkpoint_steps: Count
 
 
+class Prefer(Section):
+    enabled: bool
+    suite: Literal["id", "held_out", "more", "real"]
+    clips: Count
+    samples: Annotated[int, Field(ge=2)]
+    temperature: Positive
+    top_p: Annotated[float, Field(gt=0, le=1)]
+    decoded: Count
+    epe_weight: NonNegative
+    margin: NonNegative
+    pairs: Count
+    beta: Positive
+    steps: Count
+    batch_size: Count
+    learning_rate: Positive
+    lora_rank: Annotated[int, Field(ge=0)]
+    checkpoint_steps: Count
+
+
 class Infer(Section):
     samples: Count
     temperature: Positive
@@ -216,6 +235,7 @@ class Params(Section):
     events: Events
     model: Model
     finetune: Finetune
+    prefer: Prefer
     infer: Infer
     search: Search
     cmaes: Cmaes
@@ -237,6 +257,16 @@ READS: dict[str, tuple[str, ...]] = {
     "events": ("clip", "events", "sample.filters.visible_px"),
     "tokenize": ("clip", "model.base", "model.reasoning", "model.width", "model.height"),
     "finetune": ("seed", "clip", "model", "finetune"),
+    "prefer": (
+        "seed",
+        "clip",
+        "model.input",
+        "model.reasoning",
+        "model.dtype",
+        "search.width",
+        "search.height",
+        "prefer",
+    ),
     "infer": ("seed", "clip", "model.input", "model.reasoning", "model.dtype", "infer"),
     "best_of_k": ("clip", "search"),
     "cmaes": ("seed", "clip", "search", "cmaes"),

@@ -1,13 +1,15 @@
 """Score every answer of every suite, and write the report.
 
-Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite>, data/finetune, and the benchmark of starts
-(benchmarks/results/starts/starts.csv). Writes reports/: scores.json (metrics), scores.csv, scores.md, parameters.md,
-prediction.md, determined.md, clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
+Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite>, data/finetune, data/prefer, and the benchmark
+of starts (benchmarks/results/starts/starts.csv). Writes reports/: scores.json (metrics), scores.csv, scores.md,
+parameters.md, prediction.md, determined.md, clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
+Clips that preference optimisation has used are summed up apart, as the suite "<suite>, used by prefer".
 Parameters: seed, clip, score, and for the page's head model, flow.source. Run: python -m stages.score
 """
 
 import csv
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,7 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.cost import compute_seconds
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
+from stages.answering_model import CURVE, FOLDER, AnsweringModel, answering_model
 from stages.main import run
 from stages.params import load
 from stages.run_shards import DATA, folder
@@ -71,26 +74,34 @@ def seconds_by_method(suite: Suite) -> dict[str, float]:
     return {"guess": np.nan, "greedy": 0.0, "best": best, "cmaes": best + each["cmaes"], "search": best + each["fit"]}
 
 
-def score_suite(name: str, suite: Suite, schedule: Schedule) -> list[dict[str, Any]]:
+def told_apart(name: str, clip: int, model: AnsweringModel) -> str:
+    """The suite under which a clip's scores are summed up: a clip that the model has seen says nothing about others."""
+    return f"{name}, used by prefer" if model.has_used(name, clip) else name
+
+
+def score_suite(name: str, suite: Suite, schedule: Schedule, model: AnsweringModel) -> list[dict[str, Any]]:
     rows, seconds = [], seconds_by_method(suite)
     for clip in tqdm(range(len(suite["infer"])), desc=f"score {name}", unit="clip", disable=None):
         truth = reference(suite, clip, schedule)
+        group = told_apart(name, clip, model)
         for method, (scene, cost) in answers(suite, clip).items():
             spent = seconds[method.split("@")[0]]
-            head = {"suite": name, "clip": clip, "method": method, "simulations": cost, "seconds": spent}
+            head = {"suite": group, "clip": clip, "method": method, "simulations": cost, "seconds": spent}
             rows.append({**head, **score(read_scene(scene), truth, schedule)})
     return rows
 
 
-def curve_rows(name: str, suite: Suite) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """What more samples and more simulations buy, means over clips: rows of best_of_k.csv and search.csv in plots/."""
-    if not len(suite["infer"]):
+def curve_rows(name: str, suite: Suite, model: AnsweringModel) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """What more samples and more simulations buy, means over clips that the model has not seen: rows of best_of_k.csv
+    and search.csv in plots/."""
+    fresh = [clip for clip in range(len(suite["infer"])) if not model.has_used(name, clip)]
+    if not fresh:
         return [], []
-    ranked = [clip.rows() for clip in suite["best_of_k"]]
+    ranked = [suite["best_of_k"][clip].rows() for clip in fresh]
     best = [best_of_curve(np.array([r["reward"] for r in rows]), np.array([r["iou"] for r in rows])) for rows in ranked]
     searched = []
     for method, stage in (("cmaes", "cmaes"), ("search", "fit")):
-        curves = [(clip.row()["spent"], clip.row()["history"]) for clip in suite[stage]]
+        curves = [(row["spent"], row["history"]) for row in (suite[stage][clip].row() for clip in fresh)]
         searched += [{"series": f"{name}: {method}", "simulations": s, "reward": r} for s, r in mean_curve(curves)]
     return (
         [{"series": name, "k": k + 1, "iou": float(v)} for k, v in enumerate(np.mean(best, 0))],
@@ -98,7 +109,7 @@ def curve_rows(name: str, suite: Suite) -> tuple[list[dict[str, Any]], list[dict
     )
 
 
-def shown_clips(name: str, suite: Suite, count: int, schedule: Schedule) -> list[ShownClip]:
+def shown_clips(name: str, suite: Suite, count: int, schedule: Schedule, model: AnsweringModel) -> list[ShownClip]:
     out = []
     for clip in range(min(count, len(suite["infer"]))):
         seen, found = suite["render"][clip], answers(suite, clip)
@@ -107,7 +118,9 @@ def shown_clips(name: str, suite: Suite, count: int, schedule: Schedule) -> list
         image = clip_picture(seen.array("rgb"), seen.array("mask"), flow, scenes, schedule)
         label = seen.row()["name"] if name == "real" else clip
         written = greedy_row(suite, clip)["text"]
-        out.append(ShownClip(picture(jpeg(image), f"{name}/{label}"), written, found["search"][0]))
+        out.append(
+            ShownClip(picture(jpeg(image), f"{told_apart(name, clip, model)}/{label}"), written, found["search"][0])
+        )
     return out
 
 
@@ -156,10 +169,11 @@ def main() -> None:
     params = load("score")
     schedule = Schedule(**params.clip.model_dump())
     suites = {name: open_suite(name, STAGES) for name in SUITES}
-    rows = [row for name, suite in suites.items() for row in score_suite(name, suite, schedule)]
+    model = answering_model()
+    rows = [row for name, suite in suites.items() for row in score_suite(name, suite, schedule, model)]
     rng = np.random.default_rng(params.seed)
     summary = summarise(rows, [*METRICS, *ERRORS], params.score.bootstrap, rng)
-    both = [curve_rows(name, suite) for name, suite in suites.items()]
+    both = [curve_rows(name, suite, model) for name, suite in suites.items()]
     best_of_k, searches = ([row for part in each for row in part] for each in zip(*both, strict=True))
     predicted = [row for name in PREDICTED_SUITES for row in prediction_rows(name)]
     prediction = summarise(predicted, list(PREDICTED), params.score.bootstrap, rng)
@@ -168,12 +182,15 @@ def main() -> None:
         "train": read_curve(DATA / "finetune/loss.csv"),
         "validation": read_curve(DATA / "finetune/eval_loss.csv"),
     }
-    gallery = {n: shown_clips(n, s, params.score.gallery, schedule) for n, s in suites.items() if len(s["infer"])}
+    gallery = {
+        n: shown_clips(n, s, params.score.gallery, schedule, model) for n, s in suites.items() if len(s["infer"])
+    }
     facts = {
         "model": params.model.base,
         "input": params.model.input,
         "reasoning": str(params.model.reasoning),
         "flow": params.flow.source,
+        "preference optimisation": f"on {len(model.used)} clips of {model.suite}" if model.preferred else "none",
         "clips": ", ".join(f"{name} {len(suite['infer'])}" for name, suite in suites.items()),
         "answers, which all parse": str(sum(s["infer"].manifest.notes.get("parsed", 0) for s in suites.values())),
     }
@@ -181,6 +198,7 @@ def main() -> None:
         write_rows(REPORTS / "clips.csv", [{k: v for k, v in row.items() if k != "seconds"} for row in rows])
         write_rows(REPORTS / "plots" / "best_of_k.csv", best_of_k)
         write_rows(REPORTS / "plots" / "search.csv", searches)
+        shutil.copyfile(FOLDER / CURVE, REPORTS / "plots" / "prefer.csv")
         (REPORTS / "scores.json").write_text(json.dumps(as_json(summary), indent=1) + "\n")
         (REPORTS / "scores.csv").write_text(as_csv(summary))
         (REPORTS / "scores.md").write_text(markdown(*table(summary, COLUMNS)))

@@ -1,38 +1,19 @@
-"""Fine-tuning on tokenized clips with the Hugging Face Trainer: all weights, or low-rank adapters (LoRA)."""
+"""Fine-tuning on tokenized clips."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch
-from peft import LoraConfig, PeftModel, get_peft_model
 from torch.utils.data import Dataset
-from transformers import Qwen2_5_VLForConditionalGeneration, Trainer, TrainerCallback, TrainingArguments
 
 from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
-from pipeline.model.loss import batch_loss, make_batch
-
-STATE_FILE = "trainer_state.json"  # the Trainer writes it into a checkpoint last
-LORA_TARGETS = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj", "qkv", "proj")
-
-
-@dataclass(frozen=True)
-class TrainingPlan:
-    """steps: None for what `epochs` take. lora_rank 0 trains all weights. checkpoint_steps between checkpoints."""
-
-    steps: int | None
-    epochs: float
-    batch_size: int
-    learning_rate: float
-    lora_rank: int
-    checkpoint_steps: int
-    seed: int
+from pipeline.model.loss import Batch, batch_loss, make_batch
+from pipeline.model.trainer import Report, TrainingPlan, train
 
 
 class ClipDataset(Dataset):
@@ -49,103 +30,14 @@ class ClipDataset(Dataset):
         return {"tokens": tokens, "picture": picture}
 
 
-class _Trainer(Trainer):
-    """The Trainer with our loss, which computes logits for the completion alone."""
+def finetune(base: Base, clips: ClipDataset, val: ClipDataset, plan: TrainingPlan, work: Path, report: Report) -> None:
+    """Train `base` in place on the clips' completions (`train` says what the rest means); report: step, loss or
+    eval_loss (on val), learning_rate."""
 
-    base: Base
+    def collate(rows: Sequence[dict[str, Any]]) -> Batch:
+        return make_batch(base, [r["tokens"] for r in rows], np.stack([r["picture"] for r in rows]))
 
-    def compute_loss(
-        self, model: Any, inputs: dict, return_outputs: bool = False, num_items_in_batch: Any = None
-    ) -> Any:
-        loss, _each = batch_loss(self.base, inputs["batch"])
-        return (loss, {"loss": loss.detach()}) if return_outputs else loss
+    def objective(batch: Batch) -> tuple[torch.Tensor, Mapping[str, float]]:
+        return batch_loss(base, batch)[0], {}
 
-    def prediction_step(
-        self, model: Any, inputs: dict[str, Any], prediction_loss_only: bool, ignore_keys: list[str] | None = None
-    ) -> Any:
-        with torch.no_grad():
-            loss, _ = batch_loss(self.base, inputs["batch"])
-        return loss.detach(), None, None
-
-    def _load_from_checkpoint(self, resume_from_checkpoint: str, model: Any = None) -> None:
-        """As the Trainer, but for whole models under the names of the file, which are not those of the module."""
-        if isinstance(self.model, PeftModel):
-            super()._load_from_checkpoint(resume_from_checkpoint, model)
-            return
-        stored = type(self.base.model).from_pretrained(
-            resume_from_checkpoint, local_files_only=True, dtype=self.base.model.dtype
-        )
-        self.base.model.load_state_dict(stored.state_dict())
-
-
-class _Report(TrainerCallback):
-    def __init__(self, report: Callable[[dict[str, float]], None]) -> None:
-        self._report = report
-
-    def on_log(self, args: Any, state: Any, control: Any, logs: dict | None = None, **_: Any) -> None:
-        self._report({"step": state.global_step, **(logs or {})})
-
-
-def finetune(
-    base: Base, train: ClipDataset, val: ClipDataset, plan: TrainingPlan, work: Path, report: Callable[[dict], None]
-) -> None:
-    """Train `base` in place. Checkpoints go to `work`, from the last of which an interrupted run goes on.
-
-    report: called with each row of the loss curves (step, loss or eval_loss, learning_rate), those from before an
-    interruption too.
-    """
-    last = last_checkpoint(work)
-    whole = base.model
-    if plan.lora_rank:
-        config = LoraConfig(r=plan.lora_rank, lora_alpha=2 * plan.lora_rank, target_modules=list(LORA_TARGETS))
-        torch.manual_seed(plan.seed)  # for the adapters' first weights
-        adapted = get_peft_model(whole, config)
-    arguments = TrainingArguments(
-        output_dir=str(work),
-        max_steps=plan.steps if plan.steps is not None else -1,
-        num_train_epochs=plan.epochs,
-        per_device_train_batch_size=plan.batch_size,
-        per_device_eval_batch_size=plan.batch_size,
-        learning_rate=plan.learning_rate,
-        lr_scheduler_type="cosine",
-        warmup_steps=0.05,
-        weight_decay=0.01,
-        logging_steps=max(1, plan.checkpoint_steps // 4),
-        eval_strategy="steps",
-        eval_steps=plan.checkpoint_steps,
-        eval_on_start=last is None,
-        save_strategy="steps",
-        save_steps=plan.checkpoint_steps,
-        save_total_limit=1,
-        remove_unused_columns=False,
-        label_names=[],
-        seed=plan.seed,
-        data_seed=plan.seed,
-        report_to=[],
-        disable_tqdm=None,
-        bf16=base.model.dtype == torch.bfloat16 and torch.cuda.is_available(),
-        use_cpu=not torch.cuda.is_available(),
-        dataloader_pin_memory=torch.cuda.is_available(),
-    )
-
-    def collate(rows: list[dict]) -> dict:
-        return {"batch": make_batch(base, [r["tokens"] for r in rows], np.stack([r["picture"] for r in rows]))}
-
-    trainer = _Trainer(
-        model=adapted if plan.lora_rank else whole, args=arguments, train_dataset=train, eval_dataset=val,
-        data_collator=collate, callbacks=[_Report(report)],
-    )  # fmt: skip
-    trainer.base = base
-    if last is not None:
-        for row in json.loads((last / STATE_FILE).read_text())["log_history"]:
-            report(row)
-    trainer.train(resume_from_checkpoint=None if last is None else str(last))
-    if plan.lora_rank:
-        base.model = cast(Qwen2_5_VLForConditionalGeneration, adapted.merge_and_unload())
-    base.model.eval()
-
-
-def last_checkpoint(work: Path) -> Path | None:
-    """The newest checkpoint in `work` that was written to its end."""
-    complete = [folder for folder in work.glob("checkpoint-*") if (folder / STATE_FILE).is_file()]
-    return max(complete, key=lambda folder: int(folder.name.split("-")[1]), default=None)
+    train(base, clips, collate, objective, plan, work, report, val)

@@ -10,8 +10,8 @@ from torch.nn import functional
 
 from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
-from pipeline.model.inputs import positions, right_padded
-from pipeline.model.patches import pack_video
+from pipeline.model.forward import hidden_states
+from pipeline.model.inputs import right_padded
 
 
 @dataclass
@@ -35,17 +35,10 @@ def make_batch(base: Base, tokens: list[Tokens], clips: np.ndarray) -> Batch:
 def batch_loss(base: Base, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
     """Mean loss of a batch and the loss of every token (B, L - P), nats, 0 where there is no label.
 
-    Logits are computed for the completion alone. Padding stands behind, so causal attention needs no mask.
+    Logits are computed for the completion alone.
     """
-    device = base.model.device
-    ids, labels = batch.ids.to(device), batch.labels.to(device)
-    prompt = len(base.codec.prompt_ids)
-    where = positions(base, ids.shape[1])[:, None].expand(-1, len(ids), -1).to(device)
-    grid = torch.tensor([base.layout.grid] * len(ids), device=device)
-    patches = pack_video(batch.clips.to(device), base.layout).to(base.model.dtype)
-    hidden = base.model.model(
-        input_ids=ids, pixel_values_videos=patches, video_grid_thw=grid, position_ids=where, use_cache=False
-    ).last_hidden_state
+    labels, prompt = batch.labels.to(base.model.device), len(base.codec.prompt_ids)
+    hidden = hidden_states(base, batch.ids, batch.clips)
     logits = base.model.lm_head(hidden[:, prompt - 1 : -1]).float()
     targets = labels[:, prompt:]
     each = functional.cross_entropy(logits.flatten(0, 1), targets.flatten(), ignore_index=-100, reduction="none")

@@ -7,8 +7,9 @@ from small_base import random_clips, random_tokens, small_base
 
 from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
-from pipeline.model.finetune import ClipDataset, TrainingPlan, finetune, last_checkpoint
+from pipeline.model.finetune import ClipDataset, finetune
 from pipeline.model.loss import batch_loss, make_batch
+from pipeline.model.trainer import TrainingPlan, last_checkpoint
 
 
 def plan(**values: object) -> TrainingPlan:

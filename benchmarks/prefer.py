@@ -1,0 +1,215 @@
+"""Preference optimisation on another engine's clips: does the greedy answer to clips that it has not seen get better?
+
+    python -m benchmarks.prefer [--model models/tiny] [--samples 12] [--steps 30] [--seeds 1]
+
+Two folds: the model is optimised on one half of the clips, without their labels, and answers the other half, and the
+other way round; so each clip is answered by a model that has not seen it. Masks are given, flow is RAFT's, all other
+settings are those of params.yaml. Reads the folder `cross_engine` (DYNAMICS_DATA, else ../shared/data). Writes
+benchmarks/results/prefer.md. What takes long is kept in --work, from where an interrupted run goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from transformers.utils import logging
+
+from pipeline.clips.schedule import Schedule
+from pipeline.evaluation.intervals import Estimate, bootstrap_mean
+from pipeline.evaluation.scene_scores import HEIGHT, WIDTH, Reference, score
+from pipeline.evaluation.tables import cell, markdown
+from pipeline.external.place import ROOT
+from pipeline.language.completion import read_completion
+from pipeline.model.base import Base, load_base
+from pipeline.model.generate import Sampling
+from pipeline.model.patches import resize_frames
+from pipeline.model.preference import Pair, draw_answers, pairs_of, prefer, weighted_reward
+from pipeline.model.trainer import TrainingPlan
+from pipeline.model.walker import Tries
+from pipeline.search.best_of_k import rank
+from pipeline.search.evaluator import Evaluator, Rewards
+from pipeline.search.target import make_target, resize_masks
+from pipeline.vision.flow_picture import flow_picture, scaled_max_px
+from pipeline.vision.measured_flow import measured_flow
+from pipeline.vision.raft import load_raft
+from pipeline.vision.user_clip import find_clips, read_user_clip
+from stages.params import PARAMS_FILE, Params
+from stages.params_file import read_params_file
+
+METRICS = {"iou": "IoU, sequence", "iou_initial": "IoU, first frame", "epe_frame": "EPE, whole frame",
+           "composition": "composition"}  # fmt: skip
+FOLDS = 2
+RESAMPLES = 10_000
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A clip: masks (T, H, W), measured flow (P, H, W, 2) px, the picture of it for the model, the true shapes."""
+
+    masks: np.ndarray
+    flow: np.ndarray
+    picture: np.ndarray
+    composition: str
+
+
+def kept(path: Path, make: Callable[[], Any]) -> Any:
+    """JSON that was kept, else made now and kept."""
+    if not path.is_file():
+        partial = path.with_suffix(".partial")
+        partial.write_text(json.dumps(make()))
+        partial.replace(path)
+    return json.loads(path.read_text())
+
+
+def read_clips(folder: Path, params: Params, schedule: Schedule, layout: tuple[int, int], work: Path) -> list[Seen]:
+    raft, f, interval = load_raft(params.flow.raft), params.flow, 1 / schedule.fps
+    clips = []
+    for place in find_clips(folder):
+        taken = read_user_clip(place, 0.0, schedule.seconds, schedule.fps, None)
+        file = work / f"{place.name}.flow.npy"
+        if not file.is_file():
+            recorded = np.array(taken.clip.source_times)
+            np.save(file, measured_flow(raft, taken.clip.frames, recorded, schedule.pairs, interval, f.iterations,
+                                        (f.width, f.height)))  # fmt: skip
+        flow = np.load(file)
+        picture = flow_picture(flow, f.picture, scaled_max_px(flow.shape[2], interval))
+        shapes = sorted(o["type"] for o in json.loads((place / "truth.json").read_text())["objects"])
+        clips.append(Seen(taken.masks, flow, resize_frames(picture, *layout), "+".join(shapes)))
+    return clips
+
+
+def greedy_scores(base: Base, clips: Sequence[Seen], which: Sequence[int], params: Params, tries: Tries) -> list[dict]:
+    """The metrics of the greedy answers to some of the clips."""
+    schedule = Schedule(**params.clip.model_dump())
+    greedy = Sampling(reasoning=params.model.reasoning, seconds=schedule.seconds)
+    shown = {c: clips[c].picture for c in which}
+    answers = draw_answers(base, shown, greedy, dict.fromkeys(which, 0), params.infer.batch_size, tries)
+    rows = []
+    for c in which:
+        scene, first = read_completion(answers[c][0]).scene, schedule.pairs[:, 0]
+        measured = make_target(clips[c].masks[first], clips[c].flow, WIDTH, HEIGHT)
+        truth = Reference(resize_masks(clips[c].masks, WIDTH, HEIGHT), measured.flow, first)
+        found = score(scene, truth, schedule)
+        found["composition"] = float(scene.composition == clips[c].composition)
+        rows.append({m: found[m] for m in METRICS})
+    return rows
+
+
+def table(before: list[dict], after: list[list[dict]]) -> str:
+    """Means, and the mean difference of each clip's scores over the seeds, with 95 % bootstrap intervals over clips."""
+    rng = np.random.default_rng(0)
+
+    def told(values: np.ndarray) -> str:
+        estimate: Estimate = bootstrap_mean(values, RESAMPLES, rng)
+        return cell(estimate)
+
+    rows = []
+    for metric, heading in METRICS.items():
+        old = np.array([row[metric] for row in before])
+        new = np.mean([[row[metric] for row in seed] for seed in after], axis=0)
+        rows.append([heading, told(old), told(new), told(new - old)])
+    return markdown(["greedy answer", "before", "after", "difference"], rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    own = read_params_file(PARAMS_FILE, Params).prefer
+    parser.add_argument("--model", default="models/tiny")
+    for name in ("samples", "temperature", "top_p", "epe_weight", "margin", "pairs", "beta", "steps",
+                 "batch_size", "learning_rate"):  # fmt: skip
+        value = getattr(own, name)
+        parser.add_argument(f"--{name.replace('_', '-')}", type=type(value), default=value)
+    parser.add_argument("--seeds", type=int, default=1, help="of the optimisation; their scores are averaged by clip")
+    parser.add_argument("--work", type=Path, default=Path(".train/prefer"))
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results/prefer.md"))
+    a = parser.parse_args()
+    folder = Path(os.environ.get("DYNAMICS_DATA", ROOT.parent / "shared" / "data")) / "cross_engine"
+    if not folder.is_dir():
+        sys.exit("error: no folder cross_engine; set DYNAMICS_DATA to the folder that has it")
+    logging.set_verbosity_error()
+    torch.set_num_threads(int(os.environ.get("OMP_NUM_THREADS", "2")))
+    a.work.mkdir(parents=True, exist_ok=True)
+    params = read_params_file(PARAMS_FILE, Params)
+    schedule = Schedule(**params.clip.model_dump())
+    base = load_base(a.model, frames=schedule.model_frames)
+    tries = Tries(base.codec)
+    began = time.perf_counter()
+    clips = read_clips(folder, params, schedule, (base.layout.width, base.layout.height), a.work)
+    everything = range(len(clips))
+    sampling = Sampling(a.samples, a.temperature, a.top_p, params.model.reasoning, schedule.seconds)
+
+    def note(text: str) -> None:
+        print(f"{time.perf_counter() - began:6.0f} s  {text}", flush=True)
+
+    def drawn(clip: int) -> dict[str, list]:
+        seed = zlib.crc32(f"{params.seed} prefer cross_engine {clip}".encode())
+        (texts,) = draw_answers(base, {clip: clips[clip].picture}, sampling, {clip: seed}, own.decoded, tries).values()
+        masks = clips[clip].masks[schedule.pairs[:, 0]]
+        target = make_target(masks, clips[clip].flow, params.search.width, params.search.height)
+        scenes = [read_completion(text).scene for text in texts]
+        rewards = rank(Evaluator(target, schedule, threads=1), scenes).rewards
+        note(f"clip {clip}: {a.samples} answers")
+        return {"texts": texts, **{name: column.tolist() for name, column in asdict(rewards).items()}}
+
+    def paired(clip: int) -> list[Pair]:
+        answers = kept(a.work / f"{named}-{clip}.json", lambda: drawn(clip))
+        texts = answers.pop("texts")
+        rewards = Rewards(**{name: np.array(column) for name, column in answers.items()})
+        return pairs_of(clip, texts, weighted_reward(rewards, a.epe_weight).tolist(), a.margin, a.pairs)
+
+    note(f"{len(clips)} clips")
+    named = f"{zlib.crc32(Path(a.model, 'model.safetensors').read_bytes()):08x}"
+    before = kept(a.work / f"{named}-before.json", lambda: greedy_scores(base, clips, everything, params, tries))
+    note(f"greedy sequence IoU before: {np.mean([row['iou'] for row in before]):.4f}")
+    named += f"-{a.samples}-{a.temperature}-{a.top_p}"
+    pairs = {clip: paired(clip) for clip in everything}
+    note(f"{sum(map(len, pairs.values()))} pairs")
+
+    named += f"-{a.epe_weight}-{a.margin}-{a.pairs}-{a.beta}-{a.steps}-{a.batch_size}-{a.learning_rate}"
+
+    def answered(used: list[int], held_out: list[int], seed: int, scratch: Path) -> list[dict]:
+        tuned = load_base(a.model, frames=schedule.model_frames)
+        plan = TrainingPlan(a.steps, 1.0, a.batch_size, a.learning_rate, 0, own.checkpoint_steps, seed)
+        prefer(tuned, [p for c in used for p in pairs[c]], {c: clips[c].picture for c in used}, a.beta, sampling, plan,
+               scratch, lambda row: note(str({k: row[k] for k in ("step", "loss", "accuracy", "margin") if k in row})),
+               tries)  # fmt: skip
+        return greedy_scores(tuned, clips, held_out, params, tries)
+
+    after: list[list[dict]] = []
+    for seed in range(a.seeds):
+        order = np.random.default_rng(seed).permutation(len(clips))
+        scores: dict[int, dict] = {}
+        for fold in range(FOLDS):
+            held_out = sorted(order[fold::FOLDS].tolist())
+            used = [c for c in everything if c not in held_out]
+            name = f"{named}-seed{seed}-fold{fold}"
+            rows = kept(a.work / f"{name}.json", lambda: answered(used, held_out, seed, a.work / name))  # noqa: B023
+            scores |= dict(zip(held_out, rows, strict=True))
+            note(f"seed {seed}, fold {fold}: sequence IoU {np.mean([before[c]['iou'] for c in held_out]):.4f} -> "
+                 f"{np.mean([row['iou'] for row in rows]):.4f}")  # fmt: skip
+        after.append([scores[c] for c in everything])
+    text = table(before, after)
+    settings = ", ".join(f"{k} {v:g}" for k, v in vars(a).items() if isinstance(v, int | float))
+    a.out.parent.mkdir(parents=True, exist_ok=True)
+    a.out.write_text(
+        f"# Preference optimisation on another engine's clips\n\n`python -m benchmarks.prefer`: {a.model}, "
+        f"{len(clips)} clips in two folds, each answered by a model optimised on the other fold, without labels; "
+        f"{settings}. Means over clips with 95 % bootstrap intervals; differences by clip.\n\n{text}",
+        encoding="utf-8",
+    )  # fmt: skip
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
