@@ -67,6 +67,7 @@ class Island:
         movable = list(range(len(self.here.scene.objects)))
         if self._left > VARIATIONS:
             near = self.approach(self.vary(self.here.scene, movable, HORIZONS[0]), HORIZONS, camera=True)
+            self._take(self._look(near))
             self._take(self.descend(search_space(near)))
 
     def _take(self, candidate: Candidate) -> None:
