@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.discrepancy.breaks import Break, find_breaks
 from pipeline.discrepancy.known_scene import KnownScene
+from pipeline.discrepancy.meeting import meetings
 from pipeline.discrepancy.noise import leave_one_out, rough_sigma
 from pipeline.discrepancy.track import Track
 from pipeline.errors import MeasurementError
@@ -165,10 +166,14 @@ def _cut_track(
     for b in breaks:
         other = _explanation(b, obj, time, position, gap, others, scene, names, index, sigma)
         (unknown if other is None else known).append((b, other))
+    met = _met(time, position, others, scene, index, sigma, [b for b, _ in (*known, *unknown)])
+    touching = np.isin(time, [b.time for b, _ in met])  # such a sample is of neither side
+    known += met
+    known.sort(key=lambda pair: pair[0].time)
     edges = [-np.inf, *(b.time for b, _ in known), np.inf]
     placed: list[int] = []
     for k, (left, right) in enumerate(itertools.pairwise(edges)):
-        inside = (time > left) & (time < right)
+        inside = (time > left) & (time < right) & ~touching
         grounded = _is_grounded(position[inside], gap[inside], sigma, obj)
         if grounded and np.isfinite(left):
             inside &= time > left + SETTLING
@@ -256,6 +261,28 @@ def _explanation(
         if np.linalg.norm(others[low, m] - position[low], axis=1).min() < 1.3 * reach + 4 * sigma:
             return present[m]
     return None
+
+
+def _met(
+    time: np.ndarray, position: np.ndarray, others: np.ndarray, scene: Scene, index: int, sigma: float,
+    found: Sequence[Break],
+) -> list[tuple[Break, int | None]]:  # fmt: skip
+    """Impacts with other balls that show by the distance alone, but for those that were found as jumps."""
+    present = [o for i, o in enumerate(scene.objects) if i != index]
+    out: list[tuple[Break, int | None]] = []
+    if scene.objects[index].shape != "sphere":
+        return out
+    for m in range(others.shape[1]):
+        if present[m].shape != "sphere":
+            continue
+        reach = float(half_extents(scene.objects[index])[0] + half_extents(present[m])[0])
+        for when in meetings(time, np.linalg.norm(others[:, m] - position, axis=1), reach, sigma):
+            step = float(np.median(np.diff(time)))
+            if all(abs(when - b.time) > 2.5 * step for b in (*found, *(b for b, _ in out))):
+                at = position[int(np.argmin(np.abs(time - when)))]
+                number = scene.objects.index(present[m])
+                out.append((Break(when, at, np.zeros(3), 0.0), number))
+    return out
 
 
 def _is_grounded(position: np.ndarray, gap: np.ndarray, sigma: float, obj: SceneObject) -> bool:

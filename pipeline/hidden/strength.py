@@ -103,7 +103,7 @@ def _moved(effect: Effect, scenario: Scenario, launches: Launches, times: np.nda
     before a first impact, beyond those of other initial positions and velocities, m."""
     kind = effect_kinds()[effect.name]
     changes, frictions = [], []
-    rub = scenario.name in ("puck", "roll") and (scenario.fit is None or "sliding_friction" in scenario.fit)
+    rub = scenario.name in ("puck", "roll") and "sliding_friction" in scenario.fit
     for bodies in launches[:PROBE_CLIPS]:
         try:
             hidden = (effect,) if kind.recording is None else ()
