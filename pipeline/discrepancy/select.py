@@ -33,10 +33,11 @@ LEAST_CLIPS_FOR_MORE = 3  # fewer clips differ from each other in too many ways 
 UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.015  # a model explains the data unless both are exceeded
 UNEXPLAINED_SHARE_FEW = 0.06  # of one or two clips, whose own peculiarities nothing averages out
 SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
-OBSTACLE_MISFIT = 0.03  # m
+OBSTACLE_MISFIT = 0.1  # m; friction of a hit turns its direction
 FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction, with which calibration begins
 SLIP_PRICE = 8.0  # of a ball on the ground whose unknown spin is taken not to be that of rolling
 BROKEN_Z, BROKEN_SHARE = 6.0, 0.12  # arcs so far off, and so few, are left out
+SHARPER = 0.9  # of the noise's variance as polynomials have it: what the best model must leave less than
 EQUALS = 5  # further effects that are fitted because they promise nearly as much as the best
 MOST_FITTED = 9  # effects that are fitted at a time, the most promising by the quick regression
 
@@ -122,6 +123,7 @@ class Selector:
     def _pose(self, problem: Problem) -> None:
         """Calibrate the model without effects."""
         self.problem = problem
+        self.sharper = 1.0
         self.restitution: RestitutionFit | None = None
         self.none = self._calibrated()
         clips = frozenset(problem.fitted)
@@ -159,7 +161,9 @@ class Selector:
             self._pose(left_out)
             singles = self._extended(self.none)
             best = self._best(singles)
-        chosen = self.none
+        self._sharpen(best)
+        self.none, singles = self._rescored(self.none), sorted(map(self._rescored, singles), key=lambda c: c.score)
+        best, chosen = self._best(singles), self.none
         if best.effects and best.score < self.none.score - CLAIM:
             chosen = self._more(best, singles)
         z, share = self._excess(chosen)
@@ -172,6 +176,24 @@ class Selector:
 
     def _best(self, singles: Sequence[Candidate]) -> Candidate:
         return min([self.none, *singles], key=lambda c: c.score - self._clock_doubt(c))
+
+    def _sharpen(self, best: Candidate) -> None:
+        """Take the noise from the best model, where that leaves less than polynomials do: they miss what turns fast or
+        stops suddenly."""
+        problem = best.problem
+        rows = sum(int((s.weight > 0).sum()) for s in problem.stacks)
+        own = sum((4 if s.grounded else 6) * int((s.samples > 0).sum()) for s in problem.stacks) + best.fit.model.size
+        left = sum(float(c.sum()) for c in best.fit.position_chi2) / max(rows - own, 1)
+        if best.obstacle is None and rows - own > 30 and left < SHARPER:
+            self.sharper = 1 / left
+
+    def _rescored(self, found: Candidate) -> Candidate:
+        """The same with the noise that the best model leaves."""
+        more = (self.sharper - 1) * self.problem.floor.information
+        inside = more * found.fit.total(found.problem.chosen)
+        outside = more * found.fit.total(found.problem.held)
+        return replace(found, score=found.score + inside + outside, bic=found.bic + inside,
+                       held_out=found.held_out + outside)  # fmt: skip
 
     def _without_broken(self, best: Candidate, beside_impacts: bool = False) -> Problem | None:
         """The problem without the few arcs that the best model misses while it explains all others: an impact that
@@ -207,7 +229,7 @@ class Selector:
             return chosen
         for _ in range(MOST_EFFECTS - 1):
             z, _ = self._excess(chosen)
-            if z < 2.5:
+            if z < 2.5 and not (self.sharper > 1 and self._promises(chosen)):
                 break
             longer = [c for leader in leaders for c in self._extended(leader, MOST_FITTED - 4)]
             winner = min(longer, key=lambda c: c.score, default=chosen)
@@ -220,6 +242,18 @@ class Selector:
                 break
             chosen, leaders = winner, [winner]
         return chosen
+
+    def _promises(self, base: Candidate) -> bool:
+        """Whether a further effect would win by the quick regression: where the noise is taken from the best model
+        itself, what it leaves cannot tell that it is not enough."""
+        quick = QuickRegression(base.problem.stacks, base.fit, base.problem.chosen)
+        share = self.problem.floor.information * self.sharper
+        for kind in self.kinds:
+            if kind.name not in (*base.effects, "hidden_obstacle", "restitution"):
+                gain = quick.guesses(kind, starts(kind, self.known, base.problem.stacks), self.known)[0].gain * share
+                if gain > CLAIM_MORE + kind.size * np.log(self.problem.effective_rows):
+                    return True
+        return False
 
     def _alike(self, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[tuple[str, ...], ...]:
         if len(chosen.effects) != 1:
@@ -312,7 +346,9 @@ class Selector:
         obstacle = fit_obstacle(self.problem.arcs, self.known)
         if obstacle is None or obstacle.misfit > OBSTACLE_MISFIT or base.obstacle is not None:
             return None
-        split = split_at_jumps(base.problem)
+        if 2 * obstacle.hits < self.problem.jumps:
+            return None
+        split = split_at_jumps(base.problem)  # also where an outlier jumps: its pieces are paid for
         found = self._fitted(split, base.fit.model, base.fit.theta, starts_of(split), (*base.effects, kind.name))
         lost = max(base.problem.rows - split.rows, 0)
         added = sum(map(len, split.stacks)) - sum(map(len, base.problem.stacks))
@@ -347,7 +383,7 @@ class Selector:
         other = unstuck(problem.stacks, found)
         if other is not None:
             found = fit(problem.stacks, model, found.theta, other, problem.chosen, iterations)
-        share = problem.floor.information
+        share = problem.floor.information * self.sharper
         inside, outside = found.total(problem.chosen) * share, found.total(problem.held) * share
         bic = inside + model.size * np.log(self.problem.effective_rows) + SLIP_PRICE * found.slipping
         return Candidate(effects, found, problem, bic + outside, bic, outside)
@@ -367,10 +403,10 @@ class Selector:
 
     def _excess(self, found: Candidate) -> tuple[float, float]:
         """What a model leaves beyond noise: as a z-score, and as a share of what the calibrated model leaves."""
-        share = self.problem.floor.information
+        share = self.problem.floor.information * self.sharper
 
         def beyond(c: Candidate) -> tuple[float, float]:
-            floor = sum(float(p.chi2.sum()) for p in c.problem.parts)
+            floor = sum(float(p.chi2.sum()) for p in c.problem.parts) / self.sharper
             total = sum(float(x.sum()) for x in c.fit.position_chi2)
             smooth = sum(int(p.parameters.sum()) for p in c.problem.parts)
             own = (
