@@ -20,6 +20,7 @@ SPIN_PRIOR = 30.0  # rad/s: how far a body's unknown spin may be from that of ro
 MOST_ITERATIONS = 12
 LARGEST = 1e12  # derivative, in units of sigma
 SLIPPING = 0.003  # m/s
+FIXED = 1e12  # a prior that lets nothing move
 STUCK = 1.6  # chi squared per coordinate above which another beginning is tried
 SHARES_FLIGHT, SHARES_GROUND = np.array([1.0, 0.0]), np.array([1.0, 0.5, 0.2, 0.0])
 
@@ -183,11 +184,14 @@ def linearise(stacks: Sequence[ArcStack], model: Model, theta: np.ndarray, start
 
 
 def local_inverse(stack: ArcStack, local: np.ndarray) -> np.ndarray:
-    """Inverse of each arc's own normal matrix, (A, L, L), with weak priors on what is not measured."""
+    """Inverse of each arc's own normal matrix, (A, L, L), with weak priors on what is not measured; what a recording
+    of fewer than three coordinates does not show stays as it is."""
     gram = np.einsum("alr,amr->alm", local, local)
     places = _locals(stack)
-    prior = np.where(places < 3, 1e-2, np.where(places < 6, 1e-4, 1 / SPIN_PRIOR**2))
-    return np.linalg.inv(gram + np.diag(prior))
+    prior = np.tile(np.where(places < 3, 1e-2, np.where(places < 6, 1e-4, 1 / SPIN_PRIOR**2)), (len(stack), 1))
+    shown = (stack.weight > 0).any(1)  # (A, 3)
+    hidden = (places < 6) & ~shown[:, places % 3]
+    return np.linalg.inv(gram + np.eye(len(places)) * np.where(hidden, FIXED, prior)[:, None])
 
 
 def fit(
