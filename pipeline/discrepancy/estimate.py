@@ -33,10 +33,7 @@ def standard_errors(found: Candidate) -> np.ndarray:
     """Of the fitted numbers, (G,): for the noise that the model itself leaves, and for its correlation."""
     problem = found.problem
     rows = sum(int((s.weight[m] > 0).sum()) for s, m in zip(problem.stacks, problem.chosen, strict=True))
-    own = sum(
-        (4 if s.grounded else 6) * int((s.samples[m] > 0).sum())
-        for s, m in zip(problem.stacks, problem.chosen, strict=True)
-    )
+    own = sum(s.own * int((s.samples[m] > 0).sum()) for s, m in zip(problem.stacks, problem.chosen, strict=True))
     freedom = max(rows - own - found.fit.model.size, 1)
     left = sum(float(c[m].sum()) for c, m in zip(found.fit.position_chi2, problem.chosen, strict=True)) / freedom
     noise = left if freedom > ENOUGH else max(left, 1.0)

@@ -169,7 +169,11 @@ class Selector:
         z, share = self._excess(chosen)
         alike = self._alike(chosen, singles)
         few = len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE
-        unknown = z > UNEXPLAINED_Z and share > (UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE)
+        unknown = (
+            not self.problem.blunt
+            and z > UNEXPLAINED_Z
+            and share > (UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE)
+        )
         return Selection(
             self.none, tuple(singles), chosen, alike, share, z, unknown, tuple(self.bounces), self.untestable
         )
@@ -182,7 +186,7 @@ class Selector:
         stops suddenly."""
         problem = best.problem
         rows = sum(int((s.weight > 0).sum()) for s in problem.stacks)
-        own = sum((4 if s.grounded else 6) * int((s.samples > 0).sum()) for s in problem.stacks) + best.fit.model.size
+        own = sum(s.own * int((s.samples > 0).sum()) for s in problem.stacks) + best.fit.model.size
         left = sum(float(c.sum()) for c in best.fit.position_chi2) / max(rows - own, 1)
         if best.obstacle is None and rows - own > 30 and left < SHARPER:
             self.sharper = 1 / left
@@ -205,7 +209,7 @@ class Selector:
         touched = {i for impact in self.problem.impacts for i in (impact.before, impact.after)}
         share, broken, left, freedom = self.problem.floor.information, [], 0.0, 0.0
         for stack, chi2 in zip(self.problem.stacks, best.fit.position_chi2, strict=True):
-            rows = np.maximum((stack.weight > 0).sum((1, 2)) - (4 if stack.grounded else 6), 1)
+            rows = np.maximum((stack.weight > 0).sum((1, 2)) - stack.own, 1)
             z = (chi2 * share - rows) / np.sqrt(2 * rows)
             broken.append(z > BROKEN_Z)
             if beside_impacts:
@@ -368,7 +372,7 @@ class Selector:
         if gain < CLAIM:
             return True
         shuffled = [replace(s, spin=np.roll(s.spin, max(1, len(s) // 2), axis=0)) for s in stacks]
-        begin = [np.concatenate([b[:, :6], s.spin], 1) if not s.grounded else b
+        begin = [np.concatenate([b[:, :6], s.spin, b[:, 9:]], 1) if not s.grounded else b
                  for b, s in zip(found.fit.starts, shuffled, strict=True)]  # fmt: skip
         copy = replace(found.problem, stacks=tuple(shuffled))
         other = self._with_bounces(self._fitted(copy, found.fit.model, found.fit.theta, begin, found.effects),
@@ -409,9 +413,7 @@ class Selector:
             floor = sum(float(p.chi2.sum()) for p in c.problem.parts) / self.sharper
             total = sum(float(x.sum()) for x in c.fit.position_chi2)
             smooth = sum(int(p.parameters.sum()) for p in c.problem.parts)
-            own = (
-                sum((4 if s.grounded else 6) * int((s.samples > 0).sum()) for s in c.problem.stacks) + c.fit.model.size
-            )
+            own = sum(s.own * int((s.samples > 0).sum()) for s in c.problem.stacks) + c.fit.model.size
             return (total - floor) * share, max(smooth - own, 1)
 
         left, freedom = beyond(found)
