@@ -91,20 +91,23 @@ def cut_tracks(tracks: Sequence[Track], known: KnownScene) -> Cut:
     rough = rough_sigma(np.concatenate(residuals))
     stated = [t.sigma[np.isfinite(t.sigma)] for t in tracks if t.sigma is not None]
     sigma = float(np.median(np.concatenate(stated))) if stated and sum(map(len, stated)) else rough
-    moving = {(t.clip, t.object): t for t in tracks}
+    moving: dict[tuple[str, str], Track] = {}
+    rows_of: list[np.ndarray] = []
     arcs: list[Arc] = []
     impacts: list[Impact] = []
     outliers: set[tuple[str, int, int]] = set()
     for track, kept in zip(tracks, good, strict=True):
-        scene = known.of_clip(track.clip)
-        index = names.index(track.object)
         rows = np.flatnonzero(kept)
         bad = _outliers(track.time[rows], track.position[rows], sigma)
-        outliers |= {(track.clip, index, int(r)) for r in rows[bad]}
-        rows = rows[~bad]
-        if len(rows) < LEAST_SAMPLES - 1:
-            continue
-        _cut_track(track, rows, scene, index, names, moving, sigma, arcs, impacts)
+        outliers |= {(track.clip, names.index(track.object), int(r)) for r in rows[bad]}
+        rows_of.append(rows[~bad])
+        if len(rows_of[-1]):
+            clean = replace(track, time=track.time[rows[~bad]], position=track.position[rows[~bad]])
+            moving[track.clip, track.object] = clean
+    for track, rows in zip(tracks, rows_of, strict=True):
+        if len(rows) >= LEAST_SAMPLES - 1:
+            scene = known.of_clip(track.clip)
+            _cut_track(track, rows, scene, names.index(track.object), names, moving, sigma, arcs, impacts)
     return Cut(tuple(arcs), tuple(impacts), sigma, frozenset(outliers))
 
 

@@ -25,12 +25,14 @@ from pipeline.scene.effects.registry import effect_kinds
 
 CLAIM = 8.0  # by how much a first effect must win; frozen on development worlds (benchmarks/discovery.py)
 CLAIM_MORE = 16.0  # the same for a second and a third
+NEAR = 25.0  # candidates whose scores are so near the best are fitted from its initial states, too
 ALIKE = 7.0  # effects whose scores differ by less are not told apart
 WORTH_FITTING = 0.5  # share of the best quick gain that makes a further fit worth while
 BEGINNINGS, MANY_BEGINNINGS = 2, 5  # starts of an effect that are fitted; of one that acts by the place
 MOST_EFFECTS = 3
 LEAST_CLIPS_FOR_MORE = 3  # fewer clips differ from each other in too many ways for two effects
 UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.015  # a model explains the data unless both are exceeded
+UNEXPLAINED_OF_NOISE = 0.05  # and unless it is so much of the noise: the best of models are a little off
 UNEXPLAINED_SHARE_FEW = 0.06  # of one or two clips, whose own peculiarities nothing averages out
 SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
 OBSTACLE_MISFIT = 0.1  # m; friction of a hit turns its direction
@@ -161,6 +163,7 @@ class Selector:
             self._pose(left_out)
             singles = self._extended(self.none)
             best = self._best(singles)
+        singles = self._polished(best, singles)
         self._sharpen(best)
         self.none, singles = self._rescored(self.none), sorted(map(self._rescored, singles), key=lambda c: c.score)
         best, chosen = self._best(singles), self.none
@@ -169,17 +172,29 @@ class Selector:
         z, share = self._excess(chosen)
         alike = self._alike(chosen, singles)
         few = len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE
-        unknown = (
-            not self.problem.blunt
-            and z > UNEXPLAINED_Z
-            and share > (UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE)
-        )
+        limit = UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE
+        much = z > UNEXPLAINED_Z and share > limit and self._of_noise(chosen) > UNEXPLAINED_OF_NOISE
+        unknown = much and not self.problem.blunt
         return Selection(
             self.none, tuple(singles), chosen, alike, share, z, unknown, tuple(self.bounces), self.untestable
         )
 
     def _best(self, singles: Sequence[Candidate]) -> Candidate:
         return min([self.none, *singles], key=lambda c: c.score - self._clock_doubt(c))
+
+    def _polished(self, best: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
+        """The candidates near the best, fitted again from its initial states: on the ground, where a body stops makes
+        for local minima, which would tell effects apart that are one law."""
+        out = list(singles)
+        if not best.effects or best.obstacle is not None or not any(s.grounded for s in best.problem.stacks):
+            return out
+        for i, c in enumerate(out):
+            if c.effects != best.effects and c.score < best.score + NEAR and c.restitution is None:
+                if c.obstacle is None and c.problem is best.problem:
+                    again = self._fitted(c.problem, c.fit.model, c.fit.theta, best.fit.starts, c.effects)
+                    again = self._with_bounces(again, False)
+                    out[i] = again if again.score < c.score else c
+        return out
 
     def _sharpen(self, best: Candidate) -> None:
         """Take the noise from the best model, where that leaves less than polynomials do: they miss what turns fast or
@@ -404,6 +419,17 @@ class Selector:
         assert self.restitution is not None
         term = self.restitution.chi2_expected
         return replace(found, score=found.score - term, bic=found.bic - term)
+
+    def _of_noise(self, found: Candidate) -> float:
+        """What a model leaves beyond noise, as a share of the noise."""
+        rows = sum(int((s.weight > 0).sum()) for s in found.problem.stacks)
+        own = sum(s.own * int((s.samples > 0).sum()) for s in found.problem.stacks) + found.fit.model.size
+        left = sum(float(c.sum()) for c in found.fit.position_chi2) * self.sharper
+        bounce = 0.0
+        if self.restitution is not None:
+            bounce = self.restitution.chi2 if found.restitution else self.restitution.chi2_expected
+            bounce = bounce / max(len(self.bounces), 1) - 1  # bounces are few, and each is a measurement
+        return max(left / max(rows - own, 1) - 1, bounce)
 
     def _excess(self, found: Candidate) -> tuple[float, float]:
         """What a model leaves beyond noise: as a z-score, and as a share of what the calibrated model leaves."""
