@@ -256,7 +256,11 @@ def _explanation(
     size = float(max(half_extents(obj)))
     if np.isfinite(gap[near]):
         at_break = b.position[2] - position[near, 2] + gap[near]
-        if min(at_break, gap[low].min()) < 0.25 * size + 0.01 + 4 * sigma:
+        around = np.diff(time[max(0, near - 2) : near + 3])
+        missed = 0.0  # how far it may have fallen on where rows are missing, and come back
+        if b.jump[2] > 0.8 * np.linalg.norm(b.jump) and len(around) and around.max() > 1.5 * np.median(np.diff(time)):
+            missed = 0.5 * float(b.jump[2]) * float(around.max())
+        if min(at_break, gap[low].min()) < 0.25 * size + 0.01 + 4 * sigma + missed:
             return -1
     present = [i for i in range(len(names)) if i != index]
     for m in range(others.shape[1]):

@@ -13,6 +13,7 @@ from pipeline.discrepancy.known_scene import KnownScene
 from pipeline.discrepancy.stack import ArcStack
 from pipeline.scene.effects.kinds.restitution import SCATTER, restitution_of
 
+COMMON_ERROR = 0.03  # of the ratio that a contact damping stands for, shared by all bounces: it depends on the speed
 LEAST_SPEED = 0.3  # m/s: slower impacts say little
 
 
@@ -78,7 +79,8 @@ def _boundary_speeds(stacks: Sequence[ArcStack], found: Fit) -> Mapping[int, tup
 
 @dataclass(frozen=True)
 class RestitutionFit:
-    """coefficient and its standard error; chi2: of it, and of what the known damping gives."""
+    """coefficient and its standard error; chi2: of it, and of what the known damping gives, to within
+    `COMMON_ERROR`."""
 
     coefficient: float
     stderr: float
@@ -99,7 +101,10 @@ def fit_restitution(all_bounces: Sequence[Bounce]) -> RestitutionFit | None:
         every = np.array([b.restitution for b in all_bounces])
         return float((((every - expected) / np.array([b.sigma for b in all_bounces])) ** 2).sum())
 
-    count = np.full(len(all_bounces), mean)
+    expected, every = (np.array([getattr(b, k) for b in all_bounces]) for k in ("expected", "sigma"))
+    found = np.array([b.restitution for b in all_bounces])
+    shift = float(((found - expected) / every**2).sum() / ((1 / every**2).sum() + COMMON_ERROR**-2))
     return RestitutionFit(
-        mean, float(weight.sum() ** -0.5), chi2(count), chi2(np.array([b.expected for b in all_bounces]))
-    )
+        mean, float(np.hypot(weight.sum() ** -0.5, COMMON_ERROR)), chi2(np.full(len(all_bounces), mean)),
+        chi2(expected + shift) + (shift / COMMON_ERROR) ** 2,
+    )  # fmt: skip

@@ -189,11 +189,11 @@ class Selector:
         if not best.effects or best.obstacle is not None or not any(s.grounded for s in best.problem.stacks):
             return out
         for i, c in enumerate(out):
-            if c.effects != best.effects and c.score < best.score + NEAR and c.restitution is None:
-                if c.obstacle is None and c.problem is best.problem:
-                    again = self._fitted(c.problem, c.fit.model, c.fit.theta, best.fit.starts, c.effects)
-                    again = self._with_bounces(again, False)
-                    out[i] = again if again.score < c.score else c
+            plain = c.effects != best.effects and c.restitution is None and c.obstacle is None
+            if plain and c.problem is best.problem and c.score < best.score + NEAR:
+                again = self._fitted(c.problem, c.fit.model, c.fit.theta, best.fit.starts, c.effects)
+                again = self._with_bounces(again, False)
+                out[i] = again if again.score < c.score else c
         return out
 
     def _sharpen(self, best: Candidate) -> None:
