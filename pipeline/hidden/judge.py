@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 #: A hidden effect and others that are the same law in some experiments, whatever is measured: a far attractor pulls
-#: evenly, wind of no speed is drag, what presses on a puck is like a larger weight. Struck off, it may be named by them.
+#: evenly, wind of no speed is drag, what presses on a puck is like a larger weight. Struck off, it may be named so.
 EQUALS: dict[str, frozenset[str]] = {
     "gravity_error": frozenset({"buoyancy", "length_scale", "clock_rate", "adhesion"}),
     "buoyancy": frozenset({"gravity_error", "length_scale", "clock_rate"}),
