@@ -191,7 +191,7 @@ def local_inverse(stack: ArcStack, local: np.ndarray) -> np.ndarray:
     places = _locals(stack)
     weak = np.where(places < 3, 1e-2, np.where(places < 6, 1e-4, 1 / SPIN_PRIOR**2))
     prior = np.tile(np.where(places == 9, _ruler_weight(stack), weak), (len(stack), 1))
-    shown = (stack.weight > 0).any(1)  # (A, 3)
+    shown: np.ndarray = np.max(stack.weight, axis=1) > 0  # (A, 3)
     hidden = (places < 6) & ~shown[:, places % 3]
     return np.linalg.inv(gram + np.eye(len(places)) * np.where(hidden, FIXED, prior)[:, None])
 
@@ -277,8 +277,8 @@ def fit(
             break
     position = _chi2(stacks, model, theta, starts, positions_only=True)
     slipping = sum(_slipping(s, model, theta, start) for s, start in zip(stacks, starts, strict=True))
-    left = [c + p for c, p in zip(chi2, price, strict=True)]
-    return Fit(model, theta, covariance, starts, left, position, slipping)
+    priced = [c + p for c, p in zip(chi2, price, strict=True)]
+    return Fit(model, theta, covariance, starts, priced, position, slipping)
 
 
 def _slipping(stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray) -> int:

@@ -13,7 +13,6 @@ from pipeline.discrepancy.known_scene import KnownScene
 from pipeline.discrepancy.stack import ArcStack
 from pipeline.scene.effects.kinds.restitution import SCATTER, restitution_of
 
-COMMON_ERROR = 0.03  # of the ratio that a contact damping stands for, shared by all bounces: it depends on the speed
 LEAST_SPEED = 0.3  # m/s: slower impacts say little
 
 
@@ -80,12 +79,18 @@ def _boundary_speeds(stacks: Sequence[ArcStack], found: Fit) -> Mapping[int, tup
 @dataclass(frozen=True)
 class RestitutionFit:
     """coefficient and its standard error; chi2: of it, and of what the known damping gives, to within
-    `COMMON_ERROR`."""
+    `common_error`."""
 
     coefficient: float
     stderr: float
     chi2: float
     chi2_expected: float
+
+
+def common_error(restitution: float) -> float:
+    """By how much the ratio that a contact damping stands for is off for all bounces of a recording alike: it depends
+    on the speed and the spin, most where little bounces."""
+    return 0.03 + 0.08 * max(0.0, 0.5 - restitution)
 
 
 def fit_restitution(all_bounces: Sequence[Bounce]) -> RestitutionFit | None:
@@ -103,8 +108,9 @@ def fit_restitution(all_bounces: Sequence[Bounce]) -> RestitutionFit | None:
 
     expected, every = (np.array([getattr(b, k) for b in all_bounces]) for k in ("expected", "sigma"))
     found = np.array([b.restitution for b in all_bounces])
-    shift = float(((found - expected) / every**2).sum() / ((1 / every**2).sum() + COMMON_ERROR**-2))
+    common = common_error(mean)
+    shift = float(((found - expected) / every**2).sum() / ((1 / every**2).sum() + common**-2))
     return RestitutionFit(
-        mean, float(np.hypot(weight.sum() ** -0.5, COMMON_ERROR)), chi2(np.full(len(all_bounces), mean)),
-        chi2(expected + shift) + (shift / COMMON_ERROR) ** 2,
+        mean, float(np.hypot(weight.sum() ** -0.5, common)), chi2(np.full(len(all_bounces), mean)),
+        chi2(expected + shift) + (shift / common) ** 2,
     )  # fmt: skip

@@ -52,7 +52,7 @@ def fit_obstacle(arcs: Sequence[Arc], known: KnownScene) -> Obstacle | None:
     r, place_error, turn = (np.array([h[k] for h in hits]) for k in (2, 3, 4))
     kept = np.ones(len(hits), bool)
     while True:
-        solution, inverse, error = _sphere(x[kept], n[kept], r[kept], place_error[kept], turn[kept])
+        solution, inverse = _sphere(x[kept], n[kept], r[kept], place_error[kept], turn[kept])
         off = x - (r + solution[3])[:, None] * n - solution[:3]
         z = np.linalg.norm(off, axis=1) / np.hypot(np.hypot(CONTACT_ERROR, place_error), (r + solution[3]) * turn)
         if z[kept].max() < MOST_OFF or kept.sum() == 1:
@@ -68,9 +68,9 @@ def fit_obstacle(arcs: Sequence[Arc], known: KnownScene) -> Obstacle | None:
 
 def _sphere(
     x: np.ndarray, n: np.ndarray, r: np.ndarray, place_error: np.ndarray, turn: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centre and radius (4,), their covariance, and the errors of the hits (h,) m: x - r n = p + R n, linear in (p, R);
-    turn (h,): error of the normals, rad."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centre and radius (4,) and their covariance: x - r n = p + R n, linear in (p, R); turn (h,): error of the
+    normals, rad."""
     design = np.concatenate([np.tile(np.eye(3), (len(x), 1)), n.reshape(-1, 1)], 1)
     target, size = (x - r[:, None] * n).ravel(), SIZE_GUESS
     prior = np.array([1e-4, 1e-4, 1e-4, 1 / SIZE_SPREAD**2])
@@ -80,7 +80,7 @@ def _sphere(
         inverse = np.linalg.inv(design.T @ (weight[:, None] * design) + np.diag(prior))
         solution = inverse @ (design.T @ (weight * target) + prior * np.array([*x.mean(0), SIZE_GUESS]))
         size = max(float(solution[3]), LEAST_RADIUS)
-    return solution, inverse, error
+    return solution, inverse
 
 
 def refined(arc: Arc, jump: Break) -> tuple[np.ndarray, np.ndarray, float]:
