@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.discrepancy.breaks import Break, find_breaks
 from pipeline.discrepancy.known_scene import KnownScene
+from pipeline.discrepancy.meeting import meetings
 from pipeline.discrepancy.noise import leave_one_out, rough_sigma
 from pipeline.discrepancy.track import Track
 from pipeline.errors import MeasurementError
@@ -90,20 +91,23 @@ def cut_tracks(tracks: Sequence[Track], known: KnownScene) -> Cut:
     rough = rough_sigma(np.concatenate(residuals))
     stated = [t.sigma[np.isfinite(t.sigma)] for t in tracks if t.sigma is not None]
     sigma = float(np.median(np.concatenate(stated))) if stated and sum(map(len, stated)) else rough
-    moving = {(t.clip, t.object): t for t in tracks}
+    moving: dict[tuple[str, str], Track] = {}
+    rows_of: list[np.ndarray] = []
     arcs: list[Arc] = []
     impacts: list[Impact] = []
     outliers: set[tuple[str, int, int]] = set()
     for track, kept in zip(tracks, good, strict=True):
-        scene = known.of_clip(track.clip)
-        index = names.index(track.object)
         rows = np.flatnonzero(kept)
         bad = _outliers(track.time[rows], track.position[rows], sigma)
-        outliers |= {(track.clip, index, int(r)) for r in rows[bad]}
-        rows = rows[~bad]
-        if len(rows) < LEAST_SAMPLES - 1:
-            continue
-        _cut_track(track, rows, scene, index, names, moving, sigma, arcs, impacts)
+        outliers |= {(track.clip, names.index(track.object), int(r)) for r in rows[bad]}
+        rows_of.append(rows[~bad])
+        if len(rows_of[-1]):
+            clean = replace(track, time=track.time[rows[~bad]], position=track.position[rows[~bad]])
+            moving[track.clip, track.object] = clean
+    for track, rows in zip(tracks, rows_of, strict=True):
+        if len(rows) >= LEAST_SAMPLES - 1:
+            scene = known.of_clip(track.clip)
+            _cut_track(track, rows, scene, names.index(track.object), names, moving, sigma, arcs, impacts)
     return Cut(tuple(arcs), tuple(impacts), sigma, frozenset(outliers))
 
 
@@ -165,10 +169,14 @@ def _cut_track(
     for b in breaks:
         other = _explanation(b, obj, time, position, gap, others, scene, names, index, sigma)
         (unknown if other is None else known).append((b, other))
+    met = _met(time, position, others, scene, index, sigma, [b for b, _ in (*known, *unknown)])
+    touching = np.isin(time, [b.time for b, _ in met])  # such a sample is of neither side
+    known += met
+    known.sort(key=lambda pair: pair[0].time)
     edges = [-np.inf, *(b.time for b, _ in known), np.inf]
     placed: list[int] = []
     for k, (left, right) in enumerate(itertools.pairwise(edges)):
-        inside = (time > left) & (time < right)
+        inside = (time > left) & (time < right) & ~touching
         grounded = _is_grounded(position[inside], gap[inside], sigma, obj)
         if grounded and np.isfinite(left):
             inside &= time > left + SETTLING
@@ -248,7 +256,11 @@ def _explanation(
     size = float(max(half_extents(obj)))
     if np.isfinite(gap[near]):
         at_break = b.position[2] - position[near, 2] + gap[near]
-        if min(at_break, gap[low].min()) < 0.25 * size + 0.01 + 4 * sigma:
+        around = np.diff(time[max(0, near - 2) : near + 3])
+        missed = 0.0  # how far it may have fallen on where rows are missing, and come back
+        if b.jump[2] > 0.8 * np.linalg.norm(b.jump) and len(around) and around.max() > 1.5 * np.median(np.diff(time)):
+            missed = 0.5 * float(b.jump[2]) * float(around.max())
+        if min(at_break, gap[low].min()) < 0.25 * size + 0.01 + 4 * sigma + missed:
             return -1
     present = [i for i in range(len(names)) if i != index]
     for m in range(others.shape[1]):
@@ -256,6 +268,28 @@ def _explanation(
         if np.linalg.norm(others[low, m] - position[low], axis=1).min() < 1.3 * reach + 4 * sigma:
             return present[m]
     return None
+
+
+def _met(
+    time: np.ndarray, position: np.ndarray, others: np.ndarray, scene: Scene, index: int, sigma: float,
+    found: Sequence[Break],
+) -> list[tuple[Break, int | None]]:  # fmt: skip
+    """Impacts with other balls that show by the distance alone, but for those that were found as jumps."""
+    present = [o for i, o in enumerate(scene.objects) if i != index]
+    out: list[tuple[Break, int | None]] = []
+    if scene.objects[index].shape != "sphere":
+        return out
+    for m in range(others.shape[1]):
+        if present[m].shape != "sphere":
+            continue
+        reach = float(half_extents(scene.objects[index])[0] + half_extents(present[m])[0])
+        for when in meetings(time, np.linalg.norm(others[:, m] - position, axis=1), reach, sigma):
+            step = float(np.median(np.diff(time)))
+            if all(abs(when - b.time) > 2.5 * step for b in (*found, *(b for b, _ in out))):
+                at = position[int(np.argmin(np.abs(time - when)))]
+                number = scene.objects.index(present[m])
+                out.append((Break(when, at, np.zeros(3), 0.0), number))
+    return out
 
 
 def _is_grounded(position: np.ndarray, gap: np.ndarray, sigma: float, obj: SceneObject) -> bool:

@@ -28,12 +28,12 @@ def find_breaks(time: np.ndarray, position: np.ndarray, sigma: float) -> list[Br
     waiting = [(0, len(time))]
     while waiting:
         start, stop = waiting.pop()
-        best = max(
-            (c for k in range(start + LEAST_SIDE, stop - LEAST_SIDE + 1)
-             if (c := _jump_between(time, position, sigma, k, start, stop)) is not None),
-            key=lambda c: c.z, default=None,
-        )  # fmt: skip
-        if best is None or best.z < Z_BREAK:
+        places = range(start + LEAST_SIDE, stop - LEAST_SIDE + 1)
+        jumps = [(c, k) for k in places if (c := _jump_between(time, position, sigma, k, start, stop)) is not None]
+        jumps = [(c, k) for c, k in jumps if c.z >= Z_BREAK]
+        jumps.sort(key=lambda pair: -pair[0].z)
+        best = next((c for c, k in jumps if not _of_one_sample(time, position, sigma, k, start, stop)), None)
+        if best is None:
             continue
         split = int(np.searchsorted(time, best.time))
         found.append((split, best))
@@ -41,7 +41,19 @@ def find_breaks(time: np.ndarray, position: np.ndarray, sigma: float) -> list[Br
     return [b for _, b in sorted(found, key=lambda pair: pair[1].time)]
 
 
-def _jump_between(time: np.ndarray, position: np.ndarray, sigma: float, k: int, start: int, stop: int) -> Break | None:
+def _of_one_sample(time: np.ndarray, position: np.ndarray, sigma: float, k: int, start: int, stop: int) -> bool:
+    """Whether a jump is gone without some single sample: an outlier that was not told from the path."""
+    for i in range(max(start, k - WINDOW), min(stop, k + WINDOW)):
+        t, x = np.delete(time, i), np.delete(position, i, axis=0)
+        left = _jump_between(t, x, sigma, k - (i < k), start, stop - 1, 0.5 * GAIN_OVER_CUBIC)
+        if left is None or left.z < 0.5 * Z_BREAK:
+            return True
+    return False
+
+
+def _jump_between(
+    time: np.ndarray, position: np.ndarray, sigma: float, k: int, start: int, stop: int, gain: float = GAIN_OVER_CUBIC
+) -> Break | None:
     """A jump between samples k - 1 and k, where it explains the samples around them better than a cubic does."""
     first, last = max(start, k - WINDOW), min(stop, k + WINDOW)
     middle = (time[k - 1] + time[k]) / 2
@@ -60,7 +72,7 @@ def _jump_between(time: np.ndarray, position: np.ndarray, sigma: float, k: int, 
             best = (rss, at, beta, float(gram[3, 3]))
     assert best is not None
     rss, at, beta, variance = best
-    if smooth - rss < GAIN_OVER_CUBIC * sigma**2:
+    if smooth - rss < gain * sigma**2:
         return None
     z = float(np.linalg.norm(beta[3])) / (sigma * np.sqrt(max(variance, 1e-30)))
     place = np.array([1.0, at / scale, (at / scale) ** 2]) @ beta[:3]

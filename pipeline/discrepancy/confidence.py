@@ -11,6 +11,7 @@ TEMPERATURE = 2.0  # scores are divided by it twice over: models are never quite
 MARGINS = (0.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 RIGHT_CLAIM = (0.5, 0.7, 0.85, 0.92, 0.95, 0.97)
 FEW_CLIPS = {1: 0.6, 2: 0.8, 3: 0.9}
+BLUNT = 0.5  # where the noise is all that a model left
 RIGHT_NONE = (0.6, 0.85, 0.95, 0.97, 0.97, 0.97)
 
 
@@ -32,7 +33,8 @@ def confidence(found: Selection, names: tuple[str, ...]) -> float:
 
     Up to three fitted clips hardly show how much clips differ from each other: of them no verdict is sure.
     """
-    return min(_confidence(found, names), FEW_CLIPS.get(len(found.none.problem.fitted), 1.0))
+    most = BLUNT if found.none.problem.blunt else FEW_CLIPS.get(len(found.none.problem.fitted), 1.0)
+    return min(_confidence(found, names), most)
 
 
 def _confidence(found: Selection, names: tuple[str, ...]) -> float:

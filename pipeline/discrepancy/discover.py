@@ -12,11 +12,12 @@ from pipeline.discrepancy.confidence import confidence, probabilities
 from pipeline.discrepancy.equivalence import alike_sets, experiment
 from pipeline.discrepancy.estimate import Estimate, calibrated, effect_estimates
 from pipeline.discrepancy.formula import residual_formula
-from pipeline.discrepancy.gap import Gap, measure_gap
+from pipeline.discrepancy.gap import Gap, measure_gap, residuals_m
 from pipeline.discrepancy.known_scene import KnownScene
 from pipeline.discrepancy.localise import Stretch, direction_words, stretches
-from pipeline.discrepancy.problem import Problem, pose
-from pipeline.discrepancy.select import Candidate, Selection, Selector
+from pipeline.discrepancy.noise import correlation
+from pipeline.discrepancy.problem import Problem, blunted, pose, with_rulers
+from pipeline.discrepancy.select import CLAIM_MORE, LEAST_CLIPS_FOR_MORE, UNEXPLAINED_Z, Candidate, Selection, Selector
 from pipeline.discrepancy.track import Track
 from pipeline.scene.scene import Effect, Scene
 
@@ -63,8 +64,7 @@ def discover(
 
     Raises `MeasurementError` for tracks that do not fit the scene or hold nothing to be fitted.
     """
-    selector = Selector(pose(tracks, known, held_out, rng), effects, progress)
-    found = selector.select()
+    selector, found = _asked(pose(tracks, known, held_out, rng), effects, progress)
     problem = selector.problem
     answer = found.none if found.unknown else found.chosen
     numbers = calibrated(selector)
@@ -81,7 +81,47 @@ def discover(
     gap = measure_gap(problem, found.none, answer)
     where = [s for s in stretches(problem, found.none) if s.z > NOTABLE_Z][:MOST_DISAGREEMENTS]
     return Discovery(problem, found, verdict, answer, numbers, gap, tuple(where), probabilities(found),
-                     augmented_scene(known, answer, numbers, problem), notes_of(problem, found))  # fmt: skip
+                     augmented_scene(known, answer, numbers, problem), notes_of(problem, found, answer))  # fmt: skip
+
+
+def _asked(
+    problem: Problem, effects: Sequence[str], progress: Callable[[str], None]
+) -> tuple[Selector, Selection]:  # fmt: skip
+    """The selection; where it leaves more of several clips than noise, that in which each has a length scale of its
+    own, if that explains them. Of two or three clips, whose tracking may be off slowly and each in its way, what even
+    that leaves is taken for noise."""
+    selector = Selector(problem, effects, progress)
+    found = selector.select()
+    if found.excess_z > UNEXPLAINED_Z and len(problem.fitted) + len(problem.held_out) > 1:
+        other = Selector(with_rulers(problem), effects, progress)
+        again = other.select()
+        if len(problem.fitted) < LEAST_CLIPS_FOR_MORE and again.excess_z > UNEXPLAINED_Z:
+            other = Selector(blunted(other.problem, independent_share(again.chosen)), effects, progress)
+            return other, other.select()
+        if not again.unknown and again.chosen.score < found.chosen.score - CLAIM_MORE:
+            return other, again
+    return selector, found
+
+
+def independent_share(found: Candidate) -> float:
+    """What a sample is worth, of one with the noise alone, where all that a model leaves is correlated noise."""
+    problem = found.problem
+    rows, count, own = [], 0, 0
+    for stack, left in zip(problem.stacks, residuals_m(problem, found), strict=True):
+        scaled = left * stack.weight
+        there = stack.weight.max(2) > 0
+        rows += [scaled[i, there[i]] for i in range(len(stack)) if there[i].any()]
+        count += int((stack.weight > 0).sum())
+        own += stack.own * int((stack.samples > 0).sum())
+    variance = sum(float((r * r).sum()) for r in rows) / max(count - own, 1)
+    r = correlation(rows, own)
+    return float(np.clip((1 - r) / (1 + r) / max(variance, 1.0), 1e-3, 1.0))
+
+
+def ruler_scatter(problem: Problem, answer: Candidate) -> float:
+    """Root mean square of the arcs' own length scales, relative; 0 where they have none."""
+    own = [s[stack.samples > 0, 9] for stack, s in zip(problem.stacks, answer.fit.starts, strict=True) if stack.ruler]
+    return float(np.sqrt(np.mean(np.concatenate(own) ** 2))) if own else 0.0
 
 
 def augmented_scene(known: KnownScene, answer: Candidate, numbers: dict[str, Estimate], problem: Problem) -> Scene:
@@ -117,16 +157,21 @@ def _started(obj: Any, answer: Candidate, index: int, quaternion: np.ndarray | N
             s = start[place[0]]
             turn = obj.orientation if quaternion is None else tuple(quaternion[0])
             return replace(
-                obj, position=tuple(s[:3]), velocity=tuple(s[3:6]), angular_velocity=tuple(s[6:]), orientation=turn
+                obj, position=tuple(s[:3]), velocity=tuple(s[3:6]), angular_velocity=tuple(s[6:9]), orientation=turn
             )
     return obj
 
 
-def notes_of(problem: Problem, found: Selection) -> tuple[str, ...]:
+def notes_of(problem: Problem, found: Selection, answer: Candidate) -> tuple[str, ...]:
     """What a reader should know beside the verdict, a sentence each."""
     notes = []
     if not problem.held_out:
         notes.append("there is only one clip: the gap is measured on the clip that was fitted")
+    scatter = ruler_scatter(problem, answer)
+    if scatter > 0:
+        notes.append(
+            f"the clips differ from each other as if their rulers did, by {scatter:.1%}: taken as a nuisance of each"
+        )
     if problem.floor.correlation > 0.1:
         notes.append(
             f"the noise is not white (neighbouring samples correlate by {problem.floor.correlation:.2f}): "

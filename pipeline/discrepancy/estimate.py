@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 
 from pipeline.discrepancy.impact import fit_restitution
+from pipeline.discrepancy.obstacle import SIZE_SPREAD
 from pipeline.discrepancy.select import Candidate, Selector
 from pipeline.scene.effects.kinds.restitution import damping_of
 from pipeline.scene.effects.registry import effect_kinds
+
+ENOUGH = 30  # degrees of freedom that tell how large the noise is
 
 
 @dataclass(frozen=True)
@@ -27,16 +30,14 @@ class Estimate:
 
 
 def standard_errors(found: Candidate) -> np.ndarray:
-    """Of the fitted numbers, (G,): widened for correlated noise and for what the model leaves beyond noise."""
+    """Of the fitted numbers, (G,): for the noise that the model itself leaves, and for its correlation."""
     problem = found.problem
     rows = sum(int((s.weight[m] > 0).sum()) for s, m in zip(problem.stacks, problem.chosen, strict=True))
-    own = sum(
-        (4 if s.grounded else 6) * int((s.samples[m] > 0).sum())
-        for s, m in zip(problem.stacks, problem.chosen, strict=True)
-    )
+    own = sum(s.own * int((s.samples[m] > 0).sum()) for s, m in zip(problem.stacks, problem.chosen, strict=True))
     freedom = max(rows - own - found.fit.model.size, 1)
-    excess = max(found.fit.total(problem.chosen) / freedom, 1.0)
-    return np.sqrt(np.maximum(np.diag(found.fit.covariance), 0) * excess / problem.floor.information)
+    left = sum(float(c[m].sum()) for c, m in zip(found.fit.position_chi2, problem.chosen, strict=True)) / freedom
+    noise = left if freedom > ENOUGH else max(left, 1.0)
+    return np.sqrt(np.maximum(np.diag(found.fit.covariance), 0) * noise / problem.floor.information)
 
 
 def effect_estimates(found: Candidate, effect: str) -> dict[str, Estimate]:
@@ -50,15 +51,31 @@ def effect_estimates(found: Candidate, effect: str) -> dict[str, Estimate]:
         o = found.obstacle
         return {
             "position": Estimate(_plain(o.position), _plain(o.position_error), "m"),
-            "size": Estimate(o.size, o.size_error, "m"),
+            "size": Estimate(o.size, o.size_error if o.size_error < SIZE_SPREAD / 2 else None, "m"),
         }
     errors, model = standard_errors(found), found.fit.model
-    out = {}
+    out: dict[str, Estimate] = {}
     for p in kind.parameters:
         columns = [c for i in range(p.length) if (c := model.column(effect, p.name, i)) is not None]
         values, spread = _plain(found.fit.theta[columns]), _plain(errors[columns])
         out[p.name] = Estimate(values, spread, p.unit) if p.length > 1 else Estimate(values[0], spread[0], p.unit)
+    if effect == "anisotropic_friction" and "sliding_friction" in found.problem.known.fit:
+        out = _least_ratio(out)
     return out
+
+
+def _least_ratio(found: dict[str, Estimate]) -> dict[str, Estimate]:
+    """Of the two descriptions of one anisotropic friction, where sliding friction is free, that of a ratio up to 1: mu
+    along an angle and ratio mu across it is ratio mu along the other angle and mu across that."""
+    ratio, angle = found["ratio"], found["angle"]
+    assert isinstance(ratio.value, float) and isinstance(angle.value, float) and isinstance(ratio.stderr, float)
+    if ratio.value <= 1:
+        return found
+    turned = angle.value - np.sign(angle.value or 1.0) * np.pi / 2
+    return {
+        "ratio": Estimate(1 / ratio.value, ratio.stderr / ratio.value**2, ratio.unit),
+        "angle": Estimate(float(turned), angle.stderr, angle.unit),
+    }
 
 
 def calibrated(selector: Selector) -> dict[str, Estimate]:

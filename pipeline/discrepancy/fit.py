@@ -15,11 +15,12 @@ from pipeline.discrepancy.model import Model
 from pipeline.discrepancy.motion import Nodes, predict
 from pipeline.discrepancy.stack import ArcStack
 
-LOCAL_STEP = np.array([1e-4] * 3 + [2e-3] * 3 + [2e-2] * 3)
+LOCAL_STEP = np.array([1e-4] * 3 + [2e-3] * 3 + [2e-2] * 3 + [1e-4])
 SPIN_PRIOR = 30.0  # rad/s: how far a body's unknown spin may be from that of rolling
 MOST_ITERATIONS = 12
 LARGEST = 1e12  # derivative, in units of sigma
 SLIPPING = 0.003  # m/s
+FIXED = 1e12  # a prior that lets nothing move
 STUCK = 1.6  # chi squared per coordinate above which another beginning is tried
 SHARES_FLIGHT, SHARES_GROUND = np.array([1.0, 0.0]), np.array([1.0, 0.5, 0.2, 0.0])
 
@@ -36,9 +37,9 @@ class Linear:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model. theta (G,); covariance (G, G), for noise of the stated size; starts: per stack (A, 9). chi2:
+    """A fitted model. theta (G,); covariance (G, G), for noise of the stated size; starts: per stack (A, 10). chi2:
     per stack the sum of squared residuals of each arc (A,), in units of sigma; position_chi2: that of positions alone,
-    without spins. slipping: how many balls of unknown spin slip instead of rolling."""
+    without spins and prices. slipping: how many balls of unknown spin slip instead of rolling."""
 
     model: Model
     theta: np.ndarray
@@ -54,7 +55,7 @@ class Fit:
 
 
 def other_starts(stack: ArcStack, start: np.ndarray) -> list[np.ndarray]:
-    """Initial states (A, 9) to try beside `start` for bodies on the ground, whose friction makes for local minima:
+    """Initial states (A, 10) to try beside `start` for bodies on the ground, whose friction makes for local minima:
     velocities from the first samples alone, and unknown spins of bodies that slide instead of rolling."""
     if not stack.grounded:
         return []
@@ -79,14 +80,14 @@ def other_starts(stack: ArcStack, start: np.ndarray) -> list[np.ndarray]:
 def settled(
     stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray, iterations: int = 4
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best initial states (A, 9) near `start` for fixed theta, and chi squared of the arcs then (A,)."""
+    """The best initial states (A, 10) near `start` for fixed theta, and chi squared of the arcs then (A,)."""
     left = np.full(len(stack), np.inf)
     for _ in range(iterations):
         linear = linearise([stack], model, theta, [start])
         if not _finite(linear):
             break
         inverse = local_inverse(stack, linear.local[0])
-        shift = np.einsum("alm,am->al", inverse, np.einsum("alr,ar->al", linear.local[0], linear.residual[0]))
+        shift = np.einsum("alm,am->al", inverse, _pull(stack, linear.local[0], linear.residual[0], start))
         start, left = _best_shift(stack, model, theta, start, shift)
     return start, left
 
@@ -108,8 +109,8 @@ def unstuck(stacks: Sequence[ArcStack], found: Fit) -> list[np.ndarray] | None:
 
 
 def first_starts(stack: ArcStack) -> np.ndarray:
-    """Initial states (A, 9) from straight and parabolic fits to the positions."""
-    out = np.zeros((len(stack), 9))
+    """Initial states (A, 10) from straight and parabolic fits to the positions."""
+    out = np.zeros((len(stack), 10))
     for i in range(len(stack)):
         there = stack.weight[i].max(1) > 0
         if not there.any():
@@ -122,7 +123,7 @@ def first_starts(stack: ArcStack) -> np.ndarray:
             design = np.column_stack([np.ones_like(t), t])
         beta, *_ = np.linalg.lstsq(design, x, rcond=None)
         out[i, :3], out[i, 3:6] = beta[0], beta[1]
-        out[i, 6:] = stack.spin[i]
+        out[i, 6:9] = stack.spin[i]
         if stack.grounded:
             out[i, 5] = 0.0
             out[i, 2] = x[:, 2].mean()
@@ -130,15 +131,16 @@ def first_starts(stack: ArcStack) -> np.ndarray:
                 out[i, 6:8] = np.array([-beta[1, 1], beta[1, 0]]) / stack.radius[i]
             elif stack.radius[i] > 0:
                 known = stack.spin_weight[i, :, 0] > 0
-                out[i, 6:] = stack.spin_rows[i, known][:3].mean(0)
+                out[i, 6:9] = stack.spin_rows[i, known][:3].mean(0)
     return out
 
 
 def _locals(stack: ArcStack) -> np.ndarray:
-    """Which numbers of the initial state are free, by their places in the nine."""
+    """Which numbers of the initial state are free, by their places in the ten."""
+    ruler = [9] if stack.ruler > 0 else []
     if not stack.grounded:
-        return np.arange(6)
-    return np.array([0, 1, 3, 4, 6, 7, 8]) if (stack.radius > 0).any() else np.array([0, 1, 3, 4])
+        return np.array([*range(6), *ruler])
+    return np.array([0, 1, 3, 4, *([6, 7, 8] if (stack.radius > 0).any() else []), *ruler])
 
 
 def _rows(stack: ArcStack, positions: np.ndarray, spins: np.ndarray) -> np.ndarray:
@@ -155,7 +157,7 @@ def _measured(stack: ArcStack) -> np.ndarray:
 
 
 def run(stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, Nodes]:
-    """Predictions in units of sigma (P, A, R) and the nodes, for theta (P, G) and initial states (P, A, 9)."""
+    """Predictions in units of sigma (P, A, R) and the nodes, for theta (P, G) and initial states (P, A, 10)."""
     positions, spins, nodes = predict(stack, model.acting(stack, theta), start, model.friction(stack, theta))
     return _rows(stack, positions, spins), nodes
 
@@ -183,11 +185,35 @@ def linearise(stacks: Sequence[ArcStack], model: Model, theta: np.ndarray, start
 
 
 def local_inverse(stack: ArcStack, local: np.ndarray) -> np.ndarray:
-    """Inverse of each arc's own normal matrix, (A, L, L), with weak priors on what is not measured."""
+    """Inverse of each arc's own normal matrix, (A, L, L), with weak priors on what is not measured; what a recording
+    of fewer than three coordinates does not show stays as it is."""
     gram = np.einsum("alr,amr->alm", local, local)
     places = _locals(stack)
-    prior = np.where(places < 3, 1e-2, np.where(places < 6, 1e-4, 1 / SPIN_PRIOR**2))
-    return np.linalg.inv(gram + np.diag(prior))
+    weak = np.where(places < 3, 1e-2, np.where(places < 6, 1e-4, 1 / SPIN_PRIOR**2))
+    prior = np.tile(np.where(places == 9, _ruler_weight(stack), weak), (len(stack), 1))
+    shown: np.ndarray = np.max(stack.weight, axis=1) > 0  # (A, 3)
+    hidden = (places < 6) & ~shown[:, places % 3]
+    return np.linalg.inv(gram + np.eye(len(places)) * np.where(hidden, FIXED, prior)[:, None])
+
+
+def _ruler_weight(stack: ArcStack) -> float:
+    return 1 / stack.ruler**2 if stack.ruler > 0 else 0.0
+
+
+def _pull(stack: ArcStack, linear_local: np.ndarray, residual: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Gradient of each arc's own numbers, (A, L), that of the ruler's prior included."""
+    pull = np.einsum("alr,ar->al", linear_local, residual)
+    if stack.ruler > 0:
+        pull[:, -1] -= _ruler_weight(stack) * start[:, 9]
+    return pull
+
+
+def ruler_price(stack: ArcStack, local: np.ndarray) -> np.ndarray:
+    """What the arcs' own length scales cost, (A,), in the units of chi squared: Occam's factor of their prior."""
+    if stack.ruler == 0:
+        return np.zeros(len(stack))
+    own = np.linalg.inv(local_inverse(stack, local))
+    return np.linalg.slogdet(own)[1] - np.linalg.slogdet(own[:, :-1, :-1])[1] - np.log(_ruler_weight(stack))
 
 
 def fit(
@@ -202,7 +228,7 @@ def fit(
     prior = np.array([1 / u.sigma**2 for u in model.unknowns])
     damping, size = 1e-4, model.size
     chi2 = _chi2(stacks, model, theta, starts)
-    covariance = np.zeros((size, size))
+    covariance, price = np.zeros((size, size)), [np.zeros(len(s)) for s in stacks]
     for _ in range(iterations):
         with np.errstate(all="ignore"):
             linear = linearise(stacks, model, theta, starts)
@@ -210,10 +236,12 @@ def fit(
             break  # a law that blows up here leads nowhere
         normal, gradient = np.diag(prior), -prior * (theta - centre)
         parts = []
-        for stack, r, jl, jg, chosen in zip(stacks, linear.residual, linear.local, linear.shared, fitted, strict=True):
+        rows = zip(stacks, starts, linear.residual, linear.local, linear.shared, fitted, strict=True)
+        price = [ruler_price(s, j) for s, j in zip(stacks, linear.local, strict=True)]
+        for stack, start, r, jl, jg, chosen in rows:
             inverse = local_inverse(stack, jl)
             cross = np.einsum("alr,agr->alg", jl, jg)
-            own = np.einsum("alr,ar->al", jl, r)
+            own = _pull(stack, jl, r, start)
             reach = np.einsum("alm,amg->alg", inverse, cross)
             parts.append((inverse, cross, own))
             jg, r = jg[chosen], r[chosen]
@@ -249,7 +277,8 @@ def fit(
             break
     position = _chi2(stacks, model, theta, starts, positions_only=True)
     slipping = sum(_slipping(s, model, theta, start) for s, start in zip(stacks, starts, strict=True))
-    return Fit(model, theta, covariance, starts, chi2, position, slipping)
+    priced = [c + p for c, p in zip(chi2, price, strict=True)]
+    return Fit(model, theta, covariance, starts, priced, position, slipping)
 
 
 def _slipping(stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray) -> int:
@@ -279,7 +308,7 @@ def _best_shift(
     begin[:, :, _locals(stack)] += shares[:, None, None] * shift
     with np.errstate(all="ignore"):
         rows, _ = run(stack, model, np.tile(theta, (len(shares), 1)), begin)
-        left = ((_measured(stack) - rows) ** 2).sum(-1)
+        left = ((_measured(stack) - rows) ** 2).sum(-1) + _ruler_weight(stack) * begin[..., 9] ** 2
     best = np.nanargmin(np.where(np.isfinite(left), left, 1e30), axis=0)
     arcs = np.arange(len(stack))
     return begin[best, arcs], left[best, arcs]
@@ -298,8 +327,9 @@ def _chi2(
             rows, _ = run(stack, model, theta[None], start[None])
             squares = (_measured(stack) - rows[0]) ** 2
             if positions_only:
-                squares = squares[:, : stack.weight[0].size]
-            out.append(squares.sum(1))
+                out.append(squares[:, : stack.weight[0].size].sum(1))
+            else:
+                out.append(squares.sum(1) + _ruler_weight(stack) * start[:, 9] ** 2)
     return out
 
 

@@ -37,9 +37,7 @@ def _rmse(problem: Problem, found: Candidate, chosen: Sequence[np.ndarray]) -> f
     squares, count = 0.0, 0
     for stack, rows, mask in zip(problem.stacks, residuals_m(problem, found), chosen, strict=True):
         squares += float((rows[mask] ** 2).sum())
-        count += int((stack.weight[mask] > 0).sum()) - (4 if stack.grounded else 6) * int(
-            (stack.samples[mask] > 0).sum()
-        )
+        count += int((stack.weight[mask] > 0).sum()) - stack.own * int((stack.samples[mask] > 0).sum())
     return float(np.sqrt(squares / max(count, 1)))
 
 

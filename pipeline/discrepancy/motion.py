@@ -48,11 +48,16 @@ def predict(
 ) -> tuple[np.ndarray, np.ndarray, Nodes]:
     """What a recording of the motion shows: positions (P, A, n, 3) m, spins (P, A, n, 3) rad/s, and the nodes.
 
-    start (P, A, 9): position, velocity, angular velocity of the centre of mass at the arc's start.
+    start (P, A, 10): position, velocity, angular velocity of the centre of mass at the arc's start; by how much the
+    arc's own lengths, from its start on, are too large, relative.
     """
     ratio = _recording_ratio(stack, effects, 0)
     duration = stack.duration / ratio  # true time
     h = duration / stack.steps
+    shown_start = start
+    if stack.ruler > 0:  # velocities as the arc's own ruler shows them, so that gravity alone makes a linear problem
+        start = start.copy()
+        start[..., 3:6] /= 1 + start[..., 9:]
     nodes = _fly(stack, effects, start, h) if friction is None else _slide(stack, effects, start, h, friction)
     shown = _interpolate(stack, nodes.position, nodes.velocity, h)
     spins = _at_samples(stack, nodes.angular_velocity)
@@ -60,6 +65,9 @@ def predict(
         if e.kind.name == "off_center_mass":
             arm = np.einsum("anij,paj->pani", stack.rotation, e.values["offset"])
             shown = shown - np.where(e.acts[:, None, None], arm, 0.0)
+    if stack.ruler > 0:
+        first = shown_start[..., None, :3]
+        shown = first + (shown - first) * (1 + start[..., None, 9:])
     return shown * _recording_ratio(stack, effects, 1)[..., None, None], spins, nodes
 
 
@@ -118,7 +126,7 @@ def _struck(
 
 
 def _fly(stack: ArcStack, effects: Sequence[ActingEffect], start: np.ndarray, h: np.ndarray) -> Nodes:
-    x, v, spin = start[..., :3], start[..., 3:6], start[..., 6:]
+    x, v, spin = start[..., :3], start[..., 3:6], start[..., 6:9]
     body = _body(stack, x.shape[:2], stack.start)
     body.angular_velocity = spin
     gravity, mass = body.gravity, stack.mass[:, None]
@@ -151,7 +159,7 @@ def _fly(stack: ArcStack, effects: Sequence[ActingEffect], start: np.ndarray, h:
 def _slide(
     stack: ArcStack, effects: Sequence[ActingEffect], start: np.ndarray, h: np.ndarray, friction: GroundFriction
 ) -> Nodes:
-    x, v, spin = start[..., :3].copy(), start[..., 3:6].copy(), start[..., 6:].copy()
+    x, v, spin = start[..., :3].copy(), start[..., 3:6].copy(), start[..., 6:9].copy()
     v[..., 2] = 0.0
     shape = x.shape[:2]
     body = _body(stack, shape, stack.start)

@@ -18,13 +18,15 @@ from pipeline.discrepancy.stack import ArcStack, stack_arcs
 from pipeline.discrepancy.track import Track
 from pipeline.errors import MeasurementError
 
+RULER = 0.03  # relative: how far the length scales of recordings may be apart
+
 
 @dataclass(frozen=True)
 class Problem:
     """fitted, held_out: names of clips. arcs: all; stacks: of flights and of motion on the ground, as far as there
     are any; chosen: per stack the fitted arcs (A,) bool. parts: the polynomials of the stacks. sigma: noise of a
     coordinate, m. frame_rate: samples a second where they are regular. broken: how many arcs were left out because
-    nothing explains them."""
+    nothing explains them. blunt: the noise is all that a model left, so that nothing can be left beyond it."""
 
     known: KnownScene
     fitted: tuple[str, ...]
@@ -39,6 +41,7 @@ class Problem:
     outliers: int
     frame_rate: float | None = None
     broken: int = 0
+    blunt: bool = False
 
     @property
     def held(self) -> tuple[np.ndarray, ...]:
@@ -113,6 +116,22 @@ def _posed(
     return Problem(
         known, tuple(c for c in clips if c not in apart), tuple(c for c in clips if c in apart), tuple(arcs),
         cut.impacts, tuple(stacks), chosen, tuple(parts), floor, float(np.median(sigmas)), len(cut.outliers) + dropped,
+    )  # fmt: skip
+
+
+def with_rulers(problem: Problem) -> Problem:
+    """The same where each arc may have a length scale of its own: recordings made at several distances."""
+    return replace(problem, stacks=tuple(replace(s, ruler=RULER) for s in problem.stacks))
+
+
+def blunted(problem: Problem, share: float) -> Problem:
+    """The same with noise whose variance is larger by 1 / share."""
+    weight = share**0.5
+    return replace(
+        problem, stacks=tuple(replace(s, weight=s.weight * weight) for s in problem.stacks),
+        parts=tuple(replace(p, chi2=p.chi2 * share) for p in problem.parts),
+        floor=replace(problem.floor, scale=problem.floor.scale / weight, correlation=0.0),
+        blunt=True,
     )  # fmt: skip
 
 

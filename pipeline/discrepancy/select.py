@@ -25,18 +25,21 @@ from pipeline.scene.effects.registry import effect_kinds
 
 CLAIM = 8.0  # by how much a first effect must win; frozen on development worlds (benchmarks/discovery.py)
 CLAIM_MORE = 16.0  # the same for a second and a third
+NEAR = 25.0  # candidates whose scores are so near the best are fitted from its initial states, too
 ALIKE = 7.0  # effects whose scores differ by less are not told apart
 WORTH_FITTING = 0.5  # share of the best quick gain that makes a further fit worth while
 BEGINNINGS, MANY_BEGINNINGS = 2, 5  # starts of an effect that are fitted; of one that acts by the place
 MOST_EFFECTS = 3
 LEAST_CLIPS_FOR_MORE = 3  # fewer clips differ from each other in too many ways for two effects
 UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.015  # a model explains the data unless both are exceeded
+UNEXPLAINED_OF_NOISE = 0.05  # and unless it is so much of the noise: the best of models are a little off
 UNEXPLAINED_SHARE_FEW = 0.06  # of one or two clips, whose own peculiarities nothing averages out
 SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
-OBSTACLE_MISFIT = 0.03  # m
+OBSTACLE_MISFIT = 0.1  # m; friction of a hit turns its direction
 FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction, with which calibration begins
 SLIP_PRICE = 8.0  # of a ball on the ground whose unknown spin is taken not to be that of rolling
 BROKEN_Z, BROKEN_SHARE = 6.0, 0.12  # arcs so far off, and so few, are left out
+SHARPER = 0.9  # of the noise's variance as polynomials have it: what the best model must leave less than
 EQUALS = 5  # further effects that are fitted because they promise nearly as much as the best
 MOST_FITTED = 9  # effects that are fitted at a time, the most promising by the quick regression
 
@@ -122,6 +125,7 @@ class Selector:
     def _pose(self, problem: Problem) -> None:
         """Calibrate the model without effects."""
         self.problem = problem
+        self.sharper = 1.0
         self.restitution: RestitutionFit | None = None
         self.none = self._calibrated()
         clips = frozenset(problem.fitted)
@@ -159,19 +163,56 @@ class Selector:
             self._pose(left_out)
             singles = self._extended(self.none)
             best = self._best(singles)
-        chosen = self.none
+        singles = self._polished(best, singles)
+        self._sharpen(best)
+        self.none, singles = self._rescored(self.none), sorted(map(self._rescored, singles), key=lambda c: c.score)
+        best, chosen = self._best(singles), self.none
         if best.effects and best.score < self.none.score - CLAIM:
             chosen = self._more(best, singles)
         z, share = self._excess(chosen)
         alike = self._alike(chosen, singles)
         few = len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE
-        unknown = z > UNEXPLAINED_Z and share > (UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE)
+        limit = UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE
+        much = z > UNEXPLAINED_Z and share > limit and self._of_noise(chosen) > UNEXPLAINED_OF_NOISE
+        unknown = much and not self.problem.blunt
         return Selection(
             self.none, tuple(singles), chosen, alike, share, z, unknown, tuple(self.bounces), self.untestable
         )
 
     def _best(self, singles: Sequence[Candidate]) -> Candidate:
         return min([self.none, *singles], key=lambda c: c.score - self._clock_doubt(c))
+
+    def _polished(self, best: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
+        """The candidates near the best, fitted again from its initial states: on the ground, where a body stops makes
+        for local minima, which would tell effects apart that are one law."""
+        out = list(singles)
+        if not best.effects or best.obstacle is not None or not any(s.grounded for s in best.problem.stacks):
+            return out
+        for i, c in enumerate(out):
+            plain = c.effects != best.effects and c.restitution is None and c.obstacle is None
+            if plain and c.problem is best.problem and c.score < best.score + NEAR:
+                again = self._fitted(c.problem, c.fit.model, c.fit.theta, best.fit.starts, c.effects)
+                again = self._with_bounces(again, False)
+                out[i] = again if again.score < c.score else c
+        return out
+
+    def _sharpen(self, best: Candidate) -> None:
+        """Take the noise from the best model, where that leaves less than polynomials do: they miss what turns fast or
+        stops suddenly."""
+        problem = best.problem
+        rows = sum(int((s.weight > 0).sum()) for s in problem.stacks)
+        own = sum(s.own * int((s.samples > 0).sum()) for s in problem.stacks) + best.fit.model.size
+        left = sum(float(c.sum()) for c in best.fit.position_chi2) / max(rows - own, 1)
+        if best.obstacle is None and rows - own > 30 and left < SHARPER:
+            self.sharper = 1 / left
+
+    def _rescored(self, found: Candidate) -> Candidate:
+        """The same with the noise that the best model leaves."""
+        more = (self.sharper - 1) * self.problem.floor.information
+        inside = more * found.fit.total(found.problem.chosen)
+        outside = more * found.fit.total(found.problem.held)
+        return replace(found, score=found.score + inside + outside, bic=found.bic + inside,
+                       held_out=found.held_out + outside)  # fmt: skip
 
     def _without_broken(self, best: Candidate, beside_impacts: bool = False) -> Problem | None:
         """The problem without the few arcs that the best model misses while it explains all others: an impact that
@@ -183,7 +224,7 @@ class Selector:
         touched = {i for impact in self.problem.impacts for i in (impact.before, impact.after)}
         share, broken, left, freedom = self.problem.floor.information, [], 0.0, 0.0
         for stack, chi2 in zip(self.problem.stacks, best.fit.position_chi2, strict=True):
-            rows = np.maximum((stack.weight > 0).sum((1, 2)) - (4 if stack.grounded else 6), 1)
+            rows = np.maximum((stack.weight > 0).sum((1, 2)) - stack.own, 1)
             z = (chi2 * share - rows) / np.sqrt(2 * rows)
             broken.append(z > BROKEN_Z)
             if beside_impacts:
@@ -207,7 +248,7 @@ class Selector:
             return chosen
         for _ in range(MOST_EFFECTS - 1):
             z, _ = self._excess(chosen)
-            if z < 2.5:
+            if z < 2.5 and not (self.sharper > 1 and self._promises(chosen)):
                 break
             longer = [c for leader in leaders for c in self._extended(leader, MOST_FITTED - 4)]
             winner = min(longer, key=lambda c: c.score, default=chosen)
@@ -220,6 +261,18 @@ class Selector:
                 break
             chosen, leaders = winner, [winner]
         return chosen
+
+    def _promises(self, base: Candidate) -> bool:
+        """Whether a further effect would win by the quick regression: where the noise is taken from the best model
+        itself, what it leaves cannot tell that it is not enough."""
+        quick = QuickRegression(base.problem.stacks, base.fit, base.problem.chosen)
+        share = self.problem.floor.information * self.sharper
+        for kind in self.kinds:
+            if kind.name not in (*base.effects, "hidden_obstacle", "restitution"):
+                gain = quick.guesses(kind, starts(kind, self.known, base.problem.stacks), self.known)[0].gain * share
+                if gain > CLAIM_MORE + kind.size * np.log(self.problem.effective_rows):
+                    return True
+        return False
 
     def _alike(self, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[tuple[str, ...], ...]:
         if len(chosen.effects) != 1:
@@ -312,7 +365,9 @@ class Selector:
         obstacle = fit_obstacle(self.problem.arcs, self.known)
         if obstacle is None or obstacle.misfit > OBSTACLE_MISFIT or base.obstacle is not None:
             return None
-        split = split_at_jumps(base.problem)
+        if 2 * obstacle.hits < self.problem.jumps:
+            return None
+        split = split_at_jumps(base.problem)  # also where an outlier jumps: its pieces are paid for
         found = self._fitted(split, base.fit.model, base.fit.theta, starts_of(split), (*base.effects, kind.name))
         lost = max(base.problem.rows - split.rows, 0)
         added = sum(map(len, split.stacks)) - sum(map(len, base.problem.stacks))
@@ -332,7 +387,7 @@ class Selector:
         if gain < CLAIM:
             return True
         shuffled = [replace(s, spin=np.roll(s.spin, max(1, len(s) // 2), axis=0)) for s in stacks]
-        begin = [np.concatenate([b[:, :6], s.spin], 1) if not s.grounded else b
+        begin = [np.concatenate([b[:, :6], s.spin, b[:, 9:]], 1) if not s.grounded else b
                  for b, s in zip(found.fit.starts, shuffled, strict=True)]  # fmt: skip
         copy = replace(found.problem, stacks=tuple(shuffled))
         other = self._with_bounces(self._fitted(copy, found.fit.model, found.fit.theta, begin, found.effects),
@@ -347,7 +402,7 @@ class Selector:
         other = unstuck(problem.stacks, found)
         if other is not None:
             found = fit(problem.stacks, model, found.theta, other, problem.chosen, iterations)
-        share = problem.floor.information
+        share = problem.floor.information * self.sharper
         inside, outside = found.total(problem.chosen) * share, found.total(problem.held) * share
         bic = inside + model.size * np.log(self.problem.effective_rows) + SLIP_PRICE * found.slipping
         return Candidate(effects, found, problem, bic + outside, bic, outside)
@@ -365,17 +420,26 @@ class Selector:
         term = self.restitution.chi2_expected
         return replace(found, score=found.score - term, bic=found.bic - term)
 
+    def _of_noise(self, found: Candidate) -> float:
+        """What a model leaves beyond noise, as a share of the noise."""
+        rows = sum(int((s.weight > 0).sum()) for s in found.problem.stacks)
+        own = sum(s.own * int((s.samples > 0).sum()) for s in found.problem.stacks) + found.fit.model.size
+        left = sum(float(c.sum()) for c in found.fit.position_chi2) * self.sharper
+        bounce = 0.0
+        if self.restitution is not None:
+            bounce = self.restitution.chi2 if found.restitution else self.restitution.chi2_expected
+            bounce = bounce / max(len(self.bounces), 1) - 1  # bounces are few, and each is a measurement
+        return max(left / max(rows - own, 1) - 1, bounce)
+
     def _excess(self, found: Candidate) -> tuple[float, float]:
         """What a model leaves beyond noise: as a z-score, and as a share of what the calibrated model leaves."""
-        share = self.problem.floor.information
+        share = self.problem.floor.information * self.sharper
 
         def beyond(c: Candidate) -> tuple[float, float]:
-            floor = sum(float(p.chi2.sum()) for p in c.problem.parts)
+            floor = sum(float(p.chi2.sum()) for p in c.problem.parts) / self.sharper
             total = sum(float(x.sum()) for x in c.fit.position_chi2)
             smooth = sum(int(p.parameters.sum()) for p in c.problem.parts)
-            own = (
-                sum((4 if s.grounded else 6) * int((s.samples > 0).sum()) for s in c.problem.stacks) + c.fit.model.size
-            )
+            own = sum(s.own * int((s.samples > 0).sum()) for s in c.problem.stacks) + c.fit.model.size
             return (total - floor) * share, max(smooth - own, 1)
 
         left, freedom = beyond(found)

@@ -26,7 +26,8 @@ class ArcStack:
     not roll), inertia, friction, rolling (A,); gravity (A, 3). spin (A, 3) rad/s, 0 where unknown; has_spin (A,).
     spin_rows, spin_weight (A, n, 3): measured spins, for arcs on the ground. others (A, 2 K + 1, M, 3) m, at half
     steps. rotation (A, n, 3, 3) of the body, identity where unknown. resting_z (A,) m: where a body on the ground
-    should be.
+    should be. ruler: standard deviation of the arcs' own length scales, relative; 0: lengths are what they are said
+    to be.
     """
 
     grounded: bool
@@ -52,9 +53,15 @@ class ArcStack:
     others: np.ndarray
     rotation: np.ndarray
     resting_z: np.ndarray
+    ruler: float = 0.0
 
     def __len__(self) -> int:
         return len(self.index)
+
+    @property
+    def own(self) -> int:
+        """How many numbers of its own each arc has that positions show."""
+        return (4 if self.grounded else 6) + (self.ruler > 0)
 
     @property
     def samples(self) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Table-tennis balls with bounces, at nominally 10 ms, without time stamps
 (github.com/intelligent-soft-robots/context, BSD-3).
 
-Rows are 5, 10 or more ms apart (the distances between them say so): the time between two rows is taken as the multiple
-of 5 ms that the distance takes at the speed that the file gives.
+Distance over speed, row by row, heaps at 5.5, 11 and 16.5 ms: a recorder that asked every 10 ms for the last picture of
+cameras that run at 180 Hz. So the time between two rows is the number of such pictures that the distance takes at the
+speed that the file gives; a row that repeats the one before is the same picture, and is left out.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from scipy.ndimage import median_filter
 from pipeline.discrepancy.track import Track
 from pipeline.external.place import RealSet
 
-STEP = 0.005  # s
+STEP = 1 / 180  # s
 BALL = {"name": "ball", "shape": "sphere", "radius": 0.02, "mass": 0.0027}
 SOURCE, LICENCE = "intelligent-soft-robots/context", "BSD-3-Clause"
 
@@ -26,6 +27,7 @@ def read_table_tennis(folder: Path, most: int | None = None) -> RealSet:
     tracks, low = [], []
     for path in sorted((folder / "trajectories").glob("*.json"))[:most]:
         rows = np.array(json.loads(path.read_text())["ob"], float)
+        rows = rows[np.concatenate([[True], np.abs(np.diff(rows[:, :3], axis=0)).sum(1) > 0])]
         position, velocity = rows[:, :3], rows[:, 3:]
         steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
         single = np.linalg.norm(velocity, axis=1)

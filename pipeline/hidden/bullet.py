@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.hidden.events import body_at, force_effects
-from pipeline.physics.effect_forces import resting_body, total_force
+from pipeline.physics.effect_forces import HalfwayVelocity, resting_body, total_force
 from pipeline.scene.effects.kinds.restitution import restitution_of
 from pipeline.scene.scene import Scene, half_extents
 
@@ -30,7 +30,7 @@ def run_bullet(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray,
             )
             world.changeDynamics(plane, -1, lateralFriction=1.0, restitution=1.0)
         bodies = [_add(world, pybullet, o) for o in scene.objects]
-        effects, body = force_effects(scene), resting_body([scene])
+        effects, body, halfway = force_effects(scene), resting_body([scene]), HalfwayVelocity()
         history = []
         for step in range(int(np.ceil(times[-1] * RATE)) + 2):
             poses = [world.getBasePositionAndOrientation(b) for b in bodies]
@@ -40,7 +40,7 @@ def run_bullet(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray,
                 for rows in ([p[0] for p in poses], [r[0] for r in rates], [r[1] for r in rates])
             )
             history.append((x[0], np.array([p[1] for p in poses])[:, [3, 0, 1, 2]], w[0]))
-            body_at(body, step / RATE, x, v, w, np.zeros(x.shape[:2], bool), 0.0)
+            body_at(body, step / RATE, x, halfway.after(v), w, np.zeros(x.shape[:2], bool), 0.0)
             for b, force, place in zip(bodies, total_force(effects, body)[0], x[0], strict=True):
                 world.applyExternalForce(b, -1, force.tolist(), place.tolist(), pybullet.WORLD_FRAME)
             world.stepSimulation()

@@ -8,6 +8,19 @@ from typing import Any
 
 import numpy as np
 
+#: A hidden effect and others that are the same law in some experiments, whatever is measured: a far attractor pulls
+#: evenly, wind of no speed is drag, what presses on a puck is like a larger weight. Struck off, it may be named so.
+EQUALS: dict[str, frozenset[str]] = {
+    "gravity_error": frozenset({"buoyancy", "length_scale", "clock_rate", "adhesion"}),
+    "buoyancy": frozenset({"gravity_error", "length_scale", "clock_rate"}),
+    "length_scale": frozenset({"gravity_error", "buoyancy", "clock_rate", "adhesion"}),
+    "clock_rate": frozenset({"gravity_error", "buoyancy", "length_scale", "adhesion"}),
+    "adhesion": frozenset({"gravity_error", "length_scale", "clock_rate"}),
+    "tilted_gravity": frozenset({"hidden_attractor"}),
+    "air_drag": frozenset({"wind"}),
+    "viscous_friction": frozenset({"linear_drag"}),
+    "hidden_obstacle": frozenset({"impulse"}),
+}
 LARGEST_SET = 3  # an equivalence set of more names is no answer
 
 
@@ -28,7 +41,8 @@ class Judgement:
 
 
 def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
-    """verdict: of report.json; truth: of a hidden world (`pipeline.hidden.world`)."""
+    """verdict: of report.json; truth: of a hidden world (`pipeline.hidden.world`). Of an effect struck off the list,
+    `unknown` is right, and so are its `EQUALS`."""
     hidden = {e["name"] for e in truth["effects"]}
     named = [n for n in verdict["effects"] if n != "unknown"]
     unknown = "unknown" in verdict["effects"]
@@ -36,6 +50,9 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     listed = truth.get("unlisted") is None and not truth.get("struck")
     name = "+".join(sorted(hidden)) if hidden and listed else "none" if listed else "unlisted"
     answer = "unknown" if unknown else "+".join(sorted(named)) or "none"
+    equals = EQUALS.get(truth.get("struck") or "", frozenset())
+    if not listed and named and set(named) <= equals:
+        return Judgement(True, False, True, name, name, {}, {})
     if not listed:
         return Judgement(unknown, bool(named), unknown, name, name if unknown else answer, {}, {})
     if not hidden:

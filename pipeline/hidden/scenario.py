@@ -1,11 +1,14 @@
-"""What is launched: balls that fly or bounce, balls and pucks on the ground, tossed cubes, pairs of balls."""
+"""What is launched: balls that fly or bounce, balls and pucks on the ground, tossed cubes, pairs of balls in the air,
+three that collide on the ground."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.discrepancy.known_scene import FITTED
 from pipeline.scene.scene import SceneObject
 
 SECONDS = 1.0
@@ -14,16 +17,16 @@ SECONDS = 1.0
 @dataclass(frozen=True)
 class Scenario:
     """A kind of experiment. bodies: what is launched in each clip, before its motion is drawn. spin, orientation:
-    what is measured beside positions. fit: what the known scene lets be fitted."""
+    what is measured beside positions. fit: what the known scene lets be fitted; it states the other contact numbers."""
 
     name: str
     bodies: tuple[SceneObject, ...]
     spin: bool = False
     orientation: bool = False
-    fit: tuple[str, ...] | None = None
+    fit: tuple[str, ...] = FITTED
 
 
-#: Effect -> the kinds of experiment in which it shows.
+#: Effect -> the kinds of experiment in which it shows; those in the air show in `FLYING`.
 SCENARIOS: dict[str, tuple[str, ...]] = {
     "rolling_resistance": ("roll",),
     "spin_friction": ("spin",),
@@ -35,34 +38,51 @@ SCENARIOS: dict[str, tuple[str, ...]] = {
     "off_center_mass": ("cube",),
     "pair_attraction": ("pair",),
     "hidden_obstacle": ("throw",),
+    "tilted_gravity": ("throw", "throw", "cube", "pair", "puck", "roll", "carom"),
 }
-FLYING = ("throw", "bounce")
-KNOWN_FIT: dict[str, tuple[str, ...]] = {
-    "rolling_resistance": ("sliding_friction", "damping"),
-    "restitution": ("sliding_friction", "rolling_friction"),
-    "adhesion": ("rolling_friction", "damping"),
-}
-"""Parameters left free, where the default's frictions and damping would be the effect by another name."""
+FLYING = ("throw", "throw", "throw", "cube", "pair")
+BOUNCING = "bounce"
+EVERY = ("throw", "bounce", "cube", "pair", "puck", "roll", "spin", "carom")
+MUST_BE_KNOWN = {"rolling_resistance": "rolling_friction", "restitution": "damping", "adhesion": "sliding_friction"}
+"""Effect -> the contact number that, left free, would be the effect by another name."""
 
 
-def draw_scenario(name: str, effect: str | None, rng: np.random.Generator) -> Scenario:
-    """A scenario with bodies of random size, mass and contact numbers."""
+def draw_name(effects: Sequence[str], bounces: bool, rng: np.random.Generator) -> str:
+    """A kind of experiment in which the effects show; any kind where there are none. bounces: with impacts where the
+    first effect shows in the air."""
+    if not effects:
+        return str(rng.choice(EVERY))
+    choices = SCENARIOS.get(effects[0], FLYING)
+    return BOUNCING if bounces and "throw" in choices and len(choices) > 1 else str(rng.choice(choices))
+
+
+def draw_fit(effects: Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
+    """Which contact numbers are not known: any, but for those that are a hidden effect by another name."""
+    while True:
+        fit = tuple(key for key in FITTED if rng.random() < 0.5)
+        if not any(MUST_BE_KNOWN.get(e) in fit for e in effects):
+            return fit
+
+
+def draw_scenario(name: str, effects: Sequence[str], rng: np.random.Generator) -> Scenario:
+    """A scenario with bodies of random size, mass and contact numbers. What is measured and what is known is drawn
+    alike whatever is hidden: an effect only forbids draws in which nothing could show it."""
     radius, mass = rng.uniform(0.03, 0.11), np.exp(rng.uniform(np.log(0.05), np.log(0.6)))
     friction, damping = rng.uniform(0.15, 0.6), rng.uniform(0.05, 0.35)
-    ball = SceneObject("sphere", (radius,), mass, friction, 0.0, damping, name="ball")
-    spin = effect == "magnus_lift" or name == "spin" or bool(rng.random() < 0.3)
-    fit = KNOWN_FIT.get(effect or "")
+    rolling = rng.uniform(0, 0.01) * radius * rng.integers(2) * (name == "roll")  # MuJoCo's fades in slip and in spin
+    spin = "magnus_lift" in effects or name == "spin" or bool(rng.random() < 0.5)
+    turn = "off_center_mass" in effects or bool(rng.random() < 0.5)
+    fit = draw_fit(effects, rng)
+    ball = SceneObject("sphere", (radius,), mass, friction, rolling, damping, name="ball")
     if name == "puck":
         return Scenario(name, (SceneObject("cylinder", (radius, 0.4 * radius), mass, friction, name="puck"),), fit=fit)
     if name == "cube":
-        side = 2 * radius
-        return Scenario(
-            name, (SceneObject("box", (side,) * 3, mass, friction, name="cube"),), orientation=True, fit=fit
-        )
-    if name == "pair":
-        return Scenario(
-            name, (ball, replace(ball, name="other", mass=float(mass * rng.uniform(0.6, 1.6)))), spin, fit=fit
-        )
+        cube = SceneObject("box", (2 * radius,) * 3, mass, friction, name="cube")
+        return Scenario(name, (cube,), spin, turn or not spin, fit)
+    if name in ("pair", "carom"):
+        more = ("other", "third")[: 1 if name == "pair" else 2]
+        others = tuple(replace(ball, name=n, mass=float(mass * rng.uniform(0.6, 1.6))) for n in more)
+        return Scenario(name, (ball, *others), spin, fit=fit)
     return Scenario(name, (ball,), spin, fit=fit)
 
 
@@ -83,6 +103,8 @@ def launch(scenario: Scenario, rng: np.random.Generator, drag_free_height: float
             spin = spin + np.array([0, 0, rng.choice([-1, 1]) * rng.uniform(15, 40)])
         start = (*rng.normal(0, 0.3, 2), height)
         return (_moving(first, start, velocity, spin),)
+    if name == "carom":
+        return _carom(scenario.bodies, across, rng)
     if name == "pair":
         middle = np.array([*rng.normal(0, 0.2, 2), rng.uniform(3.5, 4.5)])
         gap = rng.uniform(0.35, 0.6) * across
@@ -102,6 +124,20 @@ def launch(scenario: Scenario, rng: np.random.Generator, drag_free_height: float
     velocity = across * speed + np.array([0, 0, rng.uniform(-0.5, 3.0)])
     orientation = tuple(rng.normal(size=4)) if name == "cube" else (1.0, 0, 0, 0)
     return (replace(_moving(first, start, velocity, spin), orientation=orientation),)
+
+
+def _carom(bodies: tuple[SceneObject, ...], across: np.ndarray, rng: np.random.Generator) -> tuple[SceneObject, ...]:
+    """One ball rolls at a second, which is at rest and may be driven into a third."""
+    r = bodies[0].size[0]
+    side = np.cross([0, 0, 1.0], across)
+    start = np.array([*rng.normal(0, 0.2, 2), r])
+    velocity = rng.uniform(1.0, 2.5) * across
+    second = start + across * (2 * r + rng.uniform(0.25, 0.5)) + side * rng.uniform(-0.8, 0.8) * r
+    third = second + across * (2 * r + rng.uniform(0.05, 0.3)) + side * rng.uniform(-1.5, 1.5) * r
+    rolling = np.array([-velocity[1], velocity[0], 0]) / r
+    still = np.zeros(3)
+    return (_moving(bodies[0], start, velocity, rolling), _moving(bodies[1], second, still, still),
+            _moving(bodies[2], third, still, still))  # fmt: skip
 
 
 def _moving(

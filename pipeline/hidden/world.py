@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.discrepancy.known_scene import FITTED
 from pipeline.discrepancy.track import Track
 from pipeline.hidden.engine import BULLET_EFFECTS, ENGINES, EVENT_EFFECTS, Motion, Twist
-from pipeline.hidden.scenario import FLYING, SCENARIOS, SECONDS, Scenario, draw_scenario, launch
+from pipeline.hidden.scenario import SECONDS, Scenario, draw_name, draw_scenario, launch
 from pipeline.hidden.strength import scaled_effect
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import SIZE_KEYS, Effect, Scene
@@ -49,12 +50,11 @@ class World:
 
 def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
     """The world of a recipe; everything random comes from `rng`."""
-    first = recipe.effects[0] if recipe.effects else None
-    choices = SCENARIOS.get(first or "", FLYING)
-    name = choices[0] if len(choices) == 1 else FLYING[recipe.bounces]
-    if first is None and rng.random() < 0.35:
-        name = str(rng.choice(["puck", "roll", "cube", "pair", "spin"]))
-    scenario = draw_scenario(name, first, rng)
+    name = draw_name(recipe.effects, recipe.bounces, rng)
+    if recipe.unlisted or recipe.wrong:  # of balls alone, for which there is an integrator that has such laws
+        name = "bounce" if recipe.bounces else "throw"
+    scenario = draw_scenario(name, recipe.effects, rng)
+    shifted = bool(rng.random() < 0.3) and "impulse" not in recipe.effects  # a blow is sought at one time of all clips
     launches = [launch(scenario, rng) for _ in range(recipe.clips)]
     times = np.arange(round(SECONDS * FPS) + 1) / FPS
     engine = recipe.engine if _can(recipe, scenario) else "mujoco"
@@ -62,11 +62,11 @@ def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
     for effect in recipe.effects:
         effects.append(scaled_effect(effect, recipe.strength, recipe.noise, scenario, launches, times, rng))
     twist = _twist(recipe, scenario, rng)
-    if not twist.plain:
+    if not twist.plain or "adhesion" in recipe.effects:  # MuJoCo's pucks hop, and adhere only while they touch
         engine = "events"
     clips = []
     for number, bodies in enumerate(launches):
-        start = rng.uniform(0, 5) if "impulse" not in recipe.effects and rng.random() < 0.3 else 0.0
+        start = rng.uniform(0, 5) if shifted else 0.0
         hidden = tuple(e for e in effects if effect_kinds()[e.name].recording is None)
         motion = ENGINES[engine](Scene(bodies, effects=hidden), times, twist)
         clips += _measured(f"clip_{number:02d}", motion, times, start, scenario, effects, recipe, rng)
@@ -76,7 +76,7 @@ def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
         "strength": recipe.strength, "noise": recipe.noise, "clips": recipe.clips, "seed": recipe.seed,
         "bounces": scenario.name == "bounce", "damaged": recipe.damaged,
     }  # fmt: skip
-    return World(tuple(clips), known_scene_of(scenario, recipe), truth)
+    return World(tuple(clips), known_scene_of(scenario), truth)
 
 
 def _plain(value: Any) -> Any:
@@ -89,7 +89,7 @@ def _can(recipe: Recipe, scenario: Scenario) -> bool:
         return set(recipe.effects) <= set(BULLET_EFFECTS) and scenario.name in ("throw", "bounce", "pair")
     if recipe.engine != "events":
         return True
-    return set(recipe.effects) <= set(EVENT_EFFECTS) and scenario.name not in ("cube", "spin")
+    return set(recipe.effects) <= set(EVENT_EFFECTS) and scenario.name not in ("cube", "spin", "carom")
 
 
 def _twist(recipe: Recipe, scenario: Scenario, rng: np.random.Generator) -> Twist:
@@ -145,22 +145,16 @@ def _measured(
     return tracks
 
 
-def known_scene_of(scenario: Scenario, recipe: Recipe) -> dict[str, Any]:
+def known_scene_of(scenario: Scenario) -> dict[str, Any]:
     """The scene file: shapes, sizes, masses; contact numbers only where they are not fitted."""
     objects = []
     for body in scenario.bodies:
         entry: dict[str, Any] = {"name": body.name, "shape": body.shape}
         entry |= dict(zip(SIZE_KEYS[body.shape], map(float, body.size), strict=True))
         entry["mass"] = float(body.mass)
-        if scenario.fit is not None:
-            for key in ("sliding_friction", "rolling_friction", "damping"):
-                if key not in scenario.fit:
-                    entry[key] = float(getattr(body, key))
+        entry |= {key: float(getattr(body, key)) for key in FITTED if key not in scenario.fit}
         objects.append(entry)
-    out: dict[str, Any] = {"objects": objects}
-    if scenario.fit is not None:
-        out["fit"] = list(scenario.fit)
-    return out
+    return {"objects": objects, "fit": list(scenario.fit)}
 
 
 def blind(world: World) -> World:

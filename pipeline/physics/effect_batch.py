@@ -13,12 +13,13 @@ from mujoco import batch as mjbatch
 
 from pipeline.physics.batch import States
 from pipeline.physics.effect_forces import (
+    HalfwayVelocity,
     RecentNormalForce,
     applied_effects,
-    force_of_step,
     ground_forces,
     other_centres,
     resting_body,
+    total_force,
 )
 from pipeline.physics.simulate import compile_xml
 from pipeline.scene.effects.body import Body
@@ -37,7 +38,7 @@ def run_with_effects(scenes: Sequence[Scene], steps: np.ndarray, threads: int) -
     models = [compile_xml(scene_xml(scene)) for scene in scenes]
     effects, body = applied_effects(scenes), resting_body(scenes)
     in_contact = any(Regime.FLIGHT not in e.kind.regimes for e in effects)  # these need the last step's contacts
-    normal = RecentNormalForce()
+    normal, halfway = RecentNormalForce(), HalfwayVelocity()
     batch = mjbatch.Batch(models[0], nsim=len(scenes), nthread=threads, persistent=in_contact)
     batch.set_models(models)
     batch.reset(keyframe=0)
@@ -50,10 +51,11 @@ def run_with_effects(scenes: Sequence[Scene], steps: np.ndarray, threads: int) -
         history[:, steps == step] = qpos[:, None]
         if effects and step < steps[-1]:
             _now(body, qpos, qvel, offset, step)
+            body.velocity = halfway.after(body.velocity)
             if in_contact:
                 each = [ground_forces(models[i], batch.get_data(i), count) for i in range(len(scenes))]
                 body.normal_force = normal.after(np.array(each))
-            push[:, 1:, :3] = force_of_step(effects, body)
+            push[:, 1:, :3] = total_force(effects, body)
         if step < steps[-1]:
             batch.step()
     valid = np.isclose(time.reshape(-1), steps[-1] / STEPS_PER_SECOND, rtol=0, atol=1e-9)

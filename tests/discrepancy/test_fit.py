@@ -1,16 +1,19 @@
 """Arcs, noise and fits obey what they are for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_world import KNOWN, NOISE, effect, thrown
 
-from pipeline.discrepancy.arc import cut_tracks
-from pipeline.discrepancy.breaks import find_breaks
+from pipeline.discrepancy.arc import Arc, cut_tracks
+from pipeline.discrepancy.breaks import Break, find_breaks
 from pipeline.discrepancy.fit import fit
 from pipeline.discrepancy.known_scene import known_scene
 from pipeline.discrepancy.model import known_model, with_effect
 from pipeline.discrepancy.noise import leave_one_out, rough_sigma
-from pipeline.discrepancy.problem import pose, starts_of
+from pipeline.discrepancy.obstacle import SIZE_SPREAD, fit_obstacle
+from pipeline.discrepancy.problem import pose, starts_of, with_rulers
 from pipeline.discrepancy.track import Track
 from pipeline.errors import MeasurementError
 from pipeline.scene.effects.registry import effect_kinds
@@ -63,3 +66,45 @@ def test_chi_squared_never_rises_during_a_fit(rng: np.random.Generator) -> None:
     totals = [fit(problem.stacks, model, model.start, starts_of(problem), problem.chosen, n).total(problem.chosen)
               for n in (1, 2, 4)]  # fmt: skip
     assert totals[0] >= totals[1] - 1e-6 >= totals[2] - 2e-6
+
+
+def test_heights_alone_give_the_drag_and_nothing_across(rng: np.random.Generator) -> None:
+    mass, k, tracks = 0.27, 0.0042, []
+    for clip in range(2):
+        t = np.cumsum(rng.uniform(0.06, 0.07, 45))
+        fine = np.linspace(0, t[-1], 4000)
+        speed = np.sqrt(9.81 * mass / k) * np.tanh(np.sqrt(9.81 * k / mass) * fine)
+        fallen = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(fine))])
+        z = 48 - np.interp(t, fine, fallen) + rng.normal(0, 0.03, len(t))
+        tracks.append(Track(f"drop_{clip}", "ball", t, np.column_stack([0 * z, 0 * z, z])))
+    known = known_scene({"ground": None, "objects": [{"name": "ball", "shape": "sphere", "radius": 0.1, "mass": mass}]})
+    problem = pose(tracks, known, 0.0, rng)
+    model = with_effect(known_model(known, problem.stacks), effect_kinds()["air_drag"], known)
+    found = fit(problem.stacks, model, model.start, starts_of(problem), problem.chosen)
+    assert found.theta[0] == pytest.approx(k, rel=0.05)
+    assert np.abs(found.starts[0][:, 3:5]).max() < 1e-6
+
+
+def test_a_known_ruler_is_no_ruler_of_its_own_and_a_stretched_clip_shows(rng: np.random.Generator) -> None:
+    tracks = thrown(rng, 4, spin=False)
+    stretched = [replace(t, position=t.position * s) for t, s in zip(tracks, (0.97, 1.0, 1.0, 1.03), strict=True)]
+    known = known_scene(KNOWN)
+    problem = with_rulers(pose(stretched, known, 0.0, rng))
+    model = known_model(known, problem.stacks)
+    found = fit(problem.stacks, model, model.start, starts_of(problem), problem.chosen)
+    order = np.argsort(problem.stacks[0].clip)
+    np.testing.assert_allclose(found.starts[0][order, 9], [-0.03, 0, 0, 0.03], atol=0.006)
+    plain = fit([replace(s, ruler=0.0) for s in problem.stacks], model, model.start, starts_of(problem), problem.chosen)
+    assert found.total(problem.chosen) < plain.total(problem.chosen) - 100
+
+
+def test_one_hit_tells_where_an_obstacle_is_but_not_how_large() -> None:
+    jump = Break(0.5, np.array([1.0, 0.0, 3.0]), np.array([-4.0, 0.0, 0.0]), 60.0)
+    t = np.arange(61) / 60
+    x = np.column_stack([1.0 + np.where(t < 0.5, 2.0, -2.0) * (t - 0.5), 0 * t, 3 + 0 * t])
+    arc = Arc("clip", 0, False, t, x, np.full(61, 0.002), np.arange(61), np.zeros((61, 0, 3)), jumps=(jump,))
+    found = fit_obstacle([arc], known_scene(KNOWN))
+    assert found is not None and found.hits == 1
+    assert found.size_error > 0.9 * SIZE_SPREAD
+    surface = found.position - found.size * np.array([1.0, 0, 0])
+    np.testing.assert_allclose(surface, [1.05, 0, 3], atol=0.02)

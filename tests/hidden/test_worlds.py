@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.known_scene import FITTED
 from pipeline.hidden.engine import ENGINES, Twist, run_event_driven, run_mujoco
-from pipeline.hidden.judge import confusion, judge, macro_f1, wilson
+from pipeline.hidden.judge import EQUALS, confusion, judge, macro_f1, wilson
 from pipeline.hidden.recipes import recipe_of
+from pipeline.hidden.scenario import EVERY, MUST_BE_KNOWN, SCENARIOS, draw_fit, draw_name, draw_scenario
 from pipeline.hidden.world import Recipe, make_world
 from pipeline.scene.scene import Effect, Scene, SceneObject
 
@@ -58,6 +60,17 @@ def test_a_puck_stops_where_friction_says() -> None:
     assert x == pytest.approx(1 / (2 * 0.3 * 9.81), rel=0.01)
 
 
+def test_viscous_friction_slows_a_puck_that_hops_as_it_slows_one_that_does_not() -> None:
+    c, mu, speed = 0.3, 0.35, 2.5
+    puck = SceneObject("cylinder", (0.05, 0.02), 0.2, mu, position=(0, 0, 0.01), velocity=(speed, 0, 0), name="puck")
+    scene = Scene((puck,), effects=(Effect("viscous_friction", (("coefficient", c),)),))
+    x = run_mujoco(scene, TIMES, Twist()).position[:, 0, 0]
+    rate, friction = c / 0.2, mu * 9.81
+    law = (speed + friction / rate) / rate * (1 - np.exp(-rate * TIMES)) - friction / rate * TIMES
+    without = speed * TIMES - friction / 2 * TIMES**2
+    assert abs(x[-1] - law[-1]) < 0.1 * abs(without[-1] - law[-1])
+
+
 def test_a_world_is_a_function_of_its_recipe_and_generator() -> None:
     recipe = Recipe(3, ("air_drag",), clips=2)
     first, second = (make_world(recipe, np.random.default_rng(4)) for _ in range(2))
@@ -70,6 +83,33 @@ def test_recipes_go_round_their_list() -> None:
     recipes = [recipe_of(k, names, 10, 0.002, 4, np.random.default_rng(k)) for k in range(4)]
     assert [r.effects for r in recipes] == [("air_drag",), (), (), ("air_drag", "wind")]
     assert recipes[2].unlisted is not None and recipes[1].unlisted is None
+
+
+def test_worlds_with_nothing_hidden_are_of_every_kind_and_know_what_others_know(rng: np.random.Generator) -> None:
+    names, fits = set(), set()
+    for _ in range(300):
+        name = draw_name((), bool(rng.integers(2)), rng)
+        names.add(name)
+        fits.add(draw_scenario(name, (), rng).fit)
+    assert names == set(EVERY)
+    assert len(fits) == 2 ** len(FITTED)
+
+
+def test_what_would_be_the_effect_by_another_name_is_known_and_nothing_else_depends_on_it(
+    rng: np.random.Generator,
+) -> None:
+    for effect, number in MUST_BE_KNOWN.items():
+        fits = {draw_fit((effect,), rng) for _ in range(100)}
+        assert not any(number in fit for fit in fits) and len(fits) == 4
+    assert set().union(*SCENARIOS.values()) <= set(EVERY)
+
+
+def test_an_equal_of_an_effect_that_is_struck_off_is_no_wrong_name() -> None:
+    struck = {**truth("gravity_error"), "struck": "gravity_error"}
+    assert judge(verdict("length_scale"), struck).right and not judge(verdict("length_scale"), struck).false
+    assert judge(verdict("unknown"), struck).right
+    assert judge(verdict("air_drag"), struck).false
+    assert not any(name in equals for name, equals in EQUALS.items())
 
 
 def verdict(*names: str, equivalent: tuple[tuple[str, ...], ...] = ()) -> dict[str, object]:
