@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.confidence import confidence, probabilities
+from pipeline.discrepancy.confidence import SMOOTHED, confidence, probabilities
 from pipeline.discrepancy.equivalence import alike_sets, experiment
 from pipeline.discrepancy.estimate import Estimate, calibrated, effect_estimates
 from pipeline.discrepancy.formula import residual_formula
@@ -176,6 +176,11 @@ def notes_of(problem: Problem, found: Selection, answer: Candidate) -> tuple[str
         notes.append(
             f"the noise is not white (neighbouring samples correlate by {problem.floor.correlation:.2f}): "
             f"a sample counts as {problem.floor.information:.2f} independent ones"
+        )
+    if problem.sigma < SMOOTHED:
+        notes.append(
+            f"positions scatter by {1e3 * problem.sigma:.2g} mm only: they were smoothed, and what is left may be the "
+            "smoothing's"
         )
     if problem.outliers:
         notes.append(f"{problem.outliers} samples were left out as outliers")
