@@ -17,12 +17,12 @@ from pipeline.physics.effect_forces import (
     applied_effects,
     force_of_step,
     ground_forces,
+    needs_contacts,
     other_centres,
     resting_body,
 )
 from pipeline.physics.simulate import compile_xml
 from pipeline.scene.effects.body import Body
-from pipeline.scene.effects.kind import Regime
 from pipeline.scene.mjcf import STEPS_PER_SECOND, scene_xml
 from pipeline.scene.rotation import rotate
 from pipeline.scene.scene import Scene
@@ -36,7 +36,7 @@ def run_with_effects(scenes: Sequence[Scene], steps: np.ndarray, threads: int) -
     """
     models = [compile_xml(scene_xml(scene)) for scene in scenes]
     effects, body = applied_effects(scenes), resting_body(scenes)
-    in_contact = any(Regime.FLIGHT not in e.kind.regimes for e in effects)  # these need the last step's contacts
+    in_contact = needs_contacts(effects)
     normal = RecentNormalForce()
     batch = mjbatch.Batch(models[0], nsim=len(scenes), nthread=threads, persistent=in_contact)
     batch.set_models(models)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from pipeline.scene.effects.body import Body
-from pipeline.scene.effects.kind import EffectKind
+from pipeline.scene.effects.kind import EffectKind, Regime
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Effect, Scene, half_extents
@@ -95,6 +95,11 @@ def resting_body(scenes: Sequence[Scene]) -> Body:
                 friction, zero, zero)  # fmt: skip
 
 
+def needs_contacts(effects: Sequence[AppliedEffect]) -> bool:
+    """Whether some effect acts on the ground alone, so that the contacts of the last step must be looked at."""
+    return any(Regime.FLIGHT not in e.kind.regimes for e in effects)
+
+
 def effect_forces(scene: Scene) -> ApplyForces | None:
     """What writes the forces of `scene` before each step; None where MuJoCo needs no help."""
     effects = applied_effects([scene])
@@ -102,6 +107,7 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
         return None
     constant = resting_body([scene])
     normal = RecentNormalForce()
+    in_contact = needs_contacts(effects)
     ends = slice(1, 1 + len(scene.objects))
 
     def apply(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -114,7 +120,8 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
         body = Body(
             np.full(constant.time.shape, data.time), position[None], velocity[None], spin[None],
             other_centres(position)[None], constant.mass, constant.radius, constant.gravity,
-            normal.after(ground_forces(model, data, len(scene.objects))[None]), constant.sliding_friction,
+            normal.after(ground_forces(model, data, len(scene.objects))[None]) if in_contact else constant.normal_force,
+            constant.sliding_friction,
             constant.air_velocity, constant.ground_velocity,
         )  # fmt: skip
         data.xfrc_applied[ends, :3] = force_of_step(effects, body)[0]
