@@ -11,7 +11,8 @@ TEMPERATURE = 2.0  # scores are divided by it twice over: models are never quite
 MARGINS = (0.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 RIGHT_CLAIM = (0.5, 0.7, 0.85, 0.92, 0.95, 0.97)
 FEW_CLIPS = {1: 0.6, 2: 0.8, 3: 0.9}
-BLUNT = 0.5  # where the noise is all that a model left
+DOUBTFUL = 0.5  # where the noise is all that a model left, or where positions were smoothed
+SMOOTHED = 1e-4  # m: no camera sees so little scatter from a metre away; what is left may be the smoothing's
 RIGHT_NONE = (0.6, 0.85, 0.95, 0.97, 0.97, 0.97)
 
 
@@ -31,9 +32,11 @@ def probabilities(found: Selection) -> dict[str, float]:
 def confidence(found: Selection, names: tuple[str, ...]) -> float:
     """That the verdict, or the set of equivalent effects that it belongs to, is right.
 
-    Up to three fitted clips hardly show how much clips differ from each other: of them no verdict is sure.
+    Of positions that were smoothed none is. Up to three fitted clips hardly show how much clips differ from each
+    other: of them no verdict is sure.
     """
-    most = BLUNT if found.none.problem.blunt else FEW_CLIPS.get(len(found.none.problem.fitted), 1.0)
+    problem = found.none.problem
+    most = DOUBTFUL if problem.blunt or problem.sigma < SMOOTHED else FEW_CLIPS.get(len(problem.fitted), 1.0)
     return min(_confidence(found, names), most)
 
 

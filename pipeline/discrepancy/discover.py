@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.confidence import confidence, probabilities
+from pipeline.discrepancy.confidence import SMOOTHED, confidence, probabilities
 from pipeline.discrepancy.equivalence import alike_sets, experiment
 from pipeline.discrepancy.estimate import Estimate, calibrated, effect_estimates
 from pipeline.discrepancy.formula import residual_formula
@@ -42,7 +42,8 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Discovery:
-    """Everything that was found. answer: the model behind the verdict, the calibrated one where it names no effect."""
+    """Everything that was found. answer: the model behind the verdict, the calibrated one where it names no effect;
+    baseline: the calibrated model with lengths as they are said to be."""
 
     problem: Problem
     selection: Selection
@@ -54,6 +55,7 @@ class Discovery:
     probability: dict[str, float]
     scene: Scene
     notes: tuple[str, ...]
+    baseline: Candidate
 
 
 def discover(
@@ -64,7 +66,7 @@ def discover(
 
     Raises `MeasurementError` for tracks that do not fit the scene or hold nothing to be fitted.
     """
-    selector, found = _asked(pose(tracks, known, held_out, rng), effects, progress)
+    selector, found, plain = _asked(pose(tracks, known, held_out, rng), effects, progress)
     problem = selector.problem
     answer = found.none if found.unknown else found.chosen
     numbers = calibrated(selector)
@@ -78,18 +80,19 @@ def discover(
         names, parameters, confidence(found, names), equivalent, experiment(names, equivalent),
         residual_formula(problem, found.none) if found.unknown else None,
     )  # fmt: skip
-    gap = measure_gap(problem, found.none, answer)
+    gap = measure_gap(problem, plain, answer)
     where = [s for s in stretches(problem, found.none) if s.z > NOTABLE_Z][:MOST_DISAGREEMENTS]
-    return Discovery(problem, found, verdict, answer, numbers, gap, tuple(where), probabilities(found),
-                     augmented_scene(known, answer, numbers, problem), notes_of(problem, found, answer))  # fmt: skip
+    scene, notes = augmented_scene(known, answer, numbers, problem), notes_of(problem, found, answer)
+    return Discovery(problem, found, verdict, answer, numbers, gap, tuple(where), probabilities(found), scene, notes,
+                     plain)  # fmt: skip
 
 
 def _asked(
     problem: Problem, effects: Sequence[str], progress: Callable[[str], None]
-) -> tuple[Selector, Selection]:  # fmt: skip
+) -> tuple[Selector, Selection, Candidate]:  # fmt: skip
     """The selection; where it leaves more of several clips than noise, that in which each has a length scale of its
     own, if that explains them. Of two or three clips, whose tracking may be off slowly and each in its way, what even
-    that leaves is taken for noise."""
+    that leaves is taken for noise. And the calibrated model with the lengths as they are said to be."""
     selector = Selector(problem, effects, progress)
     found = selector.select()
     if found.excess_z > UNEXPLAINED_Z and len(problem.fitted) + len(problem.held_out) > 1:
@@ -97,10 +100,10 @@ def _asked(
         again = other.select()
         if len(problem.fitted) < LEAST_CLIPS_FOR_MORE and again.excess_z > UNEXPLAINED_Z:
             other = Selector(blunted(other.problem, independent_share(again.chosen)), effects, progress)
-            return other, other.select()
+            return other, other.select(), found.none
         if not again.unknown and again.chosen.score < found.chosen.score - CLAIM_MORE:
-            return other, again
-    return selector, found
+            return other, again, found.none
+    return selector, found, found.none
 
 
 def independent_share(found: Candidate) -> float:
@@ -176,6 +179,11 @@ def notes_of(problem: Problem, found: Selection, answer: Candidate) -> tuple[str
         notes.append(
             f"the noise is not white (neighbouring samples correlate by {problem.floor.correlation:.2f}): "
             f"a sample counts as {problem.floor.information:.2f} independent ones"
+        )
+    if problem.sigma < SMOOTHED:
+        notes.append(
+            f"positions scatter by {1e3 * problem.sigma:.2g} mm only: they were smoothed, and what is left may be the "
+            "smoothing's"
         )
     if problem.outliers:
         notes.append(f"{problem.outliers} samples were left out as outliers")

@@ -23,12 +23,12 @@ def residual_table(found: Discovery) -> pa.Table:
     """A row for each sample of each arc, in the order of clips, objects and times."""
     problem, names = found.problem, [o.name for o in found.problem.known.scene.objects]
     rows = []
-    before = residuals_m(problem, found.selection.none)
+    before = residuals_m(problem, found.baseline)
     split = found.answer.problem is not problem
     after = before if split else residuals_m(problem, found.answer)
     lookup = _split_residuals(found) if split else {}
     for number, stack in enumerate(problem.stacks):
-        fit = found.selection.none.fit
+        fit = found.baseline.fit
         _, nodes = run(stack, fit.model, fit.theta[None], fit.starts[number][None])
         for i in range(len(stack)):
             arc = problem.arcs[stack.index[i]]
