@@ -18,7 +18,7 @@ from pipeline.search.target import REFERENCE_WIDTH, Target
 
 CELLS = 24  # of the finest grid, over the width of the picture
 LEVELS = 3  # grids, each of half as many cells as the one before
-FLOW_PX, FLOW_SHARE = 4.0, 0.25  # px of 480x320, and share of the instance's mean flow, that count as its whole area
+FLOW_PX, FLOW_SHARE = 12.0, 0.25  # px of 480x320, and share of the instance's mean flow, that count as its whole area
 CENTROID_PX = 80.0  # px of 480x320 that count as its whole area
 AREA_WEIGHT = 0.3  # of a factor e in area
 LOST = 3.0  # residual of centroid and area where one of the two is not seen

@@ -67,7 +67,7 @@ def test_a_stopped_run_leaves_no_half_shard_and_no_process_and_goes_on_where_it_
         os.killpg(process.pid, sent)  # Ctrl-C reaches the workers too
     else:
         process.send_signal(sent)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=90)
     assert process.returncode == code, errors
     assert "Traceback" not in errors
     wait_until_gone(process.pid)
