@@ -8,7 +8,7 @@ from pipeline.discrepancy.meeting import meetings
 SIGMA = 0.002
 
 
-@pytest.mark.parametrize("speed", [0.4, 1.0, 3.0])
+@pytest.mark.parametrize("speed", [0.8, 1.5, 3.0])
 def test_a_distance_that_turns_at_touch_is_a_meeting(speed: float, rng: np.random.Generator) -> None:
     time, touch, when = np.arange(60) / 60, 0.1, float(rng.uniform(0.3, 0.7))
     for after in (0.9, 0.4):
