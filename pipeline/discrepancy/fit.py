@@ -193,6 +193,8 @@ def local_inverse(stack: ArcStack, local: np.ndarray) -> np.ndarray:
     prior = np.tile(np.where(places == 9, _ruler_weight(stack), weak), (len(stack), 1))
     shown: np.ndarray = np.max(stack.weight, axis=1) > 0  # (A, 3)
     hidden = (places < 6) & ~shown[:, places % 3]
+    if stack.tied is not None:  # a free spin would fit the noise of the first samples, the better the more friction
+        hidden |= (places >= 6) & (places < 9) & stack.tied[:, None]
     return np.linalg.inv(gram + np.eye(len(places)) * np.where(hidden, FIXED, prior)[:, None])
 
 

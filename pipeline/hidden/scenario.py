@@ -69,11 +69,10 @@ def draw_scenario(name: str, effects: Sequence[str], rng: np.random.Generator) -
     alike whatever is hidden: an effect only forbids draws in which nothing could show it."""
     radius, mass = rng.uniform(0.03, 0.11), np.exp(rng.uniform(np.log(0.05), np.log(0.6)))
     friction, damping = rng.uniform(0.15, 0.6), rng.uniform(0.05, 0.35)
-    rolling = rng.uniform(0, 0.01) * radius * rng.integers(2) * (name == "roll")  # MuJoCo's fades in slip and in spin
     spin = "magnus_lift" in effects or name == "spin" or bool(rng.random() < 0.5)
     turn = "off_center_mass" in effects or bool(rng.random() < 0.5)
     fit = draw_fit(effects, rng)
-    ball = SceneObject("sphere", (radius,), mass, friction, rolling, damping, name="ball")
+    ball = SceneObject("sphere", (radius,), mass, friction, 0.0, damping, name="ball")
     if name == "puck":
         return Scenario(name, (SceneObject("cylinder", (radius, 0.4 * radius), mass, friction, name="puck"),), fit=fit)
     if name == "cube":
