@@ -22,7 +22,13 @@ def start(root: Path, then: str) -> subprocess.Popen[str]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, toy_stage.__file__, str(root), then]
     pipe = subprocess.PIPE
-    return subprocess.Popen(command, env=environment, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
+    return subprocess.Popen(command, env=environment, stdout=pipe, stderr=pipe, text=True, start_new_session=True,
+                            preexec_fn=hear_ctrl_c)  # fmt: skip
+
+
+def hear_ctrl_c() -> None:
+    """A shell starts its background jobs, such as these tests may be, so that they ignore Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def wait_until_it_waits(process: subprocess.Popen[str], root: Path) -> None:
@@ -67,7 +73,7 @@ def test_a_stopped_run_leaves_no_half_shard_and_no_process_and_goes_on_where_it_
         os.killpg(process.pid, sent)  # Ctrl-C reaches the workers too
     else:
         process.send_signal(sent)
-    _, errors = process.communicate(timeout=90)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == code, errors
     assert "Traceback" not in errors
     wait_until_gone(process.pid)
