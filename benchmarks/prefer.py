@@ -27,7 +27,7 @@ from transformers.utils import logging
 
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.intervals import Estimate, bootstrap_mean
-from pipeline.evaluation.scene_scores import HEIGHT, WIDTH, Reference, score
+from pipeline.evaluation.scene_scores import measured_reference, score
 from pipeline.evaluation.tables import cell, markdown
 from pipeline.external.place import ROOT
 from pipeline.language.completion import read_completion
@@ -39,7 +39,7 @@ from pipeline.model.trainer import TrainingPlan
 from pipeline.model.walker import Tries
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator, Rewards
-from pipeline.search.target import make_target, resize_masks
+from pipeline.search.target import make_target
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from pipeline.vision.measured_flow import measured_flow
 from pipeline.vision.raft import load_raft
@@ -97,9 +97,8 @@ def greedy_scores(base: Base, clips: Sequence[Seen], which: Sequence[int], param
     answers = draw_answers(base, shown, greedy, dict.fromkeys(which, 0), params.infer.batch_size, tries)
     rows = []
     for c in which:
-        scene, first = read_completion(answers[c][0]).scene, schedule.pairs[:, 0]
-        measured = make_target(clips[c].masks[first], clips[c].flow, WIDTH, HEIGHT)
-        truth = Reference(resize_masks(clips[c].masks, WIDTH, HEIGHT), measured.flow, first)
+        scene = read_completion(answers[c][0]).scene
+        truth = measured_reference(clips[c].masks, clips[c].flow, schedule.pairs[:, 0])
         found = score(scene, truth, schedule)
         found["composition"] = float(scene.composition == clips[c].composition)
         rows.append({m: found[m] for m in METRICS})

@@ -2,7 +2,7 @@
 
 Reads data/best_of_k/<suite>, data/render/<suite> (masks), data/flow/<suite>. Writes data/fit/<suite>: clip, guess (the
 classical guess, a scene) and guess_simulations, scene, reward, iou, simulations, spent and history (best reward after
-so many simulations), instance (of each object), certainty (how far the clip determines each number).
+so many simulations), instance (which one each object is, from 0; -1: none), certainty (how far the clip determines each number).
 Parameters: seed, clip, search, fit. Run: python -m stages.fit SUITE
 """
 
@@ -14,7 +14,6 @@ import pyarrow as pa
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
-from pipeline.scene.scene import Scene
 from pipeline.scene.text import write_scene
 from pipeline.search.certainty import certainties
 from pipeline.search.evaluator import Evaluator
@@ -42,21 +41,16 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
         evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
         starts = distinct_starts(ranked, clip, p["starts"])
         solved = solve(evaluator, starts, p["simulations"], clip_rng(p["seed"], shard.suite, clip, "fit"))
+        found = solved.found.scene
+        pairs = evaluator.pairs(found)
+        instance = dict(pairs.tolist())
         rows.append({"clip": clip, "guess": None if solved.guess is None else write_scene(solved.guess),
                      "guess_simulations": solved.guess_simulations, **found_row(solved.found),
-                     "instance": instances(evaluator, solved.found.scene),
-                     "certainty": [asdict(c) for c in certainties(evaluator, solved.found.scene)]})  # fmt: skip
+                     "instance": [instance.get(i, -1) for i in range(len(found.objects))],
+                     "certainty": [asdict(c) for c in certainties(evaluator, found, pairs)]})  # fmt: skip
         invalid += solved.found.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)
-
-
-def instances(evaluator: Evaluator, scene: Scene) -> list[int]:
-    """Of each object the instance (from 0) that it is, -1 where there is none left for it."""
-    out = [-1] * len(scene.objects)
-    for i, j in evaluator.pairs(scene):
-        out[i] = int(j)
-    return out
 
 
 def main(suite: str) -> None:

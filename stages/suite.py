@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.scene_scores import HEIGHT, WIDTH, Reference, true_reference
+from pipeline.evaluation.scene_scores import Reference, measured_reference, true_reference
 from pipeline.scene.text import read_scene
-from pipeline.search.target import make_target, resize_masks
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from stages.run_shards import folder
 
@@ -23,8 +22,7 @@ def reference(suite: Suite, clip: int, schedule: Schedule) -> Reference:
     if "sample" in suite:
         return true_reference(read_scene(suite["sample"][clip].row()["scene"]), schedule)
     masks, first = suite["render"][clip].array("mask"), schedule.pairs[:, 0]
-    measured = make_target(masks[first], suite["flow"][clip].array("flow"), WIDTH, HEIGHT)
-    return Reference(resize_masks(masks, WIDTH, HEIGHT), measured.flow, first)
+    return measured_reference(masks, suite["flow"][clip].array("flow"), first)
 
 
 def greedy_row(suite: Suite, clip: int) -> dict[str, Any]:

@@ -111,7 +111,7 @@ def infer_clip(request: Request) -> None:
         rows = _table(methods)
         for line in aligned(rows):
             progress.say("", line)
-        known = certainties(evaluator, best.scene) if found else []
+        known = certainties(evaluator, best.scene, evaluator.pairs(best.scene)) if found else []
         if known:
             progress.say("note", f"hardly determined by this clip: {', '.join(hardly(known)) or 'nothing'}")
         doubt = [DOUBT] if best.overlap.sequence < DOUBTFUL_IOU else []

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.scene.scene import Scene
+from pipeline.search.certainty import DETERMINED
 
-DETERMINED = 0.5  # of the spread of not knowing
 WITHIN = 2.0  # spreads
 HEADER = ["parameter", "unit", "numbers", "determined", "median spread", "truth within two spreads"]
 _PLACE = re.compile(r"objects\[(\d+)\]\.(\w+)(?:\[(\d+)\])?")

@@ -13,6 +13,7 @@ from pipeline.physics.batch import BatchSimulator, stack_scenes
 from pipeline.physics.overlap import penetration
 from pipeline.scene.rotation import quaternion_conjugate, quaternion_multiply
 from pipeline.scene.scene import Scene
+from pipeline.search.target import make_target, resize_masks
 from pipeline.vision.camera import pinhole
 from pipeline.vision.exact_flow import exact_flow
 from pipeline.vision.rasteriser import rasterise
@@ -58,6 +59,13 @@ def true_reference(scene: Scene, schedule: Schedule) -> Reference:
     """The reference of a sampled clip: its own replay, all pairs of frames."""
     own = replay(scene, schedule)
     return Reference(own.masks, own.flow, np.arange(len(own.flow)), scene)
+
+
+def measured_reference(masks: np.ndarray, flow: np.ndarray, pair_frames: np.ndarray) -> Reference:
+    """The reference of a clip of which masks (F, H, W) of every frame and flow (P, h, w, 2) from `pair_frames` (P,) on
+    were measured, at any size."""
+    target = make_target(masks[pair_frames], flow, WIDTH, HEIGHT)
+    return Reference(resize_masks(masks, WIDTH, HEIGHT), target.flow, pair_frames)
 
 
 #: Metrics of every answer, and whether more is better.

@@ -55,12 +55,12 @@ class Certainty:
         return self.share < DETERMINED
 
 
-def certainties(evaluator: Evaluator, scene: Scene) -> list[Certainty]:
-    """Those of all parameters of a scene that was searched for; costs a step of Gauss-Newton in simulations.
+def certainties(evaluator: Evaluator, scene: Scene, pairs: np.ndarray) -> list[Certainty]:
+    """Those of all parameters of a scene that was searched for, whose objects are the target's instances as in `pairs`
+    (P, 2); costs a step of Gauss-Newton in simulations.
 
     Of an orientation it gives the three (two of a cylinder) angles by which it may be turned, with value 0.
     """
-    pairs = evaluator.pairs(scene)
     space = search_space(scene)
     x = space.encode()
     values, (point,) = evaluate(evaluator, space, x[None], pairs, None)

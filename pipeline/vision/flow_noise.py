@@ -58,7 +58,7 @@ class FlowNoise:
 
 NO_NOISE = FlowNoise(0, 0, 0, 0, 0, 0, 0, 0)
 
-#: Low, high of the noise of a clip; uniform in the logarithm but for shares. About the 10th to 90th percentile of
+#: Low, high of the noise of a clip; uniform in the logarithm. About the 10th to 90th percentile of
 #: `fit_noise` on 60 rendered clips with the shipped RAFT; clips differ that much by their light and texture.
 RAFT_RANGES: dict[str, tuple[float, float]] = {
     "edge_px": (2.5, 9.0),
