@@ -2,7 +2,8 @@
 
 Reads data/best_of_k/<suite>, data/render/<suite> (masks), data/flow/<suite>. Writes data/fit/<suite>: clip, guess (the
 classical guess, a scene) and guess_simulations, scene, reward, iou, simulations, spent and history (best reward after
-so many simulations), instance (which one each object is, from 0; -1: none), certainty (how far the clip determines each number).
+so many simulations), instance (which one each object is, from 0; -1: none), certainty (how far the clip determines each
+number).
 Parameters: seed, clip, search, fit. Run: python -m stages.fit SUITE
 """
 
