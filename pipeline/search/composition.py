@@ -18,16 +18,19 @@ from pipeline.search.found import Record
 from pipeline.search.guess import CAMERA, guess_scene
 
 ROUNDS = {"sphere": 1, "cylinder": 3, "box": 3}  # of variations: the more ways to turn, the more
+DOUBT = 3.0  # times the cost of the best shape, up to which the next best may be the right one
 assert ROUNDS.keys() == set(BASIC_SHAPES)
 
 
 def compose(
-    evaluator: Evaluator, record: Record, simulations: int, rng: np.random.Generator, camera: Camera = CAMERA
-) -> Scene:
-    """A scene with the shape that fits best for each instance of the target, seen at first by that camera.
+    evaluator: Evaluator, record: Record, simulations: int, rng: np.random.Generator, camera: Camera = CAMERA,
+    most: int = 1,
+) -> list[Scene]:  # fmt: skip
+    """Scenes with the shapes that fit best for the instances of the target, seen at first by that camera: the best of
+    each, and up to `most` in all with the next best of one of them, where that is in doubt.
 
-    Its camera, and the objects of that shape, are those of the one descent of the three that fits best; the others are
-    as the classical guess has them.
+    Their camera, and the objects of that shape, are those of the one descent of the three that fits best; the others
+    are as the classical guess has them.
     """
     target, schedule = evaluator.target, evaluator.schedule
     times = schedule.pairs[:, 0] / schedule.fps
@@ -43,10 +46,26 @@ def compose(
         residuals, _ = evaluator.residuals(stack_scenes([near]), pairs)
         tried.append(near)
         costs.append(residuals.cost[0])
-    best = np.argmin(costs, axis=0)
     leader = int(np.argmin(np.sum(costs, axis=1)))
     leading = tried[leader]
     assert leading.camera is not None
-    guess = guess_scene(target, [BASIC_SHAPES[k] for k in best], times, leading.camera)
-    objects = (leading.objects[i] if k == leader else guess.objects[i] for i, k in enumerate(best))
-    return replace(leading, objects=tuple(replace(o, name="") for o in objects))
+    scenes = []
+    for kinds in likely(np.array(costs))[:most]:
+        guess = guess_scene(target, [BASIC_SHAPES[k] for k in kinds], times, leading.camera)
+        objects = (leading.objects[i] if k == leader else guess.objects[i] for i, k in enumerate(kinds))
+        scenes.append(replace(leading, objects=tuple(replace(o, name="") for o in objects)))
+    return scenes
+
+
+def likely(costs: np.ndarray) -> list[np.ndarray]:
+    """Which kind each instance is, by costs (kinds, N): the best for all, then the next best for one, least lost first,
+    where it costs less than DOUBT times the best."""
+    order = np.argsort(costs, axis=0, kind="stable")
+    best, second = np.take_along_axis(costs, order[:2], 0)
+    out = [order[0]]
+    for i in np.argsort(second - best, kind="stable"):
+        if second[i] < DOUBT * best[i]:
+            kinds = order[0].copy()
+            kinds[i] = order[1, i]
+            out.append(kinds)
+    return out

@@ -2,9 +2,11 @@
 
 1. From every start: the best of many variations is taken object by object, the first frames are matched, then more,
    then all (late frames mislead as long as early ones do not match).
-2. The best of these leaps: some of the objects that do not match yet are varied, go down with the camera fixed, and are
-   kept, each group of objects that meet on its own, where they match better than before.
-3. With all coordinates free it goes down again. So on, as long as the budget lasts.
+   Chance enters into that, so that a budget with room for more islands than there are starts settles starts again.
+2. Each island leaps: some of the objects that do not match yet are varied, go down with the camera fixed, and are kept,
+   each group of objects that meet on its own, where they match better than before. With all coordinates free it goes
+   down again. So on.
+3. Each has an equal share of the budget, and the best of them what is left.
 
 Leaps and descents go by the pooled residuals; the answer is what had the best reward on the way.
 """
@@ -30,6 +32,9 @@ HORIZONS = (3, 6)  # of ten frames, matched before all are
 STEPS = 3  # of Gauss-Newton before a horizon moves on
 LEAP_STEPS = 5
 MATCHED = 0.02  # cost of an object that needs no leap
+ISLAND = 1600  # simulations to have for each island
+LEADING = 0.25  # share of the budget that the best of them has alone
+SETTLING = 500  # simulations to have for each island that has a start of its own
 LEAST = 150  # simulations, below which nothing new is begun
 SPARE = 8  # simulations kept back for looks at single scenes
 
@@ -74,15 +79,15 @@ class Island:
         if candidate.cost.sum() < self.here.cost.sum():
             self.here = candidate
 
-    def vary(self, scene: Scene, movable: list[int], frames: int | None, apart: bool = False) -> Scene:
-        """The scene with each movable object as in the best of many variations over the first frames; apart: as in one
+    def vary(self, scene: Scene, movable: list[int], frames: int | None, leap: bool = False) -> Scene:
+        """The scene with each movable object as in the best of many variations over the first frames; leap: as in one
         of the best that are not as it was."""
-        batch = moved(self._rng, stack_scenes([scene]), max(2, min(VARIATIONS, self._left)), movable)
+        batch = moved(self._rng, stack_scenes([scene]), max(2, min(VARIATIONS, self._left)), movable, leap)
         residuals, _ = self._evaluator.residuals(batch, self.pairs, frames)
         chosen = stack_scenes([scene])
         for i in movable:
             order = np.argsort(residuals.cost[:, i], kind="stable")
-            if apart:
+            if leap:
                 order = order[order > 0][:ALTERNATIVES]
                 self._rng.shuffle(order)
             chosen.copy_object(i, batch, int(order[0]))
@@ -119,7 +124,7 @@ class Island:
         unmatched = [int(i) for i in np.flatnonzero(here.cost > MATCHED)] or [int(np.argmax(here.cost))]
         movable = [i for i in unmatched if self._rng.random() < 0.5] or [int(self._rng.choice(unmatched))]
         horizons = HORIZONS[int(self._rng.integers(len(HORIZONS) + 1)) :]
-        leapt = self.vary(here.scene, movable, horizons[0] if horizons else None, apart=True)
+        leapt = self.vary(here.scene, movable, horizons[0] if horizons else None, leap=True)
         leapt = self.approach(leapt, horizons, camera=False)
         there = self.descend(search_space(leapt).fixing_camera(), LEAP_STEPS)
         groups = neighbours(self._evaluator, stack_scenes([here.scene]))
@@ -139,21 +144,24 @@ def fit(
     rng: np.random.Generator,
     progress: Callable[[int, float], None] = lambda spent, reward: None,
 ) -> Found:
-    """The best scene found from any of the starts, the most promising first, when `record` is at so many simulations.
+    """The best scene found from the starts, the most promising first, when `record` is at so many simulations.
 
     The answer is never worse than the best start that can be had without overlap. progress: called with the
     simulations spent and the best reward so far.
     """
+    def leap(island: Island, end: float) -> None:
+        while end - record.simulations >= LEAST:
+            island.leap()
+            progress(record.simulations, record.reward)
+
+    left = simulations - record.simulations
     islands: list[Island] = []
-    for start in starts:
-        if islands and simulations - record.simulations < LEAST:
-            break
-        islands.append(Island(evaluator, record, simulations, rng, start))
+    count = max(1, min(len(starts), left // SETTLING), left // ISLAND)
+    for k, end in enumerate(record.simulations + (1 - LEADING) * left * np.arange(1, count + 1) / count):
+        islands.append(Island(evaluator, record, simulations, rng, starts[k % len(starts)]))
         islands[-1].settle()
         progress(record.simulations, record.reward)
-    best = min(islands, key=lambda i: i.here.cost.sum())
-    while simulations - record.simulations >= LEAST:
-        best.leap()
-        progress(record.simulations, record.reward)
+        leap(islands[-1], end)
+    leap(min(islands, key=lambda i: float(i.here.cost.sum())), simulations)
     record.mark()
     return record.found()

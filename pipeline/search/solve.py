@@ -11,7 +11,7 @@ from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import rank
 from pipeline.search.composition import compose
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.fit import fit
+from pipeline.search.fit import ISLAND, fit
 from pipeline.search.found import Found, Record
 from pipeline.search.guess import CAMERA
 from pipeline.search.parameters import rollable
@@ -41,13 +41,14 @@ def solve(
 
     incline: the ground may slope in the picture: the camera may roll, and gravity need not be normal to the ground.
     """
-    record, guess, guessing = Record(evaluator), None, 0
+    record, guesses, guessing = Record(evaluator), [], 0
     starts = [replace(a, camera=rollable(a.camera)) if incline and a.camera else a for a in answers]
     if evaluator.target.instances and (simulations >= COMPOSING or not starts):
-        guess = compose(evaluator, record, simulations, rng, rollable(CAMERA) if incline else CAMERA)
+        room = max(1, simulations // ISLAND - len(answers))
+        guesses = compose(evaluator, record, simulations, rng, rollable(CAMERA) if incline else CAMERA, room)
         guessing = record.simulations
         progress(record.simulations, record.reward)
-        starts.append(guess)
+        starts.append(guesses[0])
     order = rank(evaluator, starts).order
-    found = fit(evaluator, record, [starts[i] for i in order], simulations, rng, progress)
-    return Solved(found, guess, guessing)
+    found = fit(evaluator, record, [*(starts[i] for i in order), *guesses[1:]], simulations, rng, progress)
+    return Solved(found, guesses[0] if guesses else None, guessing)

@@ -82,7 +82,7 @@ def test_a_search_never_ends_worse_than_its_best_start(rng: np.random.Generator)
     assert result.history[-1] == result.reward
     assert len(result.history) == BUDGET.iterations
     again = evaluator(scene).rewards(stack_scenes([result.scene]))
-    assert again.reward[0] >= result.reward - 1e-3, "six digits of it are written; the assignment is the start's"
+    assert again.reward[0] >= result.reward - 0.02, "six digits of it are written, which impacts magnify"
     assert found(1, scene, [scene]).reward == pytest.approx(1)
 
 

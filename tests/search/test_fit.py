@@ -10,13 +10,13 @@ from targets import evaluator, exact_target, sampled
 from pipeline.physics.batch import stack_scenes, unstack
 from pipeline.physics.overlap import penetration, separated, sunk
 from pipeline.scene.scene import BASIC_SHAPES, Scene, SceneObject
-from pipeline.search.composition import compose
+from pipeline.search.composition import compose, likely
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.fit import fit
+from pipeline.search.fit import ISLAND, Island, fit
 from pipeline.search.found import DEEPEST, Record
 from pipeline.search.gauss_newton import Descent, evaluate, neighbours, slope, stepped_together
 from pipeline.search.guess import guess_scene, on_ground, track
-from pipeline.search.moves import moved
+from pipeline.search.moves import moved, outline, with_outline
 from pipeline.search.parameters import search_space
 from pipeline.search.solve import COMPOSING, solve
 from pipeline.vision.camera import pinhole, project
@@ -116,6 +116,56 @@ def test_moves_stand_on_the_ground_or_above_and_keep_to_the_movable(rng: np.rand
         assert sunk(unstack(batch, b, scene))[[0, 2]].max() < 1e-5
 
 
+@pytest.mark.parametrize("shape", ["box", "cylinder"])
+def test_a_body_that_is_turned_keeps_its_outline_as_far_as_its_shape_allows(
+    rng: np.random.Generator, shape: str
+) -> None:
+    count = 60
+    camera = stack_scenes([sampled(rng, 1)]).camera_rotation.repeat(count, 0)
+    half = rng.uniform(0.08, 0.16, (count, 3))
+    if shape == "cylinder":
+        half[:, 1] = half[:, 0]
+    before, after = (q / np.linalg.norm(q, axis=1, keepdims=True) for q in rng.normal(size=(2, count, 4)))
+    wanted = outline(shape, half, before, camera)
+    kept = outline(shape, with_outline(shape, half, after, camera, wanted), after, camera)
+    left, lost = (np.abs(o / wanted - 1).max(1) for o in (kept, outline(shape, half, after, camera)))
+    assert np.median(left) < 0.5 * np.median(lost)
+    assert np.median(left) < 0.08
+
+
+def test_an_outline_is_what_corners_span(rng: np.random.Generator) -> None:
+    half, turn = rng.uniform(0.1, 0.3, (1, 3)), np.array([[1.0, 0, 0, 0]])
+    level = np.array([[[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]])  # right is x, up is z
+    np.testing.assert_allclose(outline("box", half, turn, level), half[:, [0, 2]], atol=1e-12)
+    half[:, 1] = half[:, 0]
+    np.testing.assert_allclose(outline("cylinder", half, turn, level), half[:, [0, 2]], atol=1e-12)
+
+
+def test_the_variations_of_a_leap_all_change(rng: np.random.Generator) -> None:
+    start = stack_scenes([sampled(rng, 2)])
+    for _ in range(8):
+        batch = moved(rng, start, 30, [1], leap=True)
+        same = [np.all(getattr(batch, name)[1:, 1] == getattr(start, name)[0, 1], axis=-1)
+                for name in ("quaternion", "position", "half_size", "velocity", "angular_velocity")]  # fmt: skip
+        assert np.mean(np.all(same, axis=0)) < 0.3, "a ball at rest may be told to roll as it does"
+
+
+def test_shapes_in_doubt_are_tried_least_lost_first() -> None:
+    costs = np.array([[0.1, 0.5, 0.2], [0.9, 0.6, 0.25], [0.8, 0.7, 0.1]])
+    assert [k.tolist() for k in likely(costs)] == [[0, 0, 2], [0, 1, 2], [0, 0, 0]]
+
+
+def test_a_large_budget_settles_a_start_more_than_once(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settled = []
+    monkeypatch.setattr(Island, "settle", lambda island: settled.append(island.here.scene))
+    scene = sampled(rng, 1)
+    e = evaluator(scene)
+    fit(e, Record(e), [scene], 2 * ISLAND + 10, rng)
+    assert len(settled) == 2
+
+
 def test_parting_leaves_no_overlap(rng: np.random.Generator) -> None:
     for _ in range(10):
         scene = sampled(rng, 3)
@@ -175,5 +225,5 @@ def test_most_balls_that_fly_are_told_from_boxes(rng: np.random.Generator) -> No
         obj = ball if k % 2 else brick
         scene = replace(sampled(rng, 1), objects=(obj,))
         e = Evaluator(exact_target(scene, 120, 80), SCHEDULE, 1)
-        right += compose(e, Record(e), 1200, rng).shapes == (obj.shape,)
+        right += compose(e, Record(e), 1200, rng)[0].shapes == (obj.shape,)
     assert right >= 4
