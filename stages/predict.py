@@ -2,7 +2,8 @@
 
 Reads data/render/<suite> (masks), data/flow/<suite>. Writes data/predict/<suite>: clip, scene (found from the first
 part alone, from the classical guess: the model has seen the whole clip), iou over the frames that were not seen, of
-the scene, of masks that move on at constant velocity, and of masks that stay; and the scene's over those seen.
+the scene, of the last masks moved as it moves, of masks that move on at constant velocity, and of masks that stay; and
+the scene's over those seen.
 Parameters: seed, clip, search.width, search.height, predict. Run: python -m stages.predict SUITE
 """
 
@@ -28,8 +29,9 @@ from stages.main import run
 from stages.params import load
 from stages.run_shards import run_shards
 
-SCHEMA = pa.schema({"clip": pa.int64(), "scene": pa.string(), "search": pa.float64(), "velocity": pa.float64(),
-                    "frozen": pa.float64(), "seen": pa.float64(), "simulations": pa.int32()})  # fmt: skip
+SCORES = ("search", "carried", "velocity", "frozen", "seen")
+SCHEMA = pa.schema({"clip": pa.int64(), "scene": pa.string(), **dict.fromkeys(SCORES, pa.float64()),
+                    "simulations": pa.int32()})  # fmt: skip
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
@@ -44,8 +46,8 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
         rng = clip_rng(p["seed"], shard.suite, clip, "predict")
         found = solve(Evaluator(target, part, threads=1), [], p["simulations"], rng).found
         said = predict(found.scene, resize_masks(masks, WIDTH, HEIGHT), part.frames, whole)
-        rows.append({"clip": clip, "scene": write_scene(found.scene), "search": said.scene, "velocity": said.velocity,
-                     "frozen": said.frozen, "seen": said.seen, "simulations": found.simulations})  # fmt: skip
+        rows.append({"clip": clip, "scene": write_scene(found.scene), **{k: getattr(said, k) for k in SCORES},
+                     "simulations": found.simulations})  # fmt: skip
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
 
 

@@ -40,7 +40,7 @@ from stages.suite import Suite, greedy_row, open_suite, reference
 REPORTS = Path("reports")
 STARTS = Path("benchmarks/results/starts/starts.csv")
 PREDICTED_SUITES = ("id", "real")
-BASELINES = {"constant velocity": "velocity", "frozen": "frozen"}
+PREDICTIONS = {"last mask, moved by the search": "carried", "constant velocity": "velocity", "frozen": "frozen"}
 SUITES = ("id", "held_out", "more", "real")
 PRINTED = ("composition", "iou_initial", "iou", "epe_frame")
 TITLE = "Video in, physics out: the scores"
@@ -132,7 +132,7 @@ def prediction_rows(name: str) -> list[dict[str, Any]]:
         head = {"suite": name, "clip": row["clip"], "simulations": 0, "seconds": np.nan}
         rows.append({**head, "method": "search", "iou": row["search"], "seen": row["seen"],
                      "simulations": row["simulations"]})  # fmt: skip
-        rows += [{**head, "method": method, "iou": row[column]} for method, column in BASELINES.items()]
+        rows += [{**head, "method": method, "iou": row[column]} for method, column in PREDICTIONS.items()]
     return rows
 
 

@@ -67,7 +67,8 @@ _DETERMINED = (
 )
 _PREDICTION = (
     "The search saw the first half second alone and started from the classical guess. Sequence IoU over the second "
-    "half, with 95 % bootstrap intervals, beside masks that move on at their last velocity and masks that stay."
+    "half, with 95 % bootstrap intervals: of the scene's replay, of the last masks seen moved as that replay moves, "
+    "and without physics of masks that move on at their last velocity and of masks that stay."
 )
 Curve = tuple[Sequence[float], Sequence[float]]
 

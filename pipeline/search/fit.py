@@ -149,6 +149,7 @@ def fit(
     The answer is never worse than the best start that can be had without overlap. progress: called with the
     simulations spent and the best reward so far.
     """
+
     def leap(island: Island, end: float) -> None:
         while end - record.simulations >= LEAST:
             island.leap()

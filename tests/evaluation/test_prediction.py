@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sampled_scenes import SCHEDULE, draw
 
-from pipeline.evaluation.prediction import moved_on, predict
+from pipeline.evaluation.prediction import carried, moved_on, predict
 from pipeline.evaluation.scene_scores import replay
 
 
@@ -27,6 +27,15 @@ def test_a_mask_that_leaves_is_cut_at_the_border_and_does_not_come_back() -> Non
     assert [(m > 0).sum() for m in out] == [24, 0, 0, 0]
 
 
+def test_a_mask_is_carried_as_far_as_its_object_moves() -> None:
+    masks = squares([(10, 2 * k) for k in range(8)])
+    beside = squares([(12, 3 + 2 * k) for k in range(8)])
+    only = np.array([[0, 0]])
+    np.testing.assert_array_equal(carried(beside, masks[:5], only), masks[5:])
+    masks[4] = 0
+    np.testing.assert_array_equal(carried(beside, masks[:5], only), beside[5:])
+
+
 def test_one_that_is_gone_before_the_end_moves_on_unseen() -> None:
     masks = squares([(10, 2 * k) for k in range(8)])
     masks[5:] = 0
@@ -38,5 +47,6 @@ def test_the_true_scene_foretells_its_own_future_and_better_than_the_baselines(r
     scene = replace(scene, objects=tuple(replace(o, velocity=(0.6, 0.0, 0.0)) for o in scene.objects))
     masks = replay(scene, SCHEDULE).masks
     said = predict(scene, masks, 15, SCHEDULE)
-    assert said.scene == pytest.approx(1) and said.seen == pytest.approx(1)
+    assert said.search == pytest.approx(1) and said.seen == pytest.approx(1)
+    assert said.carried > 0.9
     assert said.velocity <= 1 and said.frozen < 1
