@@ -13,7 +13,8 @@ from pipeline.scene.scene import Scene
 from pipeline.search.certainty import DETERMINED
 
 WITHIN = 2.0  # spreads
-HEADER = ["parameter", "unit", "numbers", "determined", "median spread", "truth within two spreads"]
+HEADER = ["parameter", "unit", "numbers", "determined", "median spread", "truth within two spreads",
+          "95 % of truths within, spreads"]  # fmt: skip
 _PLACE = re.compile(r"objects\[(\d+)\]\.(\w+)(?:\[(\d+)\])?")
 
 
@@ -30,7 +31,8 @@ class Kind:
         told = f"{np.mean(np.array(self.distances) < WITHIN):.2f} of {len(self.distances)}" if self.distances else "–"
         known = np.mean(np.array(self.shares) < DETERMINED)
         spread = f"{np.median(self.spreads):.3g}"
-        return [name, self.unit, str(len(self.shares)), f"{known:.2f}", spread, told]
+        most = f"{np.quantile(self.distances, 0.95):.1f}" if self.distances else "–"
+        return [name, self.unit, str(len(self.shares)), f"{known:.2f}", spread, told, most]
 
 
 def true_value(truth: Scene, place: str, shapes: Sequence[str], instances: Sequence[int]) -> float | None:

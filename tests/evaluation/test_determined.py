@@ -37,4 +37,5 @@ def test_spreads_that_hold_are_counted_and_factors_are_ratios(truth: Scene) -> N
     ]
     header, cells = table(by_kind([(rows, truth, [0, 1], truth), (rows[1:], truth, [0, 1], None)]))
     assert header == HEADER
-    assert cells == [["mass", "factor", "1", "1.00", "2", "1.00 of 1"], ["damping", "-", "2", "0.00", "1", "0.00 of 1"]]
+    assert cells == [["mass", "factor", "1", "1.00", "2", "1.00 of 1", "1.6"],
+                     ["damping", "-", "2", "0.00", "1", "0.00 of 1", "3.0"]]  # fmt: skip
