@@ -98,7 +98,9 @@ def fit_restitution(all_bounces: Sequence[Bounce]) -> RestitutionFit | None:
     fitted = np.array([b.fitted for b in all_bounces], bool)
     if not fitted.any():
         return None
-    found, expected, sigma = (np.array([getattr(b, k) for b in all_bounces]) for k in ("restitution", "expected", "sigma"))
+    found, expected, sigma = (
+        np.array([getattr(b, key) for b in all_bounces]) for key in ("restitution", "expected", "sigma")
+    )
     weight = 1 / sigma**2
     information = float(weight[fitted].sum())
     mean = float((weight * found)[fitted].sum()) / information
