@@ -12,7 +12,8 @@ import numpy as np
 from pipeline.discrepancy.gap import measure_gap
 from pipeline.discrepancy.known_scene import KnownScene
 from pipeline.discrepancy.problem import pose
-from pipeline.discrepancy.select import Selector, names_of
+from pipeline.discrepancy.select import Selector
+from pipeline.discrepancy.testable import names_of
 from pipeline.discrepancy.track import Track
 
 TERMS = {

@@ -109,15 +109,13 @@ def _asked(
 def independent_share(found: Candidate) -> float:
     """What a sample is worth, of one with the noise alone, where all that a model leaves is correlated noise."""
     problem = found.problem
-    rows, count, own = [], 0, 0
+    rows = []
     for stack, left in zip(problem.stacks, residuals_m(problem, found), strict=True):
         scaled = left * stack.weight
         there = stack.weight.max(2) > 0
         rows += [scaled[i, there[i]] for i in range(len(stack)) if there[i].any()]
-        count += int((stack.weight > 0).sum())
-        own += stack.own * int((stack.samples > 0).sum())
-    variance = sum(float((r * r).sum()) for r in rows) / max(count - own, 1)
-    r = correlation(rows, own)
+    variance = sum(float((r * r).sum()) for r in rows) / max(problem.rows - problem.own, 1)
+    r = correlation(rows, problem.own)
     return float(np.clip((1 - r) / (1 + r) / max(variance, 1.0), 1e-3, 1.0))
 
 

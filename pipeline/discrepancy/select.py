@@ -7,7 +7,7 @@ wins by more than chance makes it win where nothing is hidden (`CLAIM`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,8 @@ from pipeline.discrepancy.obstacle import Obstacle, fit_obstacle
 from pipeline.discrepancy.problem import Problem, split_at_jumps, starts_of
 from pipeline.discrepancy.quick import Guess, QuickRegression
 from pipeline.discrepancy.starts import starts
-from pipeline.scene.effects.kind import EffectKind, Regime
+from pipeline.discrepancy.testable import testable
+from pipeline.scene.effects.kind import EffectKind
 from pipeline.scene.effects.registry import effect_kinds
 
 CLAIM = 8.0  # by how much a first effect must win; frozen on development worlds (benchmarks/discovery.py)
@@ -62,6 +63,16 @@ class Candidate:
     def first(self) -> str:
         return self.effects[-1]
 
+    @property
+    def own(self) -> int:
+        """Fitted numbers that positions show: of each arc, and shared ones."""
+        return self.problem.own + self.fit.model.size
+
+    @property
+    def left(self) -> float:
+        """Chi squared of all positions, in units of the noise as polynomials have it."""
+        return sum(float(c.sum()) for c in self.fit.position_chi2)
+
 
 @dataclass(frozen=True)
 class Selection:
@@ -78,36 +89,6 @@ class Selection:
     unknown: bool
     bounces: tuple[Bounce, ...]
     untestable: tuple[str, ...]
-
-
-def testable(kind: EffectKind, problem: Problem) -> bool:
-    """Whether the measurements could show the effect at all."""
-    regimes = {Regime.FLIGHT} if any(not s.grounded for s in problem.stacks) else set()
-    if any(s.grounded for s in problem.stacks):
-        regimes |= {Regime.SLIDING, Regime.ROLLING, Regime.SPINNING, Regime.RESTING}
-    if kind.name == "hidden_obstacle":
-        return problem.jumps > 0
-    coordinates = np.array([(s.weight > 0).any((0, 1)) for s in problem.stacks]).any(0).sum()
-    if coordinates < 2 and (kind.name == "rotating_frame" or any(p.length > 1 for p in kind.parameters)):
-        return False  # a height alone has no directions
-    if kind.name == "restitution":
-        return "damping" not in problem.known.fit
-    if not regimes & set(kind.regimes):
-        return False
-    ground = [s for s in problem.stacks if s.grounded]
-    if kind.name == "rolling_resistance":  # the same law as the rolling friction that is fitted
-        return "rolling_friction" not in problem.known.fit and any((s.radius > 0).any() for s in ground)
-    if kind.name == "spin_friction":
-        return any((s.spin_weight > 0).any() for s in ground)
-    if kind.name == "adhesion":  # presses like a greater friction, which must be known to tell
-        return "sliding_friction" not in problem.known.fit
-    if "spin" in kind.needs:
-        return any((s.has_spin & (np.linalg.norm(s.spin, axis=1) > 0.5)).any() for s in problem.stacks)
-    if "others" in kind.needs:
-        return any(a.others.shape[1] for a in problem.arcs)
-    if "orientation" in kind.needs:
-        return any(a.quaternion is not None and not a.grounded for a in problem.arcs)
-    return True
 
 
 class Selector:
@@ -199,11 +180,9 @@ class Selector:
     def _sharpen(self, best: Candidate) -> None:
         """Take the noise from the best model, where that leaves less than polynomials do: they miss what turns fast or
         stops suddenly."""
-        problem = best.problem
-        rows = sum(int((s.weight > 0).sum()) for s in problem.stacks)
-        own = sum(s.own * int((s.samples > 0).sum()) for s in problem.stacks) + best.fit.model.size
-        left = sum(float(c.sum()) for c in best.fit.position_chi2) / max(rows - own, 1)
-        if best.obstacle is None and rows - own > 30 and left < SHARPER:
+        freedom = best.problem.rows - best.own
+        left = best.left / max(freedom, 1)
+        if best.obstacle is None and freedom > 30 and left < SHARPER:
             self.sharper = 1 / left
 
     def _rescored(self, found: Candidate) -> Candidate:
@@ -411,25 +390,27 @@ class Selector:
         """With the bounces' part of the score: as known damping has them, or with a restitution of their own."""
         if self.restitution is None:
             return found
-        term = self.restitution.chi2 + np.log(max(len(self.bounces), 2)) if free else self.restitution.chi2_expected
-        return replace(found, score=found.score + term, bic=found.bic + term,
-                       restitution=self.restitution if free else None)  # fmt: skip
+        found = replace(found, restitution=self.restitution if free else None)
+        term = self._bounce_chi2(found) + (np.log(max(len(self.bounces), 2)) if free else 0.0)
+        return replace(found, score=found.score + term, bic=found.bic + term)
 
     def _unbounced(self, found: Candidate) -> Candidate:
-        assert self.restitution is not None
-        term = self.restitution.chi2_expected
+        term = self._bounce_chi2(found)
         return replace(found, score=found.score - term, bic=found.bic - term)
+
+    def _bounce_chi2(self, found: Candidate) -> float:
+        """Chi squared of the bounces: by a restitution of their own, or as known damping has them."""
+        if self.restitution is None:
+            return 0.0
+        return self.restitution.chi2 if found.restitution else self.restitution.chi2_expected
 
     def _of_noise(self, found: Candidate) -> float:
         """What a model leaves beyond noise, as a share of the noise."""
-        rows = sum(int((s.weight > 0).sum()) for s in found.problem.stacks)
-        own = sum(s.own * int((s.samples > 0).sum()) for s in found.problem.stacks) + found.fit.model.size
-        left = sum(float(c.sum()) for c in found.fit.position_chi2) * self.sharper
-        bounce = 0.0
-        if self.restitution is not None:
-            bounce = self.restitution.chi2 if found.restitution else self.restitution.chi2_expected
-            bounce = bounce / max(len(self.bounces), 1) - 1  # bounces are few, and each is a measurement
-        return max(left / max(rows - own, 1) - 1, bounce)
+        left = found.left * self.sharper / max(found.problem.rows - found.own, 1) - 1
+        if self.restitution is None:
+            return left
+        # bounces are few, and each is a measurement
+        return max(left, self._bounce_chi2(found) / max(len(self.bounces), 1) - 1)
 
     def _excess(self, found: Candidate) -> tuple[float, float]:
         """What a model leaves beyond noise: as a z-score, and as a share of what the calibrated model leaves."""
@@ -437,19 +418,14 @@ class Selector:
 
         def beyond(c: Candidate) -> tuple[float, float]:
             floor = sum(float(p.chi2.sum()) for p in c.problem.parts) / self.sharper
-            total = sum(float(x.sum()) for x in c.fit.position_chi2)
             smooth = sum(int(p.parameters.sum()) for p in c.problem.parts)
-            own = sum(s.own * int((s.samples > 0).sum()) for s in c.problem.stacks) + c.fit.model.size
-            return (total - floor) * share, max(smooth - own, 1)
+            return (c.left - floor) * share, max(smooth - c.own, 1)
 
         left, freedom = beyond(found)
         whole, freedom_none = beyond(self.none)
-        bounce = 0.0
-        if self.restitution is not None:
-            bounce = self.restitution.chi2 if found.restitution else self.restitution.chi2_expected
-            bounce -= len(self.bounces)
+        bounce = self._bounce_chi2(found) - len(self.bounces) * (self.restitution is not None)
         z = (left + bounce - freedom) / np.sqrt(2 * (freedom + len(self.bounces)))
-        whole += (self.restitution.chi2_expected if self.restitution else 0.0) - freedom_none
+        whole += self._bounce_chi2(self.none) - freedom_none
         return float(z), float(np.clip((left + max(bounce, 0) - freedom) / max(whole, 1e-9), 0, 1))
 
 
@@ -462,15 +438,3 @@ def _apart(guesses: Sequence[Guess]) -> list[Guess]:
         if all(np.linalg.norm(guess.values[:3] - other.values[:3]) > spacing for other in out):
             out.append(guess)
     return out[:MANY_BEGINNINGS]
-
-
-def names_of(text: str) -> tuple[str, ...]:
-    """The effects that `--effects` names. Raises ValueError with what is valid."""
-    known = effect_kinds()
-    if text == "all":
-        return tuple(known)
-    names: Iterable[str] = [n.strip() for n in text.split(",") if n.strip()]
-    for name in names:
-        if name not in known:
-            raise ValueError(f"unknown effect {name!r}; valid: all, {', '.join(known)}")
-    return tuple(dict.fromkeys(names))
