@@ -43,6 +43,7 @@ SCENARIOS: dict[str, tuple[str, ...]] = {
 FLYING = ("throw", "throw", "throw", "cube", "pair")
 BOUNCING = "bounce"
 EVERY = ("throw", "bounce", "cube", "pair", "puck", "roll", "spin", "carom")
+ON_THE_GROUND = ("puck", "roll", "carom")  # from the start, with positions that show the effect
 MUST_BE_KNOWN = {"rolling_resistance": "rolling_friction", "restitution": "damping", "adhesion": "sliding_friction"}
 """Effect -> the contact number that, left free, would be the effect by another name."""
 
