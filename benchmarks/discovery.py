@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import multiprocessing
 import time
 import warnings
 from collections.abc import Iterator
@@ -23,6 +22,7 @@ import numpy as np
 
 from benchmarks.discovery_rivals import rivals
 from benchmarks.discovery_summary import write_summary
+from benchmarks.kept_answers import answers_of, kept_answers
 from pipeline.discrepancy.discover import discover, report
 from pipeline.discrepancy.known_scene import known_scene
 from pipeline.errors import DynamicsError
@@ -127,8 +127,8 @@ def main() -> None:
     arguments = parser.parse_args()
     folder = Path("benchmarks/results") / ("discovery-smoke" if arguments.smoke else "discovery")
     folder.mkdir(parents=True, exist_ok=True)
-    kept = folder / "answers.jsonl"
-    done = {json.loads(line)["key"] for line in kept.read_text().splitlines()} if kept.exists() else set()
+    path = folder / "answers.jsonl"
+    done = {a["key"] for a in kept_answers(path)}
     jobs = []
     for group, recipe, struck in plan(arguments.share):
         key = hashlib.sha256(json.dumps([group, asdict(recipe), struck], sort_keys=True).encode()).hexdigest()[:16]
@@ -136,17 +136,10 @@ def main() -> None:
     jobs = _sampled(jobs) if arguments.smoke else jobs
     waiting = [j for j in jobs if j[0] not in done]
     np.random.default_rng(0).shuffle(waiting)  # so that a run that is stopped has some of every group
-    until = time.monotonic() + 60 * arguments.minutes if arguments.minutes else np.inf
-    with multiprocessing.get_context("spawn").Pool(arguments.workers) as pool, kept.open("a") as file:
-        for number, result in enumerate(pool.imap_unordered(answer, waiting)):
-            file.write(json.dumps(result) + "\n")
-            file.flush()
-            if number % 20 == 0:
-                print(f"{number + 1} of {len(waiting)}", flush=True)
-            if time.monotonic() > until:
-                pool.terminate()
-                break
-    print(write_summary([json.loads(line) for line in kept.read_text().splitlines()], folder))
+    for number, _ in enumerate(answers_of(answer, waiting, path, arguments.workers, arguments.minutes)):
+        if number % 20 == 0:
+            print(f"{number + 1} of {len(waiting)}", flush=True)
+    print(write_summary(kept_answers(path), folder))
 
 
 def _sampled(jobs: list[Any]) -> list[Any]:
