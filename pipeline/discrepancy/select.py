@@ -38,7 +38,6 @@ UNEXPLAINED_SHARE_FEW = 0.06  # of one or two clips, whose own peculiarities not
 SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
 OBSTACLE_MISFIT = 0.1  # m; friction of a hit turns its direction
 FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction, with which calibration begins
-SLIP_PRICE = 8.0  # of a ball on the ground whose unknown spin is taken not to be that of rolling
 BROKEN_Z, BROKEN_SHARE = 6.0, 0.12  # arcs so far off, and so few, are left out
 SHARPER = 0.9  # of the noise's variance as polynomials have it: what the best model must leave less than
 EQUALS = 5  # further effects that are fitted because they promise nearly as much as the best
@@ -383,7 +382,7 @@ class Selector:
             found = fit(problem.stacks, model, found.theta, other, problem.chosen, iterations)
         share = problem.floor.information * self.sharper
         inside, outside = found.total(problem.chosen) * share, found.total(problem.held) * share
-        bic = inside + model.size * np.log(self.problem.effective_rows) + SLIP_PRICE * found.slipping
+        bic = inside + model.size * np.log(self.problem.effective_rows) + found.slip_price
         return Candidate(effects, found, problem, bic + outside, bic, outside)
 
     def _with_bounces(self, found: Candidate, free: bool) -> Candidate:
