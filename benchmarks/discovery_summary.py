@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.hidden.confusion_figure import confusion_figure
-from pipeline.hidden.judge import EQUALS, Judgement, confusion, judge, macro_f1, wilson
+from pipeline.hidden.judge import Judgement, confusion, equals_of, judge, macro_f1, wilson
 
 SINDY = ("air_drag", "linear_drag", "magnus_lift", "tilted_gravity", "gravity_error")
 
@@ -65,7 +65,7 @@ def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
 
 def _groups(a: dict[str, Any]) -> list[str]:
     groups = [a["group"]]
-    if a["truth"].get("struck") in EQUALS:
+    if a["truth"].get("struck") and equals_of(a["truth"]["effects"][0], a["truth"]):
         groups = ["struck off, an equal of it listed"]
     if a["group"].startswith("12 clips, 2 mm") and a["truth"]["scenario"] in ("throw", "bounce"):
         groups.append(f"{a['group']}, {'with' if a['truth']['bounces'] else 'without'} bounces")
