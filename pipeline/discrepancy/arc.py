@@ -25,6 +25,7 @@ from pipeline.scene.solid import reach_below
 LEAST_SAMPLES = 6
 SETTLING = 0.05  # s after landing in which a body on the ground still swings
 HOPPING = 0.2  # s after two bodies on the ground met, which rub each other up and down: they press on it unevenly
+SLIPPING = 0.4  # s after which a ball of unknown spin that another one struck is taken to roll again
 OUTLIER = 5.0  # standard deviations
 SIDEWAYS = 0.5  # share of a jump that may be upwards, of a body that another one struck from the side
 TOUCH = 3.5  # standard deviations of a coordinate by which the gap between two balls in touch may seem wider
@@ -49,7 +50,8 @@ class Impact:
 class Arc:
     """A smooth stretch of n samples. time (n,) s; position (n, 3) m; sigma (n,) m; grounded: on the ground, else in the
     air. spin (n, 3) rad/s, quaternion (n, 4) or None; others (n, M, 3) m: where the other objects were. jumps: breaks
-    within it that nothing known explains. row (n,): the samples' places in their track."""
+    within it that nothing known explains. row (n,): the samples' places in their track. rolling: a ball on the ground
+    is taken to roll where its spin is unknown: nothing has struck it, or not lately."""
 
     clip: str
     object: int
@@ -62,6 +64,7 @@ class Arc:
     spin: np.ndarray | None = None
     quaternion: np.ndarray | None = None
     jumps: tuple[Break, ...] = ()
+    rolling: bool = False
 
     @property
     def mean_spin(self) -> np.ndarray | None:
@@ -178,7 +181,8 @@ def _cut_track(
     known += met + [(b, m) for b, m in together if all(b.time != k.time for k, _ in (*known, *met))]
     known.sort(key=lambda pair: pair[0].time)
     edges = [-np.inf, *(b.time for b, _ in known), np.inf]
-    settled = [-np.inf, *(b.time + (SETTLING if other == -1 else HOPPING) for b, other in known)]
+    struck = HOPPING if spin is not None or obj.shape != "sphere" else SLIPPING
+    settled = [-np.inf, *(b.time + (SETTLING if other == -1 else struck) for b, other in known)]
     placed: list[int] = []
     for k, (left, right) in enumerate(itertools.pairwise(edges)):
         inside = (time > left) & (time < right) & ~touching
@@ -200,6 +204,7 @@ def _cut_track(
             rows[chosen], others[chosen], None if spin is None else spin[chosen],
             None if quaternion is None else quaternion[chosen],
             tuple(b for b, _ in unknown if time[chosen[0]] < b.time < time[chosen[-1]]),
+            rows[chosen[0]] < 3 or (k > 0 and known[k - 1][1] != -1),
         ))  # fmt: skip
     for k, (b, other) in enumerate(known):
         assert other is not None
