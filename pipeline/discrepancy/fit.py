@@ -19,6 +19,7 @@ LOCAL_STEP = np.array([1e-4] * 3 + [2e-3] * 3 + [2e-2] * 3 + [1e-4])
 SPIN_PRIOR = 30.0  # rad/s: how far a body's unknown spin may be from that of rolling
 MOST_ITERATIONS = 12
 LARGEST = 1e12  # derivative, in units of sigma
+SPIN_SCALE = 0.03  # relative: how far the measured spins of a recording are off, all alike
 SLIPPING = 0.003  # m/s
 SLIP_PRICE = 8.0  # of a ball on the ground whose unknown spin is taken not to be that of rolling
 FIRST_SLIP = 0.02  # m/s, above which a slip in the beginning costs
@@ -152,7 +153,16 @@ def _rows(stack: ArcStack, positions: np.ndarray, spins: np.ndarray) -> np.ndarr
     flat = (positions * stack.weight).reshape(*positions.shape[:2], -1)
     if not stack.grounded:
         return flat
-    return np.concatenate([flat, (spins * stack.spin_weight).reshape(*spins.shape[:2], -1)], -1)
+    return np.concatenate([flat, _unscaled(stack, (spins * stack.spin_weight).reshape(*spins.shape[:2], -1))], -1)
+
+
+def _unscaled(stack: ArcStack, spins: np.ndarray) -> np.ndarray:
+    """Spins (P, A, R) in units of sigma, with less weight on what a wrong scale of the measured ones would change: they
+    are off by a common factor, `SPIN_SCALE`, more than from sample to sample (whitening by a matrix of rank one)."""
+    measured = (stack.spin_rows * stack.spin_weight).reshape(len(stack), -1)
+    square = (measured * measured).sum(1, keepdims=True)
+    excess = (1 - 1 / np.sqrt(1 + SPIN_SCALE**2 * square)) / np.maximum(square, 1e-12)
+    return spins - (excess * (spins * measured).sum(-1, keepdims=True)) * measured
 
 
 def _measured(stack: ArcStack) -> np.ndarray:
