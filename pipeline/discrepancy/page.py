@@ -13,11 +13,18 @@ from pipeline.discrepancy.figures import ranking_figure, residual_figure, trajec
 from pipeline.evaluation.report import Section, drawing, html_table, page
 from pipeline.scene.effects.registry import effect_kinds
 
+LEAST_SURE = 0.6  # confidence up to which a verdict is called doubtful
 TITLE = "What the simulation lacks"
 
 
 def sentence(report: Mapping[str, Any]) -> str:
-    """The verdict in words."""
+    """The verdict in words; a doubtful one says so."""
+    said = _verdict(report)
+    confidence = report["verdict"]["confidence"]
+    return said if confidence > LEAST_SURE else f"Doubtful (confidence {confidence:.2f}). {said}"
+
+
+def _verdict(report: Mapping[str, Any]) -> str:
     verdict, gap = report["verdict"], report["gap"]
     before, after, floor = (1e3 * gap[k] for k in ("before", "after", "noise_floor"))
     numbers = f"The gap on {'held-out' if report['clips']['held_out'] else 'fitted'} clips is {before:.3g} mm"
@@ -31,9 +38,12 @@ def sentence(report: Mapping[str, Any]) -> str:
             f"{floor:.3g} mm.{extra}"
         )
     if verdict["effects"] == ["unknown"]:
+        some = ", ".join(n for group in verdict["equivalent"] for n in group)
+        what = (
+            f", and the measurements do not tell which of these: {some}" if some else " that no listed effect explains"
+        )
         return (
-            f"Something is missing that no listed effect explains: {verdict['form']}. {numbers} and stays so; "
-            f"the noise floor is {floor:.3g} mm."
+            f"Something is missing{what}: {verdict['form']}. {numbers} and stays so; the noise floor is {floor:.3g} mm."
         )
     named = " and ".join(verdict["effects"])
     alike = ""

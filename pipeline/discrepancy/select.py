@@ -35,6 +35,8 @@ LEAST_CLIPS_FOR_MORE = 3  # fewer clips differ from each other in too many ways 
 UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.015  # a model explains the data unless both are exceeded
 UNEXPLAINED_OF_NOISE = 0.05  # and unless it is so much of the noise: the best of models are a little off
 UNEXPLAINED_SHARE_FEW = 0.06  # of one or two clips, whose own peculiarities nothing averages out
+SCALES_GRAVITY = ("buoyancy", "clock_rate", "gravity_error", "length_scale")
+SWALLOWED_SHARE = 1 / 3  # of what such a number explains: a law that explains as much may be what it stands for
 SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
 OBSTACLE_MISFIT = 0.1  # m; friction of a hit turns its direction
 FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction, with which calibration begins
@@ -77,7 +79,8 @@ class Candidate:
 class Selection:
     """none: the calibrated model without effects; singles: every effect alone, best first; chosen: the winner;
     alike: sets of effects that cannot be told from one of the winner's; excess: what the winner leaves beyond
-    noise, as a share of what the calibrated model leaves, and as a z-score; unknown: whether that is too much."""
+    noise, as a share of what the calibrated model leaves, and as a z-score; unknown: whether that
+    is too much, or a number that scales gravity may have swallowed a law."""
 
     none: Candidate
     singles: tuple[Candidate, ...]
@@ -147,17 +150,28 @@ class Selector:
         self._sharpen(best)
         self.none, singles = self._rescored(self.none), sorted(map(self._rescored, singles), key=lambda c: c.score)
         best, chosen = self._best(singles), self.none
-        if best.effects and best.score < self.none.score - CLAIM:
+        if best.effects and best.score < self.none.score - (CLAIM_MORE if self.problem.blunt else CLAIM):
             chosen = self._more(best, singles)
         z, share = self._excess(chosen)
         alike = self._alike(chosen, singles)
         few = len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE
         limit = UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE
         much = z > UNEXPLAINED_Z and share > limit and self._of_noise(chosen) > UNEXPLAINED_OF_NOISE
+        swallowed = self._swallowed(chosen, singles) if self.problem.blunt else ()
         unknown = much and not self.problem.blunt
+        alike = () if unknown else ((*alike[0], *swallowed),) if swallowed and alike else alike
         return Selection(
-            self.none, tuple(singles), chosen, alike, share, z, unknown, tuple(self.bounces), self.untestable
-        )
+            self.none, tuple(singles), chosen, alike, share, z, unknown or len(swallowed) > 0, tuple(self.bounces),
+            self.untestable,
+        )  # fmt: skip
+
+    def _swallowed(self, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[str, ...]:
+        """Laws that a number which only scales gravity may have swallowed: they explain much of what it explains, and
+        what tells them from it is no larger than what the clips leave of either."""
+        if len(chosen.effects) != 1 or chosen.first not in SCALES_GRAVITY:
+            return ()
+        least = self.none.score - SWALLOWED_SHARE * (self.none.score - chosen.score)
+        return tuple(c.first for c in singles if c.score < least and c.first not in SCALES_GRAVITY)
 
     def _best(self, singles: Sequence[Candidate]) -> Candidate:
         return min([self.none, *singles], key=lambda c: c.score - self._clock_doubt(c))
