@@ -47,6 +47,8 @@ def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
         "",
         *_rivals(good, judged),
         "",
+        *_sysid(good),
+        "",
         *_by_effect(judged, good),
     ]
     seconds = [a["seconds"] for a in good]
@@ -132,6 +134,21 @@ def _rivals(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list
         out += ["", f"Gap over the noise floor, medians of {len(oracle)} worlds with one effect: parameters alone "
                 f"{ratio[0]:.2f}, ours {ratio[1]:.2f}, an oracle that knows the name {best:.2f} (it claims "
                 f"in {np.mean([o['claimed'] for o in oracle]):.2f})."]  # fmt: skip
+    return out
+
+
+def _sysid(good: Sequence[dict[str, Any]]) -> list[str]:
+    """MuJoCo's identification of parameters alone beside our calibrated model and our answer."""
+    out = []
+    for words, bounces in (("without", False), ("with", True)):
+        some = [a for a in good if "sysid" in a.get("rivals", {}) and a["truth"]["bounces"] == bounces]
+        if some:
+            floor = np.array([a["report"]["gap"]["noise_floor"] for a in some])
+            theirs = np.median([a["rivals"]["sysid"]["after"] for a in some] / floor)
+            before, after = (np.median([a["report"]["gap"][k] for a in some] / floor) for k in ("before", "after"))
+            out.append(f"4 clips, 2 mm, one object, {words} bounces: gap over the noise floor, medians of {len(some)} "
+                       f"worlds: `mujoco.sysid` with parameters alone {theirs:.2f}, our calibrated model "
+                       f"{before:.2f}, our answer {after:.2f}.")  # fmt: skip
     return out
 
 
