@@ -80,7 +80,8 @@ class Selection:
     """none: the calibrated model without effects; singles: every effect alone, best first; chosen: the winner;
     alike: sets of effects that cannot be told from one of the winner's; excess: what the winner leaves beyond
     noise, as a share of what the calibrated model leaves, and as a z-score; unknown: whether that
-    is too much, or a number that scales gravity may have swallowed a law."""
+    is too much, or a number that scales gravity may have swallowed a law; ruled_out:
+    effects that something beside the motion speaks against."""
 
     none: Candidate
     singles: tuple[Candidate, ...]
@@ -91,6 +92,7 @@ class Selection:
     unknown: bool
     bounces: tuple[Bounce, ...]
     untestable: tuple[str, ...]
+    ruled_out: tuple[str, ...] = ()
 
 
 class Selector:
@@ -162,7 +164,7 @@ class Selector:
         alike = () if unknown else ((*alike[0], *swallowed),) if swallowed and alike else alike
         return Selection(
             self.none, tuple(singles), chosen, alike, share, z, unknown or len(swallowed) > 0, tuple(self.bounces),
-            self.untestable,
+            self.untestable, ("clock_rate",) if any(self._clock_doubt(c) > 0 for c in singles) else (),
         )  # fmt: skip
 
     def _swallowed(self, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[str, ...]:
