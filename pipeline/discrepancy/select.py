@@ -164,7 +164,7 @@ class Selector:
         alike = () if unknown else ((*alike[0], *swallowed),) if swallowed and alike else alike
         return Selection(
             self.none, tuple(singles), chosen, alike, share, z, unknown or len(swallowed) > 0, tuple(self.bounces),
-            self.untestable, ("clock_rate",) if any(self._clock_doubt(c) > 0 for c in singles) else (),
+            self.untestable, ("clock_rate",) if any(self._clock_doubt(c) < 0 for c in singles) else (),
         )  # fmt: skip
 
     def _swallowed(self, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[str, ...]:
