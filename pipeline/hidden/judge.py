@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.hidden.scenario import BOUNCING, EVERY, FLYING
+from pipeline.hidden.experiment import BOUNCING, EVERY, FLYING
 
 LARGEST_SET = 3  # an equivalence set of more names is no answer
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from pipeline.errors import SimulationError
 from pipeline.hidden.events import run_events
-from pipeline.hidden.scenario import ON_THE_GROUND, Scenario
+from pipeline.hidden.experiment import ON_THE_GROUND
+from pipeline.hidden.scenario import Scenario
 from pipeline.physics.simulate import simulate
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect, Scene, SceneObject

@@ -5,9 +5,10 @@ import pytest
 
 from pipeline.discrepancy.known_scene import FITTED
 from pipeline.hidden.engine import ENGINES, Twist, run_event_driven, run_mujoco
+from pipeline.hidden.experiment import EVERY, MUST_BE_KNOWN, SCENARIOS
 from pipeline.hidden.judge import confusion, equals_of, judge, macro_f1, wilson
 from pipeline.hidden.recipes import recipe_of
-from pipeline.hidden.scenario import EVERY, MUST_BE_KNOWN, SCENARIOS, draw_fit, draw_name, draw_scenario
+from pipeline.hidden.scenario import draw_fit, draw_name, draw_scenario
 from pipeline.hidden.world import Recipe, make_world
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect, Scene, SceneObject
