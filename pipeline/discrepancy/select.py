@@ -160,7 +160,7 @@ class Selector:
         few = len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE
         limit = UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE
         rest = self._of_noise(chosen)
-        loud = rest > UNEXPLAINED_LOUD and not few
+        loud = rest > UNEXPLAINED_LOUD and not few and chosen.obstacle is None  # near its hits outliers hide
         much = z > UNEXPLAINED_Z and (loud or (share > limit and rest > UNEXPLAINED_OF_NOISE))
         swallowed = self._swallowed(chosen, singles) if self.problem.blunt else ()
         unknown = much and not self.problem.blunt
