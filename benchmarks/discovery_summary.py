@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 
 from pipeline.hidden.confusion_figure import confusion_figure
+from pipeline.hidden.experiment import EVERY
 from pipeline.hidden.judge import Judgement, confusion, equals_of, judge, macro_f1, wilson
 
+TWO_OR_THREE = ("pair", "carom")
+ONE = tuple(name for name in EVERY if name not in TWO_OR_THREE)
 SINDY = ("air_drag", "linear_drag", "magnus_lift", "tilted_gravity", "gravity_error")
 
 
@@ -53,6 +56,12 @@ def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
     ]
     seconds = [a["seconds"] for a in good]
     lines += ["", f"Time of a world: median {np.median(seconds):.1f} s, largest {max(seconds):.1f} s."]
+    timed = [a for a in good if "processor_seconds" in a and a["truth"]["clips"] == 12]
+    for words, bodies in (("one object", ONE), ("two or three", TWO_OR_THREE)):
+        spent = [a["processor_seconds"] for a in timed if a["truth"]["scenario"] in bodies]
+        if spent:
+            lines.append(f"Processor time with 12 clips, {words}: median {np.median(spent):.1f} s, largest "
+                         f"{max(spent):.1f} s ({len(spent)}).")  # fmt: skip
     for a in answers:
         if "error" in a:
             lines.append(f"- failed: {a['group']} {a['recipe']['effects']} seed {a['recipe']['seed']}: {a['error']}")
