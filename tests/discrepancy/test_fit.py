@@ -166,3 +166,19 @@ def test_a_gentle_touch_cuts_both_balls_and_what_follows_it_is_left_out(rng: np.
     cut = cut_tracks(tracks, known_scene({"objects": objects}))
     assert {(i.object, i.other) for i in cut.impacts} == {(0, 1), (1, 0)}
     assert not any(a.time[0] < touch < a.time[-1] for a in cut.arcs)
+
+
+def test_a_ball_is_cut_where_it_touches_the_right_one_also_where_a_clip_does_not_show_them_all(
+    rng: np.random.Generator,
+) -> None:
+    radii, time = {"ball": 0.05, "hidden": 0.3, "other": 0.05}, np.arange(61) / 60
+    objects = [{"name": n, "shape": "sphere", "radius": r, "mass": 0.2} for n, r in radii.items()]
+    x = {"ball": -0.3 + 0.2 * time, "other": 0.0 * time}  # 0.1 m apart in the end: they touch only then
+    tracks = [
+        Track("c", n, time, np.stack([p, 0 * p, 0 * p + 0.05], 1) + rng.normal(0, 0.001, (61, 3)), None,
+              np.zeros((61, 3)))
+        for n, p in x.items()
+    ]  # fmt: skip
+    cut = cut_tracks(tracks, known_scene({"objects": objects}))
+    assert {i.other for i in cut.impacts} <= {0, 2}
+    assert max(a.time[-1] - a.time[0] for a in cut.arcs if a.object == 0) > 0.8
