@@ -23,6 +23,7 @@ from pipeline.scene.scene import Scene, SceneObject, half_extents
 from pipeline.scene.solid import reach_below
 
 LEAST_SAMPLES = 6
+FAR_AWAY = 1e6  # m: where objects are that a clip does not show
 SETTLING = 0.05  # s after landing in which a body on the ground still swings
 HOPPING = 0.2  # s after two bodies on the ground met, which rub each other up and down: they press on it unevenly
 SLIPPING = 0.4  # s after which a ball of unknown spin that another one struck is taken to roll again
@@ -216,11 +217,15 @@ def _filled(values: np.ndarray, default: float) -> np.ndarray:
 
 
 def _others(time: np.ndarray, track: Track, names: Sequence[str], moving: dict[tuple[str, str], Track]) -> np.ndarray:
-    """Where the clip's other objects were at the times (T,), (T, M, 3) m, by interpolation."""
+    """Where the scene's other objects were at the times (T,), (T, M, 3) m, by interpolation; those that the clip does
+    not show are far away."""
     places = []
     for name in names:
+        if name == track.object:
+            continue
         other = moving.get((track.clip, name))
-        if name == track.object or other is None:
+        if other is None:
+            places.append(np.full((len(time), 3), FAR_AWAY))
             continue
         there = np.isfinite(other.position).all(1)
         places.append(np.stack([np.interp(time, other.time[there], c) for c in other.position[there].T], 1))

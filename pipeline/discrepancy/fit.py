@@ -188,6 +188,7 @@ def linearise(stacks: Sequence[ArcStack], model: Model, theta: np.ndarray, start
         thetas, begin = np.tile(theta, (sets, 1)), np.tile(start, (sets, 1, 1))
         for j, place in enumerate(free):
             begin[1 + j, :, place] += LOCAL_STEP[place]
+        _roll_on(stack, begin, start)
         for g in range(model.size):
             thetas[1 + len(free) + g, g] += steps[g]
         rows, _ = run(stack, model, thetas, begin)
@@ -196,6 +197,16 @@ def linearise(stacks: Sequence[ArcStack], model: Model, theta: np.ndarray, start
         local.append((derivative[: len(free)] / LOCAL_STEP[free][:, None, None]).transpose(1, 0, 2))
         shared.append((derivative[len(free) :] / steps[:, None, None]).transpose(1, 0, 2))
     return Linear(residuals, local, shared)
+
+
+def _roll_on(stack: ArcStack, changed: np.ndarray, start: np.ndarray) -> None:
+    """Let the spins of balls that are taken to roll follow their velocities, from `start` (A, 10) to changed
+    (P, A, 10)."""
+    if stack.tied is not None and stack.tied.any():
+        arm = np.where(stack.tied & (stack.radius > 0), 1 / np.where(stack.radius > 0, stack.radius, 1.0), 0.0)
+        more = (changed[..., 3:5] - start[:, 3:5]) * arm[:, None]
+        changed[..., 6] -= more[..., 1]
+        changed[..., 7] += more[..., 0]
 
 
 def local_inverse(stack: ArcStack, local: np.ndarray) -> np.ndarray:
@@ -352,6 +363,7 @@ def _best_shift(
     shares = SHARES_GROUND if stack.grounded else SHARES_FLIGHT
     begin = np.tile(start, (len(shares), 1, 1))
     begin[:, :, _locals(stack)] += shares[:, None, None] * shift
+    _roll_on(stack, begin, start)
     with np.errstate(all="ignore"):
         rows, _ = run(stack, model, np.tile(theta, (len(shares), 1)), begin)
         left = ((_measured(stack) - rows) ** 2).sum(-1) + _ruler_weight(stack) * begin[..., 9] ** 2

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.discrepancy.arc import Arc
+from pipeline.discrepancy.arc import FAR_AWAY, Arc
 from pipeline.discrepancy.known_scene import KnownScene
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import half_extents
@@ -82,7 +82,7 @@ def stack_arcs(arcs: Sequence[Arc], clips: Sequence[str], known: KnownScene, gro
     time, position, weight = np.zeros((count, n)), np.zeros((count, n, 3)), np.zeros((count, n, 3))
     rotation = np.tile(np.eye(3), (count, n, 1, 1))
     spin_rows, spin_weight = np.zeros((count, n, 3)), np.zeros((count, n, 3))
-    others = np.full((count, 2 * steps + 1, most, 3), 1e6)  # where nothing is, it is far away
+    others = np.full((count, 2 * steps + 1, most, 3), FAR_AWAY)
     bodies = [known.of_clip(a.clip).objects[a.object] for a in chosen]
     scenes = [known.of_clip(a.clip) for a in chosen]
     for i, arc in enumerate(chosen):

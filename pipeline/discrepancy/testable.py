@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pipeline.discrepancy.arc import FAR_AWAY
 from pipeline.discrepancy.problem import Problem
 from pipeline.scene.effects.kind import EffectKind, Regime
 from pipeline.scene.effects.registry import effect_kinds
@@ -45,7 +46,7 @@ def testable(kind: EffectKind, problem: Problem) -> bool:
     if "spin" in kind.needs:
         return any((s.has_spin & (np.linalg.norm(s.spin, axis=1) > 0.5)).any() for s in problem.stacks)
     if "others" in kind.needs:
-        return any(a.others.shape[1] for a in problem.arcs)
+        return any((a.others < FAR_AWAY).any() for a in problem.arcs)
     if "orientation" in kind.needs:
         return any(a.quaternion is not None and not a.grounded for a in problem.arcs)
     return True

@@ -152,6 +152,21 @@ def test_spins_that_are_off_by_a_factor_are_no_wrong_ruler(rng: np.random.Genera
     assert none.total(problem.chosen) - ruler.total(problem.chosen) < 12  # 1 of each clip, not 60
 
 
+def test_balls_that_are_taken_to_roll_roll_whatever_velocity_is_fitted(rng: np.random.Generator) -> None:
+    tracks, data = rolling(rng, 4)
+    tracks = [replace(t, angular_velocity=None) for t in tracks]
+    known = known_scene(data)
+    problem = pose(tracks, known, 0.0, rng)
+    (stack,), model = problem.stacks, known_model(known, problem.stacks)
+    begin = starts_of(problem)[0]
+    v = rng.normal(0, 0.3, (len(stack), 2))  # a poor first guess
+    begin[:, 3:5], begin[:, 6], begin[:, 7] = v, -v[:, 1] / 0.05, v[:, 0] / 0.05
+    found = fit([stack], model, model.start, [begin], problem.chosen)
+    x, y, wx, wy = found.starts[0][:, [3, 4, 6, 7]].T
+    assert np.hypot(x - 0.05 * wy, y + 0.05 * wx).max() < 1e-9
+    assert found.total(problem.chosen) < problem.rows + 5 * np.sqrt(2 * problem.rows)
+
+
 def test_a_gentle_touch_cuts_both_balls_and_what_follows_it_is_left_out(rng: np.random.Generator) -> None:
     radius, time = 0.05, np.arange(61) / 60
     objects = [{"name": n, "shape": "sphere", "radius": radius, "mass": 0.2} for n in ("ball", "other")]
@@ -166,3 +181,19 @@ def test_a_gentle_touch_cuts_both_balls_and_what_follows_it_is_left_out(rng: np.
     cut = cut_tracks(tracks, known_scene({"objects": objects}))
     assert {(i.object, i.other) for i in cut.impacts} == {(0, 1), (1, 0)}
     assert not any(a.time[0] < touch < a.time[-1] for a in cut.arcs)
+
+
+def test_a_ball_is_cut_where_it_touches_the_right_one_also_where_a_clip_does_not_show_them_all(
+    rng: np.random.Generator,
+) -> None:
+    radii, time = {"ball": 0.05, "hidden": 0.3, "other": 0.05}, np.arange(61) / 60
+    objects = [{"name": n, "shape": "sphere", "radius": r, "mass": 0.2} for n, r in radii.items()]
+    x = {"ball": -0.3 + 0.2 * time, "other": 0.0 * time}  # 0.1 m apart in the end: they touch only then
+    tracks = [
+        Track("c", n, time, np.stack([p, 0 * p, 0 * p + 0.05], 1) + rng.normal(0, 0.001, (61, 3)), None,
+              np.zeros((61, 3)))
+        for n, p in x.items()
+    ]  # fmt: skip
+    cut = cut_tracks(tracks, known_scene({"objects": objects}))
+    assert {i.other for i in cut.impacts} <= {0, 2}
+    assert max(a.time[-1] - a.time[0] for a in cut.arcs if a.object == 0) > 0.8
