@@ -35,6 +35,8 @@ def sysid_gap(problem: Problem, tracks: Sequence[Track], known: KnownScene) -> f
     degrees of freedom as in ours. Worlds of one object. Raises ImportError without the extra."""
     from mujoco import sysid
 
+    if not hasattr(sysid, "optimize"):  # without the extra it imports, and is empty
+        raise ImportError("mujoco.sysid is empty: install the extra `benchmark`")
     logging.getLogger().setLevel(logging.ERROR)
     free = [k for k in NUMBERS if k in known.fit]
     by_clip = {t.clip: t for t in tracks}
