@@ -1,18 +1,21 @@
-"""What others make of the same tracks: parameters alone, PySINDy raw and segmented, and an oracle that knows the
-name."""
+"""What others make of the same tracks: MuJoCo's identification of parameters alone, PySINDy raw and segmented, and an
+oracle that knows the name."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
+from benchmarks.discovery_sysid import sysid_gap
 from pipeline.discrepancy.gap import measure_gap
 from pipeline.discrepancy.known_scene import KnownScene
 from pipeline.discrepancy.problem import pose
-from pipeline.discrepancy.select import Selector, names_of
+from pipeline.discrepancy.select import Selector
+from pipeline.discrepancy.testable import names_of
 from pipeline.discrepancy.track import Track
 
 TERMS = {
@@ -26,8 +29,9 @@ TERMS = {
 THRESHOLD = 0.05  # of PySINDy's thresholded least squares, m/s² at typical speeds
 
 
-def rivals(tracks: Sequence[Track], known: KnownScene, truth: tuple[str, ...]) -> dict[str, Any]:
-    """Gaps in m, and the names that PySINDy's terms stand for."""
+def rivals(tracks: Sequence[Track], known: KnownScene, truth: tuple[str, ...], sysid: bool) -> dict[str, Any]:
+    """Gaps in m, and the names that PySINDy's terms stand for. sysid: whether MuJoCo's identification is asked, too,
+    of worlds with one object: with twelve clips it takes minutes."""
     out: dict[str, Any] = {}
     problem = pose(tracks, known, 0.3, np.random.default_rng(0))
     if len(truth) == 1 and truth[0] in names_of("all"):
@@ -40,6 +44,9 @@ def rivals(tracks: Sequence[Track], known: KnownScene, truth: tuple[str, ...]) -
             "floor": gap.noise_floor,
             "claimed": bool(found.chosen.effects),
         }
+    if sysid and len(known.scene.objects) == 1:
+        began = perf_counter()
+        out["sysid"] = {"after": sysid_gap(problem, tracks, known), "seconds": perf_counter() - began}
     for name, segments in (("pysindy_raw", _raw(tracks)), ("pysindy_segmented", _segmented(problem))):
         out[name] = sindy_names(segments, known)
     return out

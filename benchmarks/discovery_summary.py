@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 
 from pipeline.hidden.confusion_figure import confusion_figure
-from pipeline.hidden.judge import EQUALS, Judgement, confusion, judge, macro_f1, wilson
+from pipeline.hidden.experiment import EVERY
+from pipeline.hidden.judge import Judgement, confusion, equals_of, judge, macro_f1, wilson
 
+TWO_OR_THREE = ("pair", "carom")
+ONE = tuple(name for name in EVERY if name not in TWO_OR_THREE)
 SINDY = ("air_drag", "linear_drag", "magnus_lift", "tilted_gravity", "gravity_error")
 
 
@@ -47,10 +50,18 @@ def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
         "",
         *_rivals(good, judged),
         "",
+        *_sysid(good),
+        "",
         *_by_effect(judged, good),
     ]
     seconds = [a["seconds"] for a in good]
     lines += ["", f"Time of a world: median {np.median(seconds):.1f} s, largest {max(seconds):.1f} s."]
+    timed = [a for a in good if "processor_seconds" in a and a["truth"]["clips"] == 12]
+    for words, bodies in (("one object", ONE), ("two or three", TWO_OR_THREE)):
+        spent = [a["processor_seconds"] for a in timed if a["truth"]["scenario"] in bodies]
+        if spent:
+            lines.append(f"Processor time with 12 clips, {words}: median {np.median(spent):.1f} s, largest "
+                         f"{max(spent):.1f} s ({len(spent)}).")  # fmt: skip
     for a in answers:
         if "error" in a:
             lines.append(f"- failed: {a['group']} {a['recipe']['effects']} seed {a['recipe']['seed']}: {a['error']}")
@@ -65,7 +76,7 @@ def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
 
 def _groups(a: dict[str, Any]) -> list[str]:
     groups = [a["group"]]
-    if a["truth"].get("struck") in EQUALS:
+    if a["truth"].get("struck") and equals_of(a["truth"]["effects"][0], a["truth"]):
         groups = ["struck off, an equal of it listed"]
     if a["group"].startswith("12 clips, 2 mm") and a["truth"]["scenario"] in ("throw", "bounce"):
         groups.append(f"{a['group']}, {'with' if a['truth']['bounces'] else 'without'} bounces")
@@ -132,6 +143,21 @@ def _rivals(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list
         out += ["", f"Gap over the noise floor, medians of {len(oracle)} worlds with one effect: parameters alone "
                 f"{ratio[0]:.2f}, ours {ratio[1]:.2f}, an oracle that knows the name {best:.2f} (it claims "
                 f"in {np.mean([o['claimed'] for o in oracle]):.2f})."]  # fmt: skip
+    return out
+
+
+def _sysid(good: Sequence[dict[str, Any]]) -> list[str]:
+    """MuJoCo's identification of parameters alone beside our calibrated model and our answer."""
+    out = []
+    for words, bounces in (("without", False), ("with", True)):
+        some = [a for a in good if "sysid" in a.get("rivals", {}) and a["truth"]["bounces"] == bounces]
+        if some:
+            floor = np.array([a["report"]["gap"]["noise_floor"] for a in some])
+            theirs = np.median([a["rivals"]["sysid"]["after"] for a in some] / floor)
+            before, after = (np.median([a["report"]["gap"][k] for a in some] / floor) for k in ("before", "after"))
+            out.append(f"4 clips, 2 mm, one object, {words} bounces: gap over the noise floor, medians of {len(some)} "
+                       f"worlds: `mujoco.sysid` with parameters alone {theirs:.2f}, our calibrated model "
+                       f"{before:.2f}, our answer {after:.2f}.")  # fmt: skip
     return out
 
 

@@ -19,8 +19,6 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import multiprocessing
-import time
 import warnings
 from collections import defaultdict
 from pathlib import Path
@@ -29,6 +27,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.kept_answers import answers_of, kept_answers
 from pipeline.clips.draw import Filters, draw_clips
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.intervals import bootstrap_mean
@@ -201,20 +200,13 @@ def main() -> None:
     if wrong := [k for k in kinds if k not in KINDS]:
         parser.error(f"--only: unknown start {wrong[0]!r}; valid: {', '.join(KINDS)}")
     RESULTS.mkdir(parents=True, exist_ok=True)
-    kept = RESULTS / "answers.jsonl"
-    answers = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
+    path = RESULTS / "answers.jsonl"
+    answers = kept_answers(path)
     done = {(a["suite"], a["clip"], a["start"]) for a in answers}
     params = read_params_file(PARAMS_FILE, Params)
     waiting = [j for j in jobs_of(params, arguments.each, arguments.simulations, kinds) if j[:3] not in done]
-    until = time.monotonic() + 60 * arguments.minutes if arguments.minutes else np.inf
-    with multiprocessing.get_context("spawn").Pool(arguments.workers) as pool, kept.open("a") as file:
-        for result in tqdm(pool.imap_unordered(answer, waiting), total=len(waiting), unit="search"):
-            answers.append(result)
-            file.write(json.dumps(result) + "\n")
-            file.flush()
-            if time.monotonic() > until:
-                pool.terminate()
-                break
+    found = answers_of(answer, waiting, path, arguments.workers, arguments.minutes)
+    answers += tqdm(found, total=len(waiting), unit="search")
     print(write_summary(answers))
 
 

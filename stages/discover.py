@@ -14,7 +14,7 @@ from ruamel.yaml import YAML
 
 from pipeline.discrepancy.discover import discover, report
 from pipeline.discrepancy.known_scene import known_scene
-from pipeline.discrepancy.select import names_of
+from pipeline.discrepancy.testable import names_of
 from pipeline.discrepancy.track import Track
 from pipeline.errors import ParamsError
 from pipeline.scene.text import write_scene

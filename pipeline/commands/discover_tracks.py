@@ -15,7 +15,7 @@ from pipeline.discrepancy.discover import Discovery, discover, report
 from pipeline.discrepancy.known_scene import load_known_scene
 from pipeline.discrepancy.page import html_page, sentence
 from pipeline.discrepancy.residual_table import residual_table
-from pipeline.discrepancy.select import names_of
+from pipeline.discrepancy.testable import names_of
 from pipeline.discrepancy.track import read_tracks
 from pipeline.errors import ParamsError
 from pipeline.scene.mjcf import scene_xml

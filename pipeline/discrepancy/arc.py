@@ -23,8 +23,13 @@ from pipeline.scene.scene import Scene, SceneObject, half_extents
 from pipeline.scene.solid import reach_below
 
 LEAST_SAMPLES = 6
+FAR_AWAY = 1e6  # m: where objects are that a clip does not show
 SETTLING = 0.05  # s after landing in which a body on the ground still swings
+HOPPING = 0.2  # s after two bodies on the ground met, which rub each other up and down: they press on it unevenly
+SLIPPING = 0.4  # s after which a ball of unknown spin that another one struck is taken to roll again
 OUTLIER = 5.0  # standard deviations
+SIDEWAYS = 0.5  # share of a jump that may be upwards, of a body that another one struck from the side
+TOUCH = 3.5  # standard deviations of a coordinate by which the gap between two balls in touch may seem wider
 SIDE = 5  # samples on each side that predict one
 
 
@@ -46,7 +51,8 @@ class Impact:
 class Arc:
     """A smooth stretch of n samples. time (n,) s; position (n, 3) m; sigma (n,) m; grounded: on the ground, else in the
     air. spin (n, 3) rad/s, quaternion (n, 4) or None; others (n, M, 3) m: where the other objects were. jumps: breaks
-    within it that nothing known explains. row (n,): the samples' places in their track."""
+    within it that nothing known explains. row (n,): the samples' places in their track. rolling: a ball on the ground
+    is taken to roll where its spin is unknown: nothing has struck it, or not lately."""
 
     clip: str
     object: int
@@ -59,6 +65,7 @@ class Arc:
     spin: np.ndarray | None = None
     quaternion: np.ndarray | None = None
     jumps: tuple[Break, ...] = ()
+    rolling: bool = False
 
     @property
     def mean_spin(self) -> np.ndarray | None:
@@ -170,16 +177,19 @@ def _cut_track(
         other = _explanation(b, obj, time, position, gap, others, scene, names, index, sigma)
         (unknown if other is None else known).append((b, other))
     met = _met(time, position, others, scene, index, sigma, [b for b, _ in (*known, *unknown)])
-    touching = np.isin(time, [b.time for b, _ in met])  # such a sample is of neither side
-    known += met
+    together = _together(time, position, others, scene, index, sigma)
+    touching = np.isin(time, [b.time for b, _ in (*met, *together)])  # such a sample is of neither side
+    known += met + [(b, m) for b, m in together if all(b.time != k.time for k, _ in (*known, *met))]
     known.sort(key=lambda pair: pair[0].time)
     edges = [-np.inf, *(b.time for b, _ in known), np.inf]
+    struck = HOPPING if spin is not None or obj.shape != "sphere" else SLIPPING
+    settled = [-np.inf, *(b.time + (SETTLING if other == -1 else struck) for b, other in known)]
     placed: list[int] = []
     for k, (left, right) in enumerate(itertools.pairwise(edges)):
         inside = (time > left) & (time < right) & ~touching
         grounded = _is_grounded(position[inside], gap[inside], sigma, obj)
-        if grounded and np.isfinite(left):
-            inside &= time > left + SETTLING
+        if grounded:
+            inside &= time > settled[k]
         if not grounded:
             inside = _in_the_air(inside, gap, others, position, scene, index, sigma, k > 0, k < len(edges) - 2)
         chosen = np.flatnonzero(inside)
@@ -195,6 +205,7 @@ def _cut_track(
             rows[chosen], others[chosen], None if spin is None else spin[chosen],
             None if quaternion is None else quaternion[chosen],
             tuple(b for b, _ in unknown if time[chosen[0]] < b.time < time[chosen[-1]]),
+            rows[chosen[0]] < 3 or (k > 0 and known[k - 1][1] != -1),
         ))  # fmt: skip
     for k, (b, other) in enumerate(known):
         assert other is not None
@@ -206,11 +217,15 @@ def _filled(values: np.ndarray, default: float) -> np.ndarray:
 
 
 def _others(time: np.ndarray, track: Track, names: Sequence[str], moving: dict[tuple[str, str], Track]) -> np.ndarray:
-    """Where the clip's other objects were at the times (T,), (T, M, 3) m, by interpolation."""
+    """Where the scene's other objects were at the times (T,), (T, M, 3) m, by interpolation; those that the clip does
+    not show are far away."""
     places = []
     for name in names:
+        if name == track.object:
+            continue
         other = moving.get((track.clip, name))
-        if name == track.object or other is None:
+        if other is None:
+            places.append(np.full((len(time), 3), FAR_AWAY))
             continue
         there = np.isfinite(other.position).all(1)
         places.append(np.stack([np.interp(time, other.time[there], c) for c in other.position[there].T], 1))
@@ -254,6 +269,14 @@ def _explanation(
     near = int(np.argmin(np.abs(time - b.time)))
     low = slice(max(0, near - 1), near + 2)
     size = float(max(half_extents(obj)))
+    present = [i for i in range(len(names)) if i != index]
+    met: int | None = None
+    for m in range(others.shape[1]):
+        reach = size + float(max(half_extents(scene.objects[present[m]])))
+        if met is None and np.linalg.norm(others[low, m] - position[low], axis=1).min() < 1.3 * reach + 4 * sigma:
+            met = present[m]
+    if met is not None and abs(b.jump[2]) < SIDEWAYS * np.linalg.norm(b.jump):
+        return met  # the ground strikes upwards
     if np.isfinite(gap[near]):
         at_break = b.position[2] - position[near, 2] + gap[near]
         around = np.diff(time[max(0, near - 2) : near + 3])
@@ -262,12 +285,7 @@ def _explanation(
             missed = 0.5 * float(b.jump[2]) * float(around.max())
         if min(at_break, gap[low].min()) < 0.25 * size + 0.01 + 4 * sigma + missed:
             return -1
-    present = [i for i in range(len(names)) if i != index]
-    for m in range(others.shape[1]):
-        reach = size + float(max(half_extents(scene.objects[present[m]])))
-        if np.linalg.norm(others[low, m] - position[low], axis=1).min() < 1.3 * reach + 4 * sigma:
-            return present[m]
-    return None
+    return met
 
 
 def _met(
@@ -289,6 +307,20 @@ def _met(
                 at = position[int(np.argmin(np.abs(time - when)))]
                 number = scene.objects.index(present[m])
                 out.append((Break(when, at, np.zeros(3), 0.0), number))
+    return out
+
+
+def _together(
+    time: np.ndarray, position: np.ndarray, others: np.ndarray, scene: Scene, index: int, sigma: float
+) -> list[tuple[Break, int | None]]:
+    """Samples at which the ball is in touch with another: they push and rub each other, however gently."""
+    out: list[tuple[Break, int | None]] = []
+    for m, number in enumerate(i for i in range(len(scene.objects)) if i != index):
+        pair = scene.objects[index], scene.objects[number]
+        if m < others.shape[1] and all(o.shape == "sphere" for o in pair):
+            reach = sum(float(half_extents(o)[0]) for o in pair)
+            near = np.linalg.norm(others[:, m] - position, axis=1) < reach + TOUCH * sigma
+            out += [(Break(float(time[k]), position[k], np.zeros(3), 0.0), number) for k in np.flatnonzero(near)]
     return out
 
 

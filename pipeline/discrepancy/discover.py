@@ -69,7 +69,7 @@ def discover(
     selector, found, plain = _asked(pose(tracks, known, held_out, rng), effects, progress)
     problem = selector.problem
     answer = found.none if found.unknown else found.chosen
-    numbers = calibrated(selector)
+    numbers = calibrated(selector, found.none)
     equivalent = alike_sets(found, problem, numbers, selector)
     names = (UNKNOWN,) if found.unknown else found.chosen.effects
     parameters: dict[str, Estimate] = {}
@@ -82,7 +82,8 @@ def discover(
     )  # fmt: skip
     gap = measure_gap(problem, plain, answer)
     where = [s for s in stretches(problem, found.none) if s.z > NOTABLE_Z][:MOST_DISAGREEMENTS]
-    scene, notes = augmented_scene(known, answer, numbers, problem), notes_of(problem, found, answer)
+    scene = augmented_scene(known, answer, calibrated(selector, answer), problem)
+    notes = notes_of(problem, found, answer)
     return Discovery(problem, found, verdict, answer, numbers, gap, tuple(where), probabilities(found), scene, notes,
                      plain)  # fmt: skip
 
@@ -109,15 +110,13 @@ def _asked(
 def independent_share(found: Candidate) -> float:
     """What a sample is worth, of one with the noise alone, where all that a model leaves is correlated noise."""
     problem = found.problem
-    rows, count, own = [], 0, 0
+    rows = []
     for stack, left in zip(problem.stacks, residuals_m(problem, found), strict=True):
         scaled = left * stack.weight
         there = stack.weight.max(2) > 0
         rows += [scaled[i, there[i]] for i in range(len(stack)) if there[i].any()]
-        count += int((stack.weight > 0).sum())
-        own += stack.own * int((stack.samples > 0).sum())
-    variance = sum(float((r * r).sum()) for r in rows) / max(count - own, 1)
-    r = correlation(rows, own)
+    variance = sum(float((r * r).sum()) for r in rows) / max(problem.rows - problem.own, 1)
+    r = correlation(rows, problem.own)
     return float(np.clip((1 - r) / (1 + r) / max(variance, 1.0), 1e-3, 1.0))
 
 
@@ -128,7 +127,7 @@ def ruler_scatter(problem: Problem, answer: Candidate) -> float:
 
 
 def augmented_scene(known: KnownScene, answer: Candidate, numbers: dict[str, Estimate], problem: Problem) -> Scene:
-    """The scene with calibrated numbers, the effects found, and the motion of the first clip to begin with."""
+    """The scene with the effects found, numbers as calibrated with them, and the motion of the first clip."""
     objects = []
     for number, obj in enumerate(known.scene.objects):
         for key in ("sliding_friction", "rolling_friction", "damping"):

@@ -21,9 +21,7 @@ def alike_sets(
     found: Selection, problem: Problem, calibrated: Mapping[str, Estimate], selector: Selector
 ) -> tuple[tuple[str, ...], ...]:
     """Sets of names of which any one explains the measurements as well as the others."""
-    if found.unknown:
-        return ()
-    if found.chosen.effects:
+    if found.unknown or found.chosen.effects:
         return found.alike
     out = []
     for key, estimate in calibrated.items():
@@ -40,11 +38,11 @@ def alike_sets(
 def experiment(names: Sequence[str], equivalent: Sequence[Sequence[str]]) -> str:
     """What to do next: what would tell equivalent effects apart, or what would show the doubt to be wrong."""
     kinds = effect_kinds()
-    if names == ("unknown",) or list(names) == ["unknown"]:
-        return "repeat with other speeds, masses and places, and see with which of them the residual force changes"
     told = [f"{n}: {kinds[n].experiment}" for group in equivalent for n in group if n in kinds]
     if told:
         return "; ".join(dict.fromkeys(told))
+    if list(names) == ["unknown"]:
+        return "repeat with other speeds, masses and places, and see with which of them the residual force changes"
     if names:
         return "; ".join(kinds[n].experiment for n in names)
     return "none needed: the calibrated model explains the measurements"

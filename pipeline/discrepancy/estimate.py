@@ -78,25 +78,25 @@ def _least_ratio(found: dict[str, Estimate]) -> dict[str, Estimate]:
     }
 
 
-def calibrated(selector: Selector) -> dict[str, Estimate]:
-    """The free parameters of the known scene, `object.parameter`."""
-    none, known = selector.none, selector.known
-    errors, out = standard_errors(none), {}
-    for i, u in enumerate(none.fit.model.unknowns):
+def calibrated(selector: Selector, found: Candidate) -> dict[str, Estimate]:
+    """The free parameters of the known scene, `object.parameter`, as fitted with the effects of `found`."""
+    known = selector.known
+    errors, out = standard_errors(found), {}
+    for i, u in enumerate(found.fit.model.unknowns):
         if u.owner.startswith("object:") and u.name in known.fit:
             name = known.scene.objects[int(u.owner.split(":")[1])].name
             determined = errors[i] < 0.5 * u.sigma
             out[f"{name}.{u.name}"] = Estimate(
-                float(none.fit.theta[i]), float(errors[i]) if determined else None, u.unit
+                float(found.fit.theta[i]), float(errors[i]) if determined else None, u.unit
             )
-        elif u.owner == "gravity_error":
-            out["gravity"] = Estimate(float(none.fit.theta[i]), float(errors[i]), u.unit)
+        elif u.owner == "gravity_error" and "gravity" in known.fit:
+            out["gravity"] = Estimate(float(found.fit.theta[i]), float(errors[i]), u.unit)
     if "damping" in known.fit:
         for number, obj in enumerate(known.scene.objects):
-            found = fit_restitution([b for b in selector.bounces if b.object == number])
-            if found is not None:
-                value = damping_of(found.coefficient)
-                slope = abs(damping_of(found.coefficient - found.stderr) - value)
+            bounce = fit_restitution([b for b in selector.bounces if b.object == number])
+            if bounce is not None:
+                value = damping_of(bounce.coefficient)
+                slope = abs(damping_of(bounce.coefficient - bounce.stderr) - value)
                 out[f"{obj.name}.damping"] = Estimate(value, slope, "-")
     return out
 

@@ -19,7 +19,10 @@ LOCAL_STEP = np.array([1e-4] * 3 + [2e-3] * 3 + [2e-2] * 3 + [1e-4])
 SPIN_PRIOR = 30.0  # rad/s: how far a body's unknown spin may be from that of rolling
 MOST_ITERATIONS = 12
 LARGEST = 1e12  # derivative, in units of sigma
+SPIN_SCALE = 0.03  # relative: how far the measured spins of a recording are off, all alike
 SLIPPING = 0.003  # m/s
+SLIP_PRICE = 8.0  # of a ball on the ground whose unknown spin is taken not to be that of rolling
+FIRST_SLIP = 0.02  # m/s, above which a slip in the beginning costs
 FIXED = 1e12  # a prior that lets nothing move
 STUCK = 1.6  # chi squared per coordinate above which another beginning is tried
 SHARES_FLIGHT, SHARES_GROUND = np.array([1.0, 0.0]), np.array([1.0, 0.5, 0.2, 0.0])
@@ -39,7 +42,8 @@ class Linear:
 class Fit:
     """A fitted model. theta (G,); covariance (G, G), for noise of the stated size; starts: per stack (A, 10). chi2:
     per stack the sum of squared residuals of each arc (A,), in units of sigma; position_chi2: that of positions alone,
-    without spins and prices. slipping: how many balls of unknown spin slip instead of rolling."""
+    without spins and prices. slipping: how many balls of unknown spin slip instead of rolling; slip_price: what that
+    costs, in the units of chi squared."""
 
     model: Model
     theta: np.ndarray
@@ -48,6 +52,7 @@ class Fit:
     chi2: list[np.ndarray]
     position_chi2: list[np.ndarray]
     slipping: int
+    slip_price: float
 
     def total(self, chosen: Sequence[np.ndarray]) -> float:
         """Chi squared of the arcs chosen, per stack (A,) bool."""
@@ -148,7 +153,16 @@ def _rows(stack: ArcStack, positions: np.ndarray, spins: np.ndarray) -> np.ndarr
     flat = (positions * stack.weight).reshape(*positions.shape[:2], -1)
     if not stack.grounded:
         return flat
-    return np.concatenate([flat, (spins * stack.spin_weight).reshape(*spins.shape[:2], -1)], -1)
+    return np.concatenate([flat, _unscaled(stack, (spins * stack.spin_weight).reshape(*spins.shape[:2], -1))], -1)
+
+
+def _unscaled(stack: ArcStack, spins: np.ndarray) -> np.ndarray:
+    """Spins (P, A, R) in units of sigma, with less weight on what a wrong scale of the measured ones would change: they
+    are off by a common factor, `SPIN_SCALE`, more than from sample to sample (whitening by a matrix of rank one)."""
+    measured = (stack.spin_rows * stack.spin_weight).reshape(len(stack), -1)
+    square = (measured * measured).sum(1, keepdims=True)
+    excess = (1 - 1 / np.sqrt(1 + SPIN_SCALE**2 * square)) / np.maximum(square, 1e-12)
+    return spins - (excess * (spins * measured).sum(-1, keepdims=True)) * measured
 
 
 def _measured(stack: ArcStack) -> np.ndarray:
@@ -174,6 +188,7 @@ def linearise(stacks: Sequence[ArcStack], model: Model, theta: np.ndarray, start
         thetas, begin = np.tile(theta, (sets, 1)), np.tile(start, (sets, 1, 1))
         for j, place in enumerate(free):
             begin[1 + j, :, place] += LOCAL_STEP[place]
+        _roll_on(stack, begin, start)
         for g in range(model.size):
             thetas[1 + len(free) + g, g] += steps[g]
         rows, _ = run(stack, model, thetas, begin)
@@ -184,18 +199,33 @@ def linearise(stacks: Sequence[ArcStack], model: Model, theta: np.ndarray, start
     return Linear(residuals, local, shared)
 
 
+def _roll_on(stack: ArcStack, changed: np.ndarray, start: np.ndarray) -> None:
+    """Let the spins of balls that are taken to roll follow their velocities, from `start` (A, 10) to changed
+    (P, A, 10)."""
+    if stack.tied is not None and stack.tied.any():
+        arm = np.where(stack.tied & (stack.radius > 0), 1 / np.where(stack.radius > 0, stack.radius, 1.0), 0.0)
+        more = (changed[..., 3:5] - start[:, 3:5]) * arm[:, None]
+        changed[..., 6] -= more[..., 1]
+        changed[..., 7] += more[..., 0]
+
+
 def local_inverse(stack: ArcStack, local: np.ndarray) -> np.ndarray:
     """Inverse of each arc's own normal matrix, (A, L, L), with weak priors on what is not measured; what a recording
     of fewer than three coordinates does not show stays as it is."""
     gram = np.einsum("alr,amr->alm", local, local)
+    return np.linalg.inv(gram + np.eye(gram.shape[1]) * _local_prior(stack)[:, None])
+
+
+def _local_prior(stack: ArcStack) -> np.ndarray:
+    """Precision of the priors of each arc's own numbers, (A, L)."""
     places = _locals(stack)
+    shown: np.ndarray = np.max(stack.weight, axis=1) > 0  # (A, 3)
     weak = np.where(places < 3, 1e-2, np.where(places < 6, 1e-4, 1 / SPIN_PRIOR**2))
     prior = np.tile(np.where(places == 9, _ruler_weight(stack), weak), (len(stack), 1))
-    shown: np.ndarray = np.max(stack.weight, axis=1) > 0  # (A, 3)
     hidden = (places < 6) & ~shown[:, places % 3]
     if stack.tied is not None:  # a free spin would fit the noise of the first samples, the better the more friction
         hidden |= (places >= 6) & (places < 9) & stack.tied[:, None]
-    return np.linalg.inv(gram + np.eye(len(places)) * np.where(hidden, FIXED, prior)[:, None])
+    return np.where(hidden, FIXED, prior)
 
 
 def _ruler_weight(stack: ArcStack) -> float:
@@ -210,12 +240,30 @@ def _pull(stack: ArcStack, linear_local: np.ndarray, residual: np.ndarray, start
     return pull
 
 
-def ruler_price(stack: ArcStack, local: np.ndarray) -> np.ndarray:
-    """What the arcs' own length scales cost, (A,), in the units of chi squared: Occam's factor of their prior."""
-    if stack.ruler == 0:
-        return np.zeros(len(stack))
-    own = np.linalg.inv(local_inverse(stack, local))
-    return np.linalg.slogdet(own)[1] - np.linalg.slogdet(own[:, :-1, :-1])[1] - np.log(_ruler_weight(stack))
+def occam_price(stack: ArcStack, local: np.ndarray) -> np.ndarray:
+    """What the arcs' own length scales and measured spins cost, (A,), in the units of chi squared: Occam's factors
+    (Laplace's approximation of the evidence) of their priors.
+
+    A law under which balls hardly feel the ground lets spins and velocities fit their own noise, twice as many numbers
+    as where balls roll.
+    """
+    places = _locals(stack)
+    spins = (places >= 6) & (places < 9)
+    out = np.zeros(len(stack))
+    if stack.ruler == 0 and not spins.any():
+        return out
+    own, prior = np.linalg.inv(local_inverse(stack, local)), _local_prior(stack)
+    if stack.ruler > 0:
+        out += _factor(own, prior, places == 9)
+    if spins.any():
+        out += np.where(stack.has_spin, _factor(own, prior, spins), 0.0)
+    return out
+
+
+def _factor(own: np.ndarray, prior: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """How much better `which` of each arc's numbers are known than their priors (A, L) say, of precisions (A, L, L)."""
+    rest = own[:, ~which][:, :, ~which]
+    return np.linalg.slogdet(own)[1] - np.linalg.slogdet(rest)[1] - np.log(prior[:, which]).sum(1)
 
 
 def fit(
@@ -239,7 +287,7 @@ def fit(
         normal, gradient = np.diag(prior), -prior * (theta - centre)
         parts = []
         rows = zip(stacks, starts, linear.residual, linear.local, linear.shared, fitted, strict=True)
-        price = [ruler_price(s, j) for s, j in zip(stacks, linear.local, strict=True)]
+        price = [occam_price(s, j) for s, j in zip(stacks, linear.local, strict=True)]
         for stack, start, r, jl, jg, chosen in rows:
             inverse = local_inverse(stack, jl)
             cross = np.einsum("alr,agr->alg", jl, jg)
@@ -278,20 +326,27 @@ def fit(
         if improved < tolerance:
             break
     position = _chi2(stacks, model, theta, starts, positions_only=True)
-    slipping = sum(_slipping(s, model, theta, start) for s, start in zip(stacks, starts, strict=True))
+    slips = [_slipping(s, model, theta, start) for s, start in zip(stacks, starts, strict=True)]
     priced = [c + p for c, p in zip(chi2, price, strict=True)]
-    return Fit(model, theta, covariance, starts, priced, position, slipping)
+    return Fit(model, theta, covariance, starts, priced, position, sum(n for n, _ in slips), sum(p for _, p in slips))
 
 
-def _slipping(stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray) -> int:
-    """Balls on the ground whose spin was not measured and that slip for most of their arc instead of rolling."""
+def _slipping(stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray) -> tuple[int, float]:
+    """Balls on the ground whose spin was not measured and that slip for most of their arc instead of rolling; and what
+    slipping costs: late, and at first, where friction that grips at once would let a free spin fit the first sample."""
     if not stack.grounded:
-        return 0
+        return 0, 0.0
     _, nodes = run(stack, model, theta[None], start[None])
-    late = int(0.6 * stack.steps)
-    v, w = nodes.velocity[0, :, late], nodes.angular_velocity[0, :, late]
-    slip = np.hypot(v[:, 0] - w[:, 1] * stack.radius, v[:, 1] + w[:, 0] * stack.radius)
-    return int(((stack.radius > 0) & ~stack.has_spin & (slip > SLIPPING) & (stack.samples > 0)).sum())
+    free = (stack.radius > 0) & ~stack.has_spin & (stack.samples > 0)
+    first, late = (_slip(stack, nodes, k)[free] for k in (0, int(0.6 * stack.steps)))
+    slipping = int((late > SLIPPING).sum())
+    return slipping, SLIP_PRICE * slipping + 2 * float(np.log1p((first / FIRST_SLIP) ** 2).sum())
+
+
+def _slip(stack: ArcStack, nodes: Nodes, node: int) -> np.ndarray:
+    """Speed of the balls' lowest points over the ground at a node of a single run, (A,) m/s."""
+    v, w = nodes.velocity[0, :, node], nodes.angular_velocity[0, :, node]
+    return np.hypot(v[:, 0] - w[:, 1] * stack.radius, v[:, 1] + w[:, 0] * stack.radius)
 
 
 def _finite(linear: Linear) -> bool:
@@ -308,6 +363,7 @@ def _best_shift(
     shares = SHARES_GROUND if stack.grounded else SHARES_FLIGHT
     begin = np.tile(start, (len(shares), 1, 1))
     begin[:, :, _locals(stack)] += shares[:, None, None] * shift
+    _roll_on(stack, begin, start)
     with np.errstate(all="ignore"):
         rows, _ = run(stack, model, np.tile(theta, (len(shares), 1)), begin)
         left = ((_measured(stack) - rows) ** 2).sum(-1) + _ruler_weight(stack) * begin[..., 9] ** 2

@@ -95,22 +95,18 @@ def common_error(restitution: float) -> float:
 
 def fit_restitution(all_bounces: Sequence[Bounce]) -> RestitutionFit | None:
     """One coefficient for all bounces of the fitted clips; chi2 is of all bounces. None where there are none."""
-    fitted = [b for b in all_bounces if b.fitted]
-    if not fitted:
+    fitted = np.array([b.fitted for b in all_bounces], bool)
+    if not fitted.any():
         return None
-    e, w = (np.array([getattr(b, k) for b in fitted]) for k in ("restitution", "sigma"))
-    weight = 1 / w**2
-    mean = float((weight * e).sum() / weight.sum())
-
-    def chi2(expected: np.ndarray) -> float:
-        every = np.array([b.restitution for b in all_bounces])
-        return float((((every - expected) / np.array([b.sigma for b in all_bounces])) ** 2).sum())
-
-    expected, every = (np.array([getattr(b, k) for b in all_bounces]) for k in ("expected", "sigma"))
-    found = np.array([b.restitution for b in all_bounces])
+    found, expected, sigma = (
+        np.array([getattr(b, key) for b in all_bounces]) for key in ("restitution", "expected", "sigma")
+    )
+    weight = 1 / sigma**2
+    information = float(weight[fitted].sum())
+    mean = float((weight * found)[fitted].sum()) / information
     common = common_error(mean)
-    shift = float(((found - expected) / every**2).sum() / ((1 / every**2).sum() + common**-2))
+    shift = float((weight * (found - expected)).sum() / (weight.sum() + common**-2))
     return RestitutionFit(
-        mean, float(np.hypot(weight.sum() ** -0.5, common)), chi2(np.full(len(all_bounces), mean)),
-        chi2(expected + shift) + (shift / common) ** 2,
+        mean, float(np.hypot(information**-0.5, common)), float((weight * (found - mean) ** 2).sum()),
+        float((weight * (found - expected - shift) ** 2).sum()) + (shift / common) ** 2,
     )  # fmt: skip

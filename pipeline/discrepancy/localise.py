@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.discrepancy.arc import FAR_AWAY
 from pipeline.discrepancy.fit import run
 from pipeline.discrepancy.gap import residuals_m
 from pipeline.discrepancy.problem import Problem
@@ -67,7 +68,7 @@ def stretches(problem: Problem, found: Candidate) -> list[Stretch]:
                 velocity = nodes.velocity[0, i, node]
                 spin = nodes.angular_velocity[0, i, node]
                 others = stack.others[i, 2 * node]
-                near = others[np.abs(others).max(1) < 1e5] if len(others) else others
+                near = others[np.abs(others).max(1) < FAR_AWAY] if len(others) else others
                 towards = near[0] - nodes.position[0, i, node] if len(near) else None
                 out.append(Stretch(
                     order[arc.clip], arc.object, float(stack.start[i] + left), float(stack.start[i] + right),

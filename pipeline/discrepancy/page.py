@@ -13,36 +13,40 @@ from pipeline.discrepancy.figures import ranking_figure, residual_figure, trajec
 from pipeline.evaluation.report import Section, drawing, html_table, page
 from pipeline.scene.effects.registry import effect_kinds
 
+LEAST_SURE = 0.6  # confidence up to which a verdict is called doubtful
 TITLE = "What the simulation lacks"
 
 
 def sentence(report: Mapping[str, Any]) -> str:
-    """The verdict in words."""
+    """The verdict in words; a doubtful one says so."""
+    doubtful = report["verdict"]["confidence"] <= LEAST_SURE
+    return ("Doubtful. " if doubtful else "") + _said(report)
+
+
+def _said(report: Mapping[str, Any]) -> str:
     verdict, gap = report["verdict"], report["gap"]
     before, after, floor = (1e3 * gap[k] for k in ("before", "after", "noise_floor"))
     numbers = f"The gap on {'held-out' if report['clips']['held_out'] else 'fitted'} clips is {before:.3g} mm"
+    sure = f"(confidence {verdict['confidence']:.2f})"
+    equivalent = ", ".join(n for group in verdict["equivalent"] for n in group if n not in verdict["effects"])
     if not verdict["effects"]:
         extra = ""
-        if verdict["equivalent"]:
-            names = ", ".join(n for group in verdict["equivalent"] for n in group)
-            extra = f" A calibrated number has moved far from what was stated, which is {names} by another name."
+        if equivalent:
+            extra = f" A calibrated number has moved far from what was stated, which is {equivalent} by another name."
         return (
-            f"Nothing is missing: the calibrated model explains the measurements. {numbers}; the noise floor is "
+            f"Nothing is missing {sure}: the calibrated model explains the measurements. {numbers}; the noise floor is "
             f"{floor:.3g} mm.{extra}"
         )
     if verdict["effects"] == ["unknown"]:
-        return (
-            f"Something is missing that no listed effect explains: {verdict['form']}. {numbers} and stays so; "
-            f"the noise floor is {floor:.3g} mm."
+        what = (
+            f"Something is missing {sure}; the measurements do not tell which of these: {equivalent}."
+            if equivalent
+            else f"Something is missing that no listed effect explains {sure}: {verdict['form']}."
         )
-    named = " and ".join(verdict["effects"])
-    alike = ""
-    if verdict["equivalent"]:
-        alike = " These measurements cannot tell it from " + ", ".join(
-            n for n in verdict["equivalent"][0] if n not in verdict["effects"]
-        ) + "."  # fmt: skip
+        return f"{what} {numbers} and stays so; the noise floor is {floor:.3g} mm."
+    alike = f" These measurements cannot tell it from {equivalent}." if equivalent else ""
     return (
-        f"The simulation lacks {named} (confidence {verdict['confidence']:.2f}).{alike} {numbers} without and "
+        f"The simulation lacks {' and '.join(verdict['effects'])} {sure}.{alike} {numbers} without and "
         f"{after:.3g} mm with it; the noise floor is {floor:.3g} mm."
     )
 

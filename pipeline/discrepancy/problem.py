@@ -53,6 +53,11 @@ class Problem:
         return sum(int((s.weight > 0).sum()) for s in self.stacks)
 
     @property
+    def own(self) -> int:
+        """Numbers that are the arcs' own and that positions show."""
+        return sum(s.own * int((s.samples > 0).sum()) for s in self.stacks)
+
+    @property
     def effective_rows(self) -> float:
         """Independent coordinates."""
         return max(self.rows * self.floor.information, 2.0)

@@ -7,7 +7,7 @@ wins by more than chance makes it win where nothing is hidden (`CLAIM`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,8 @@ from pipeline.discrepancy.obstacle import Obstacle, fit_obstacle
 from pipeline.discrepancy.problem import Problem, split_at_jumps, starts_of
 from pipeline.discrepancy.quick import Guess, QuickRegression
 from pipeline.discrepancy.starts import starts
-from pipeline.scene.effects.kind import EffectKind, Regime
+from pipeline.discrepancy.testable import testable
+from pipeline.scene.effects.kind import EffectKind
 from pipeline.scene.effects.registry import effect_kinds
 
 CLAIM = 8.0  # by how much a first effect must win; frozen on development worlds (benchmarks/discovery.py)
@@ -33,11 +34,13 @@ MOST_EFFECTS = 3
 LEAST_CLIPS_FOR_MORE = 3  # fewer clips differ from each other in too many ways for two effects
 UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.015  # a model explains the data unless both are exceeded
 UNEXPLAINED_OF_NOISE = 0.05  # and unless it is so much of the noise: the best of models are a little off
+UNEXPLAINED_LOUD = 0.5  # of the noise: so much is too much whatever its share, where clips are enough to tell
 UNEXPLAINED_SHARE_FEW = 0.06  # of one or two clips, whose own peculiarities nothing averages out
+SCALES_GRAVITY = ("buoyancy", "clock_rate", "gravity_error", "length_scale")
+SWALLOWED_SHARE = 1 / 3  # of what such a number explains: a law that explains as much may be what it stands for
 SHUFFLED_SHARE = 0.5  # of the gain with a measured spin, that the spin of other clips may reach
 OBSTACLE_MISFIT = 0.1  # m; friction of a hit turns its direction
 FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction, with which calibration begins
-SLIP_PRICE = 8.0  # of a ball on the ground whose unknown spin is taken not to be that of rolling
 BROKEN_Z, BROKEN_SHARE = 6.0, 0.12  # arcs so far off, and so few, are left out
 SHARPER = 0.9  # of the noise's variance as polynomials have it: what the best model must leave less than
 EQUALS = 5  # further effects that are fitted because they promise nearly as much as the best
@@ -62,12 +65,24 @@ class Candidate:
     def first(self) -> str:
         return self.effects[-1]
 
+    @property
+    def own(self) -> int:
+        """Fitted numbers that positions show: of each arc, and shared ones."""
+        return self.problem.own + self.fit.model.size
+
+    @property
+    def left(self) -> float:
+        """Chi squared of all positions, in units of the noise as polynomials have it."""
+        return sum(float(c.sum()) for c in self.fit.position_chi2)
+
 
 @dataclass(frozen=True)
 class Selection:
     """none: the calibrated model without effects; singles: every effect alone, best first; chosen: the winner;
     alike: sets of effects that cannot be told from one of the winner's; excess: what the winner leaves beyond
-    noise, as a share of what the calibrated model leaves, and as a z-score; unknown: whether that is too much."""
+    noise, as a share of what the calibrated model leaves, and as a z-score; unknown: whether that
+    is too much, or a number that scales gravity may have swallowed a law; ruled_out:
+    effects that something beside the motion speaks against."""
 
     none: Candidate
     singles: tuple[Candidate, ...]
@@ -78,36 +93,7 @@ class Selection:
     unknown: bool
     bounces: tuple[Bounce, ...]
     untestable: tuple[str, ...]
-
-
-def testable(kind: EffectKind, problem: Problem) -> bool:
-    """Whether the measurements could show the effect at all."""
-    regimes = {Regime.FLIGHT} if any(not s.grounded for s in problem.stacks) else set()
-    if any(s.grounded for s in problem.stacks):
-        regimes |= {Regime.SLIDING, Regime.ROLLING, Regime.SPINNING, Regime.RESTING}
-    if kind.name == "hidden_obstacle":
-        return problem.jumps > 0
-    coordinates = np.array([(s.weight > 0).any((0, 1)) for s in problem.stacks]).any(0).sum()
-    if coordinates < 2 and (kind.name == "rotating_frame" or any(p.length > 1 for p in kind.parameters)):
-        return False  # a height alone has no directions
-    if kind.name == "restitution":
-        return "damping" not in problem.known.fit
-    if not regimes & set(kind.regimes):
-        return False
-    ground = [s for s in problem.stacks if s.grounded]
-    if kind.name == "rolling_resistance":  # the same law as the rolling friction that is fitted
-        return "rolling_friction" not in problem.known.fit and any((s.radius > 0).any() for s in ground)
-    if kind.name == "spin_friction":
-        return any((s.spin_weight > 0).any() for s in ground)
-    if kind.name == "adhesion":  # presses like a greater friction, which must be known to tell
-        return "sliding_friction" not in problem.known.fit
-    if "spin" in kind.needs:
-        return any((s.has_spin & (np.linalg.norm(s.spin, axis=1) > 0.5)).any() for s in problem.stacks)
-    if "others" in kind.needs:
-        return any(a.others.shape[1] for a in problem.arcs)
-    if "orientation" in kind.needs:
-        return any(a.quaternion is not None and not a.grounded for a in problem.arcs)
-    return True
+    ruled_out: tuple[str, ...] = ()
 
 
 class Selector:
@@ -167,17 +153,30 @@ class Selector:
         self._sharpen(best)
         self.none, singles = self._rescored(self.none), sorted(map(self._rescored, singles), key=lambda c: c.score)
         best, chosen = self._best(singles), self.none
-        if best.effects and best.score < self.none.score - CLAIM:
+        if best.effects and best.score < self.none.score - (CLAIM_MORE if self.problem.blunt else CLAIM):
             chosen = self._more(best, singles)
         z, share = self._excess(chosen)
         alike = self._alike(chosen, singles)
         few = len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE
         limit = UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE
-        much = z > UNEXPLAINED_Z and share > limit and self._of_noise(chosen) > UNEXPLAINED_OF_NOISE
+        rest = self._of_noise(chosen)
+        loud = rest > UNEXPLAINED_LOUD and not few and chosen.obstacle is None  # near its hits outliers hide
+        much = z > UNEXPLAINED_Z and (loud or (share > limit and rest > UNEXPLAINED_OF_NOISE))
+        swallowed = self._swallowed(chosen, singles) if self.problem.blunt else ()
         unknown = much and not self.problem.blunt
+        alike = () if unknown else ((*alike[0], *swallowed),) if swallowed and alike else alike
         return Selection(
-            self.none, tuple(singles), chosen, alike, share, z, unknown, tuple(self.bounces), self.untestable
-        )
+            self.none, tuple(singles), chosen, alike, share, z, unknown or len(swallowed) > 0, tuple(self.bounces),
+            self.untestable, ("clock_rate",) if any(self._clock_doubt(c) < 0 for c in singles) else (),
+        )  # fmt: skip
+
+    def _swallowed(self, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[str, ...]:
+        """Laws that a number which only scales gravity may have swallowed: they explain much of what it explains, and
+        what tells them from it is no larger than what the clips leave of either."""
+        if len(chosen.effects) != 1 or chosen.first not in SCALES_GRAVITY:
+            return ()
+        least = self.none.score - SWALLOWED_SHARE * (self.none.score - chosen.score)
+        return tuple(c.first for c in singles if c.score < least and c.first not in SCALES_GRAVITY)
 
     def _best(self, singles: Sequence[Candidate]) -> Candidate:
         return min([self.none, *singles], key=lambda c: c.score - self._clock_doubt(c))
@@ -199,11 +198,9 @@ class Selector:
     def _sharpen(self, best: Candidate) -> None:
         """Take the noise from the best model, where that leaves less than polynomials do: they miss what turns fast or
         stops suddenly."""
-        problem = best.problem
-        rows = sum(int((s.weight > 0).sum()) for s in problem.stacks)
-        own = sum(s.own * int((s.samples > 0).sum()) for s in problem.stacks) + best.fit.model.size
-        left = sum(float(c.sum()) for c in best.fit.position_chi2) / max(rows - own, 1)
-        if best.obstacle is None and rows - own > 30 and left < SHARPER:
+        freedom = best.problem.rows - best.own
+        left = best.left / max(freedom, 1)
+        if best.obstacle is None and freedom > 30 and left < SHARPER:
             self.sharper = 1 / left
 
     def _rescored(self, found: Candidate) -> Candidate:
@@ -404,32 +401,34 @@ class Selector:
             found = fit(problem.stacks, model, found.theta, other, problem.chosen, iterations)
         share = problem.floor.information * self.sharper
         inside, outside = found.total(problem.chosen) * share, found.total(problem.held) * share
-        bic = inside + model.size * np.log(self.problem.effective_rows) + SLIP_PRICE * found.slipping
+        bic = inside + model.size * np.log(self.problem.effective_rows) + found.slip_price
         return Candidate(effects, found, problem, bic + outside, bic, outside)
 
     def _with_bounces(self, found: Candidate, free: bool) -> Candidate:
         """With the bounces' part of the score: as known damping has them, or with a restitution of their own."""
         if self.restitution is None:
             return found
-        term = self.restitution.chi2 + np.log(max(len(self.bounces), 2)) if free else self.restitution.chi2_expected
-        return replace(found, score=found.score + term, bic=found.bic + term,
-                       restitution=self.restitution if free else None)  # fmt: skip
+        found = replace(found, restitution=self.restitution if free else None)
+        term = self._bounce_chi2(found) + (np.log(max(len(self.bounces), 2)) if free else 0.0)
+        return replace(found, score=found.score + term, bic=found.bic + term)
 
     def _unbounced(self, found: Candidate) -> Candidate:
-        assert self.restitution is not None
-        term = self.restitution.chi2_expected
+        term = self._bounce_chi2(found)
         return replace(found, score=found.score - term, bic=found.bic - term)
+
+    def _bounce_chi2(self, found: Candidate) -> float:
+        """Chi squared of the bounces: by a restitution of their own, or as known damping has them."""
+        if self.restitution is None:
+            return 0.0
+        return self.restitution.chi2 if found.restitution else self.restitution.chi2_expected
 
     def _of_noise(self, found: Candidate) -> float:
         """What a model leaves beyond noise, as a share of the noise."""
-        rows = sum(int((s.weight > 0).sum()) for s in found.problem.stacks)
-        own = sum(s.own * int((s.samples > 0).sum()) for s in found.problem.stacks) + found.fit.model.size
-        left = sum(float(c.sum()) for c in found.fit.position_chi2) * self.sharper
-        bounce = 0.0
-        if self.restitution is not None:
-            bounce = self.restitution.chi2 if found.restitution else self.restitution.chi2_expected
-            bounce = bounce / max(len(self.bounces), 1) - 1  # bounces are few, and each is a measurement
-        return max(left / max(rows - own, 1) - 1, bounce)
+        left = found.left * self.sharper / max(found.problem.rows - found.own, 1) - 1
+        if self.restitution is None:
+            return left
+        # bounces are few, and each is a measurement
+        return max(left, self._bounce_chi2(found) / max(len(self.bounces), 1) - 1)
 
     def _excess(self, found: Candidate) -> tuple[float, float]:
         """What a model leaves beyond noise: as a z-score, and as a share of what the calibrated model leaves."""
@@ -437,19 +436,14 @@ class Selector:
 
         def beyond(c: Candidate) -> tuple[float, float]:
             floor = sum(float(p.chi2.sum()) for p in c.problem.parts) / self.sharper
-            total = sum(float(x.sum()) for x in c.fit.position_chi2)
             smooth = sum(int(p.parameters.sum()) for p in c.problem.parts)
-            own = sum(s.own * int((s.samples > 0).sum()) for s in c.problem.stacks) + c.fit.model.size
-            return (total - floor) * share, max(smooth - own, 1)
+            return (c.left - floor) * share, max(smooth - c.own, 1)
 
         left, freedom = beyond(found)
         whole, freedom_none = beyond(self.none)
-        bounce = 0.0
-        if self.restitution is not None:
-            bounce = self.restitution.chi2 if found.restitution else self.restitution.chi2_expected
-            bounce -= len(self.bounces)
+        bounce = self._bounce_chi2(found) - len(self.bounces) * (self.restitution is not None)
         z = (left + bounce - freedom) / np.sqrt(2 * (freedom + len(self.bounces)))
-        whole += (self.restitution.chi2_expected if self.restitution else 0.0) - freedom_none
+        whole += self._bounce_chi2(self.none) - freedom_none
         return float(z), float(np.clip((left + max(bounce, 0) - freedom) / max(whole, 1e-9), 0, 1))
 
 
@@ -462,15 +456,3 @@ def _apart(guesses: Sequence[Guess]) -> list[Guess]:
         if all(np.linalg.norm(guess.values[:3] - other.values[:3]) > spacing for other in out):
             out.append(guess)
     return out[:MANY_BEGINNINGS]
-
-
-def names_of(text: str) -> tuple[str, ...]:
-    """The effects that `--effects` names. Raises ValueError with what is valid."""
-    known = effect_kinds()
-    if text == "all":
-        return tuple(known)
-    names: Iterable[str] = [n.strip() for n in text.split(",") if n.strip()]
-    for name in names:
-        if name not in known:
-            raise ValueError(f"unknown effect {name!r}; valid: all, {', '.join(known)}")
-    return tuple(dict.fromkeys(names))

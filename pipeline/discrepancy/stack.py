@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.discrepancy.arc import Arc
+from pipeline.discrepancy.arc import FAR_AWAY, Arc
 from pipeline.discrepancy.known_scene import KnownScene
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import half_extents
@@ -27,7 +27,7 @@ class ArcStack:
     spin_rows, spin_weight (A, n, 3): measured spins, for arcs on the ground. others (A, 2 K + 1, M, 3) m, at half
     steps. rotation (A, n, 3, 3) of the body, identity where unknown. resting_z (A,) m: where a body on the ground
     should be. ruler: standard deviation of the arcs' own length scales, relative; 0: lengths are what they are said
-    to be. tied (A,) bool: balls of unknown spin that nothing has hit before, which are taken to roll.
+    to be. tied (A,) bool: balls of unknown spin that are taken to roll.
     """
 
     grounded: bool
@@ -82,7 +82,7 @@ def stack_arcs(arcs: Sequence[Arc], clips: Sequence[str], known: KnownScene, gro
     time, position, weight = np.zeros((count, n)), np.zeros((count, n, 3)), np.zeros((count, n, 3))
     rotation = np.tile(np.eye(3), (count, n, 1, 1))
     spin_rows, spin_weight = np.zeros((count, n, 3)), np.zeros((count, n, 3))
-    others = np.full((count, 2 * steps + 1, most, 3), 1e6)  # where nothing is, it is far away
+    others = np.full((count, 2 * steps + 1, most, 3), FAR_AWAY)
     bodies = [known.of_clip(a.clip).objects[a.object] for a in chosen]
     scenes = [known.of_clip(a.clip) for a in chosen]
     for i, arc in enumerate(chosen):
@@ -116,5 +116,5 @@ def stack_arcs(arcs: Sequence[Arc], clips: Sequence[str], known: KnownScene, gro
         np.array([np.zeros(3) if s is None else s for s in spins]).reshape(count, 3),
         np.array([s is not None for s in spins], bool), spin_rows, spin_weight, others, rotation,
         np.array([(s.ground or 0.0) + h[2] for s, h in zip(scenes, half, strict=True)]),
-        tied=np.array([grounded and a.row[0] < 3 and a.mean_spin is None for a in chosen], bool),
+        tied=np.array([grounded and a.rolling and a.mean_spin is None for a in chosen], bool),
     )  # fmt: skip

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.hidden.events import body_at, force_effects
-from pipeline.physics.effect_forces import HalfwayVelocity, resting_body, total_force
+from pipeline.hidden.events import body_at
+from pipeline.physics.effect_forces import HalfwayVelocity, chosen_effects, resting_body, total_force, with_force
 from pipeline.scene.effects.kinds.restitution import restitution_of
 from pipeline.scene.scene import Scene, half_extents
 
@@ -30,7 +30,7 @@ def run_bullet(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray,
             )
             world.changeDynamics(plane, -1, lateralFriction=1.0, restitution=1.0)
         bodies = [_add(world, pybullet, o) for o in scene.objects]
-        effects, body, halfway = force_effects(scene), resting_body([scene]), HalfwayVelocity()
+        effects, body, halfway = chosen_effects([scene], with_force), resting_body([scene]), HalfwayVelocity()
         history = []
         for step in range(int(np.ceil(times[-1] * RATE)) + 2):
             poses = [world.getBasePositionAndOrientation(b) for b in bodies]

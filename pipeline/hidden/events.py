@@ -10,10 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pipeline.physics.effect_forces import AppliedEffect, other_centres, resting_body, total_force
+from pipeline.physics.effect_forces import chosen_effects, other_centres, resting_body, total_force, with_force
 from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.kinds.restitution import restitution_of
-from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Scene
 
 RATE = 960  # steps a second
@@ -30,7 +29,7 @@ def run_events(
     v = np.array([o.velocity for o in scene.objects], float)[None]
     w = np.array([o.angular_velocity for o in scene.objects], float)[None]
     values = {e.name: e.values for e in scene.effects}
-    forces = force_effects(scene)
+    forces = chosen_effects([scene], with_force)
     reach = np.array([o.size[0] if o.shape == "sphere" else o.size[1] / 2 for o in scene.objects])[None]
     rolls = np.array([o.shape == "sphere" for o in scene.objects])[None]
     bounce = np.array([restitution_of(o.damping) for o in scene.objects])[None]
@@ -81,18 +80,6 @@ def run_events(
         if "hidden_obstacle" in values:
             v = _off_sphere(x, v, reach, values["hidden_obstacle"])
     return np.array(out_x), np.array(out_w)
-
-
-def force_effects(scene: Scene) -> list[AppliedEffect]:
-    """Every effect with a force, also those of which MuJoCo has its own form."""
-    out = []
-    everybody = np.ones(len(scene.objects), bool)
-    for effect in scene.effects:
-        kind = effect_kinds()[effect.name]
-        values = {name: np.array(value, float)[None, None] for name, value in effect.parameters}
-        acts = everybody if effect.objects is None else np.array([o.name in effect.objects for o in scene.objects])
-        out.append(AppliedEffect(kind, values, acts))
-    return [e for e in out if e.kind.force is not None]
 
 
 def body_at(

@@ -2,26 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-#: A hidden effect and others that are the same law in some experiments, whatever is measured: a far attractor pulls
-#: evenly, wind of no speed is drag, what presses on a puck is like a larger weight. Struck off, it may be named so.
-EQUALS: dict[str, frozenset[str]] = {
-    "gravity_error": frozenset({"buoyancy", "length_scale", "clock_rate", "adhesion"}),
-    "buoyancy": frozenset({"gravity_error", "length_scale", "clock_rate"}),
-    "length_scale": frozenset({"gravity_error", "buoyancy", "clock_rate", "adhesion"}),
-    "clock_rate": frozenset({"gravity_error", "buoyancy", "length_scale", "adhesion"}),
-    "adhesion": frozenset({"gravity_error", "length_scale", "clock_rate"}),
-    "tilted_gravity": frozenset({"hidden_attractor"}),
-    "air_drag": frozenset({"wind"}),
-    "viscous_friction": frozenset({"linear_drag"}),
-    "hidden_obstacle": frozenset({"impulse"}),
-}
+from pipeline.hidden.experiment import BOUNCING, EVERY, FLYING
+
 LARGEST_SET = 3  # an equivalence set of more names is no answer
+
+
+SCALES: dict[str, Callable[[Mapping[str, Any]], bool]] = {
+    "buoyancy": lambda e: True,
+    "gravity_error": lambda e: bool(e["gravity"] < 9.81),
+    "length_scale": lambda e: bool(e["ratio"] < 1),
+    "clock_rate": lambda e: bool(e["ratio"] > 1),
+}
+"""Effects that only scale the gravity that a free flight shows (gravity x length scale / clock rate squared), with
+whether one of them makes it weaker: buoyancy can do nothing else."""
+IN_THE_AIR = (*FLYING, BOUNCING)
+ONE_BODY = frozenset(EVERY) - {"pair", "carom"}
+
+
+def equals_of(effect: Mapping[str, Any], truth: Mapping[str, Any]) -> frozenset[str]:
+    """The effects, at most three, that are the same law as a hidden one in that experiment: struck off the list, it may
+    be named so. truth: of the hidden world."""
+    name, scenario = effect["name"], truth["scenario"]
+    if name in SCALES and scenario in IN_THE_AIR:
+        return frozenset(n for n in SCALES if n != name and (n != "buoyancy" or SCALES[name](effect)))
+    if name == "adhesion":  # presses as a larger weight does
+        return frozenset(SCALES) - {"buoyancy"}
+    if name == "tilted_gravity" and scenario in ONE_BODY:  # a far attractor pulls evenly, but all masses alike
+        return frozenset({"hidden_attractor"})
+    if name == "air_drag":  # wind of no speed
+        return frozenset({"wind"})
+    if name == "viscous_friction" and scenario == "puck":  # never in the air, where only drag would act
+        return frozenset({"linear_drag"})
+    if name == "hidden_obstacle" and truth["clips"] == 1:  # a blow is sought in all clips
+        return frozenset({"impulse"})
+    return frozenset()
 
 
 @dataclass(frozen=True)
@@ -42,7 +62,7 @@ class Judgement:
 
 def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     """verdict: of report.json; truth: of a hidden world (`pipeline.hidden.world`). Of an effect struck off the list,
-    `unknown` is right, and so are its `EQUALS`."""
+    `unknown` is right, and so are its `equals_of`."""
     hidden = {e["name"] for e in truth["effects"]}
     named = [n for n in verdict["effects"] if n != "unknown"]
     unknown = "unknown" in verdict["effects"]
@@ -50,7 +70,8 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     listed = truth.get("unlisted") is None and not truth.get("struck")
     name = "+".join(sorted(hidden)) if hidden and listed else "none" if listed else "unlisted"
     answer = "unknown" if unknown else "+".join(sorted(named)) or "none"
-    equals = EQUALS.get(truth.get("struck") or "", frozenset())
+    struck = [e for e in truth["effects"] if e["name"] == truth.get("struck")]
+    equals = frozenset().union(*(equals_of(e, truth) for e in struck))
     if not listed and named and set(named) <= equals:
         return Judgement(True, False, True, name, name, {}, {})
     if not listed:

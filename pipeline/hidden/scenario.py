@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.discrepancy.known_scene import FITTED
+from pipeline.hidden.experiment import BOUNCING, EVERY, FLYING, MUST_BE_KNOWN, SCENARIOS
 from pipeline.scene.scene import SceneObject
 
 SECONDS = 1.0
@@ -24,27 +25,6 @@ class Scenario:
     spin: bool = False
     orientation: bool = False
     fit: tuple[str, ...] = FITTED
-
-
-#: Effect -> the kinds of experiment in which it shows; those in the air show in `FLYING`.
-SCENARIOS: dict[str, tuple[str, ...]] = {
-    "rolling_resistance": ("roll",),
-    "spin_friction": ("spin",),
-    "viscous_friction": ("puck",),
-    "anisotropic_friction": ("puck",),
-    "moving_ground": ("puck",),
-    "adhesion": ("puck",),
-    "restitution": ("bounce",),
-    "off_center_mass": ("cube",),
-    "pair_attraction": ("pair",),
-    "hidden_obstacle": ("throw",),
-    "tilted_gravity": ("throw", "throw", "cube", "pair", "puck", "roll", "carom"),
-}
-FLYING = ("throw", "throw", "throw", "cube", "pair")
-BOUNCING = "bounce"
-EVERY = ("throw", "bounce", "cube", "pair", "puck", "roll", "spin", "carom")
-MUST_BE_KNOWN = {"rolling_resistance": "rolling_friction", "restitution": "damping", "adhesion": "sliding_friction"}
-"""Effect -> the contact number that, left free, would be the effect by another name."""
 
 
 def draw_name(effects: Sequence[str], bounces: bool, rng: np.random.Generator) -> str:

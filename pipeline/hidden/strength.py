@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.errors import SimulationError
 from pipeline.hidden.events import run_events
+from pipeline.hidden.experiment import ON_THE_GROUND
 from pipeline.hidden.scenario import Scenario
 from pipeline.physics.simulate import simulate
 from pipeline.scene.effects.registry import effect_kinds
@@ -103,11 +104,12 @@ def _moved(effect: Effect, scenario: Scenario, launches: Launches, times: np.nda
     before a first impact, beyond those of other initial positions and velocities, m."""
     kind = effect_kinds()[effect.name]
     changes, frictions = [], []
-    rub = scenario.name in ("puck", "roll", "carom") and "sliding_friction" in scenario.fit
+    grounded = scenario.name in ON_THE_GROUND
+    rub = grounded and "sliding_friction" in scenario.fit
     for bodies in launches[:PROBE_CLIPS]:
         try:
             hidden = (effect,) if kind.recording is None else ()
-            if scenario.name in ("puck", "roll", "carom"):  # in MuJoCo pucks chatter, which would look like an effect
+            if grounded:  # in MuJoCo pucks chatter, which would look like an effect
                 a, b = (run_events(Scene(bodies, effects=e), times)[0] for e in ((), hidden))
                 slicker = tuple(replace(body, sliding_friction=0.97 * body.sliding_friction) for body in bodies)
                 other = run_events(Scene(slicker), times)[0] if rub else a

@@ -15,7 +15,8 @@ from pipeline.physics.batch import States
 from pipeline.physics.effect_forces import (
     HalfwayVelocity,
     RecentNormalForce,
-    applied_effects,
+    applied_by_us,
+    chosen_effects,
     ground_forces,
     other_centres,
     resting_body,
@@ -36,7 +37,7 @@ def run_with_effects(scenes: Sequence[Scene], steps: np.ndarray, threads: int) -
     numbers differ.
     """
     models = [compile_xml(scene_xml(scene)) for scene in scenes]
-    effects, body = applied_effects(scenes), resting_body(scenes)
+    effects, body = chosen_effects(scenes, applied_by_us), resting_body(scenes)
     in_contact = any(Regime.FLIGHT not in e.kind.regimes for e in effects)  # these need the last step's contacts
     normal, halfway = RecentNormalForce(), HalfwayVelocity()
     batch = mjbatch.Batch(models[0], nsim=len(scenes), nthread=threads, persistent=in_contact)

@@ -30,14 +30,24 @@ class AppliedEffect:
     acts: np.ndarray
 
 
-def applied_effects(scenes: Sequence[Scene]) -> list[AppliedEffect]:
-    """Those effects of the scenes that are applied as forces; the scenes share their names and objects, in order."""
+def applied_by_us(kind: EffectKind) -> bool:
+    """Whether MuJoCo has no form of its own of the effect."""
+    return kind.applied
+
+
+def with_force(kind: EffectKind) -> bool:
+    """Whether the effect is a force, also where MuJoCo has a form of its own: of engines that know no effects."""
+    return kind.force is not None
+
+
+def chosen_effects(scenes: Sequence[Scene], which: Callable[[EffectKind], bool]) -> list[AppliedEffect]:
+    """Those effects of the scenes whose kind is asked for; the scenes share their names and objects, in order."""
     names = [[(e.name, e.objects) for e in s.effects] for s in scenes]
     assert all(n == names[0] for n in names), "scenes of one batch share their effects' names"
     out = []
     for i, effect in enumerate(scenes[0].effects):
         kind = effect_kinds()[effect.name]
-        if kind.applied:
+        if which(kind):
             out.append(AppliedEffect(kind, _stacked([s.effects[i] for s in scenes]), _acts(effect, scenes[0])))
     return out
 
@@ -85,7 +95,7 @@ def resting_body(scenes: Sequence[Scene]) -> Body:
 
 def effect_forces(scene: Scene) -> ApplyForces | None:
     """What writes the forces of `scene` before each step; None where MuJoCo needs no help."""
-    effects = applied_effects([scene])
+    effects = chosen_effects([scene], applied_by_us)
     if not effects or not scene.objects:
         return None
     constant = resting_body([scene])

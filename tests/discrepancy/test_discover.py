@@ -12,9 +12,12 @@ from small_world import KNOWN, effect, thrown
 from pipeline.commands.main import main
 from pipeline.discrepancy.discover import discover, report
 from pipeline.discrepancy.known_scene import known_scene
-from pipeline.discrepancy.track import tracks_table
+from pipeline.discrepancy.page import sentence
+from pipeline.discrepancy.track import Track, tracks_table
+from pipeline.hidden.events import run_events
 from pipeline.physics.simulate import compile_xml
 from pipeline.scene.effects.registry import effect_kinds
+from pipeline.scene.scene import Scene, SceneObject
 from pipeline.scene.text import load_scene
 
 ALL = tuple(effect_kinds())
@@ -38,6 +41,26 @@ def test_where_nothing_is_hidden_nothing_is_claimed() -> None:
     found = discover(thrown(rng, 8), known_scene(KNOWN), 0.3, ALL, rng)
     assert found.verdict.effects == ()
     assert found.gap.after == pytest.approx(found.gap.noise_floor, rel=0.1)
+
+
+def test_the_augmented_scene_has_the_friction_fitted_with_the_effect() -> None:
+    rng = np.random.default_rng(12)
+    friction, tracks = 0.3, []
+    for c in range(8):
+        angle = rng.uniform(-np.pi, np.pi)
+        velocity = rng.uniform(0.8, 2.0) * np.array([np.cos(angle), np.sin(angle), 0.0])
+        puck = SceneObject("cylinder", (0.05, 0.02), 0.2, friction, position=(0, 0, 0.01), velocity=tuple(velocity),
+                           name="puck")  # fmt: skip
+        scene = Scene((puck,), effects=(effect("moving_ground", velocity=(0.4, 0.2)),))
+        times = np.arange(61) / 60
+        position = run_events(scene, times)[0][:, 0] + rng.normal(0, 0.002, (61, 3))
+        tracks.append(Track(f"clip_{c}", "puck", times, position))
+    puck = {"name": "puck", "shape": "cylinder", "radius": 0.05, "height": 0.02, "mass": 0.2}
+    found = discover(tracks, known_scene({"objects": [puck], "fit": ["sliding_friction"]}), 0.3, ALL, rng)
+    assert found.verdict.effects == ("moving_ground",)
+    without = found.calibrated["puck.sliding_friction"].value
+    assert isinstance(without, float) and abs(without - friction) > 0.02
+    assert found.scene.objects[0].sliding_friction == pytest.approx(friction, abs=0.01)
 
 
 def test_an_effect_that_the_scene_has_already_is_not_found_again() -> None:
@@ -109,6 +132,30 @@ def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path: Path) -> No
         "http://purl.org", ""
     ).replace("http://creativecommons.org", "").replace("https://matplotlib.org", "")
     assert {"residuals.parquet", "recording.rrd"} <= {p.name for p in out.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("effects", "equivalent", "words"),
+    [
+        ([], [], "Nothing is missing"),
+        (["unknown"], [], "no listed effect explains"),
+        (["unknown"], [["air_drag", "gravity_error"]], "do not tell which of these: air_drag, gravity_error."),
+        (
+            ["air_drag"],
+            [["air_drag", "wind"]],
+            "air_drag (confidence {}). These measurements cannot tell it from wind.",
+        ),
+    ],
+)
+def test_a_doubtful_verdict_says_so_and_a_sure_one_does_not(
+    effects: list[str], equivalent: list[list[str]], words: str
+) -> None:
+    for confidence in (0.5, 0.95):
+        verdict = {"effects": effects, "equivalent": equivalent, "confidence": confidence, "form": "F/m = 0.1 v"}
+        gap = {"before": 0.01, "after": 0.002, "noise_floor": 0.002}
+        said = sentence({"verdict": verdict, "gap": gap, "clips": {"held_out": ["c"]}})
+        assert said.startswith("Doubtful. ") == (confidence == 0.5)
+        assert words.format(f"{confidence:.2f}") in said and f"(confidence {confidence:.2f})" in said
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from small_world import KNOWN, NOISE, effect, thrown
 
 from pipeline.discrepancy.arc import Arc, cut_tracks
 from pipeline.discrepancy.breaks import Break, find_breaks
-from pipeline.discrepancy.fit import fit
+from pipeline.discrepancy.fit import SPIN_SCALE, fit, run
 from pipeline.discrepancy.known_scene import known_scene
 from pipeline.discrepancy.model import known_model, with_effect
 from pipeline.discrepancy.noise import leave_one_out, rough_sigma
@@ -108,3 +108,92 @@ def test_one_hit_tells_where_an_obstacle_is_but_not_how_large() -> None:
     assert found.size_error > 0.9 * SIZE_SPREAD
     surface = found.position - found.size * np.array([1.0, 0, 0])
     np.testing.assert_allclose(surface, [1.05, 0, 3], atol=0.02)
+
+
+def rolling(rng: np.random.Generator, clips: int) -> tuple[list[Track], dict[str, object]]:
+    """Balls that roll straight on for 1 s at 60 Hz, with their measured spins."""
+    radius, time, out = 0.05, np.arange(61) / 60, []
+    for c in range(clips):
+        angle, speed = rng.uniform(-np.pi, np.pi), rng.uniform(0.4, 2.0)
+        v = speed * np.array([np.cos(angle), np.sin(angle), 0.0])
+        position = np.array([0, 0, radius]) + time[:, None] * v + rng.normal(0, NOISE, (61, 3))
+        spin = np.array([-v[1], v[0], 0.0]) / radius
+        out.append(Track(f"clip_{c}", "ball", time, position, None, np.tile(spin, (61, 1))))
+    return out, {**KNOWN, "fit": []}
+
+
+def test_spins_weigh_as_noise_and_a_common_factor_say(rng: np.random.Generator) -> None:
+    tracks, data = rolling(rng, 1)
+    known = known_scene(data)
+    problem = pose(tracks, known, 0.0, rng)
+    (stack,) = problem.stacks
+    model = known_model(known, problem.stacks)
+    start = starts_of(problem)[0]
+    two = np.stack([start, start])
+    two[1, :, 6:9] += rng.normal(0, 0.5, 3)
+    rows, _ = run(stack, model, np.tile(model.start, (2, 1)), two)
+    ours = (rows[1] - rows[0])[0, stack.weight[0].size :]
+    plain, _ = run(replace(stack, spin_rows=0 * stack.spin_rows), model, np.tile(model.start, (2, 1)), two)
+    change = (plain[1] - plain[0])[0, stack.weight[0].size :]  # of measured spins of zero: no factor matters
+    measured = (stack.spin_rows * stack.spin_weight)[0].ravel()
+    covariance = np.eye(len(measured)) + SPIN_SCALE**2 * np.outer(measured, measured)
+    assert ours @ ours == pytest.approx(change @ np.linalg.solve(covariance, change), rel=1e-6)
+    assert ours @ ours < 0.999 * (change @ change)
+
+
+def test_spins_that_are_off_by_a_factor_are_no_wrong_ruler(rng: np.random.Generator) -> None:
+    tracks, data = rolling(rng, 6)
+    tracks = [replace(t, angular_velocity=1.03 * t.angular_velocity) for t in tracks]
+    known = known_scene(data)
+    problem = pose(tracks, known, 0.0, rng)
+    plain = known_model(known, problem.stacks)
+    models = (plain, with_effect(plain, effect_kinds()["length_scale"], known))
+    none, ruler = (fit(problem.stacks, m, m.start, starts_of(problem), problem.chosen) for m in models)
+    assert none.total(problem.chosen) - ruler.total(problem.chosen) < 12  # 1 of each clip, not 60
+
+
+def test_balls_that_are_taken_to_roll_roll_whatever_velocity_is_fitted(rng: np.random.Generator) -> None:
+    tracks, data = rolling(rng, 4)
+    tracks = [replace(t, angular_velocity=None) for t in tracks]
+    known = known_scene(data)
+    problem = pose(tracks, known, 0.0, rng)
+    (stack,), model = problem.stacks, known_model(known, problem.stacks)
+    begin = starts_of(problem)[0]
+    v = rng.normal(0, 0.3, (len(stack), 2))  # a poor first guess
+    begin[:, 3:5], begin[:, 6], begin[:, 7] = v, -v[:, 1] / 0.05, v[:, 0] / 0.05
+    found = fit([stack], model, model.start, [begin], problem.chosen)
+    x, y, wx, wy = found.starts[0][:, [3, 4, 6, 7]].T
+    assert np.hypot(x - 0.05 * wy, y + 0.05 * wx).max() < 1e-9
+    assert found.total(problem.chosen) < problem.rows + 5 * np.sqrt(2 * problem.rows)
+
+
+def test_a_gentle_touch_cuts_both_balls_and_what_follows_it_is_left_out(rng: np.random.Generator) -> None:
+    radius, time = 0.05, np.arange(61) / 60
+    objects = [{"name": n, "shape": "sphere", "radius": radius, "mass": 0.2} for n in ("ball", "other")]
+    touch = float(rng.uniform(0.4, 0.5))
+    x = np.where(time < touch, 0.06 * (time - touch), 0.03 * (time - touch)) - 2 * radius  # too gently to show
+    positions = {"ball": x, "other": 0.03 * np.maximum(0, time - touch)}
+    tracks = [
+        Track("c", name, time, np.stack([p, 0 * p, 0 * p + radius], 1) + rng.normal(0, 0.001, (61, 3)), None,
+              np.zeros((61, 3)))
+        for name, p in positions.items()
+    ]  # fmt: skip
+    cut = cut_tracks(tracks, known_scene({"objects": objects}))
+    assert {(i.object, i.other) for i in cut.impacts} == {(0, 1), (1, 0)}
+    assert not any(a.time[0] < touch < a.time[-1] for a in cut.arcs)
+
+
+def test_a_ball_is_cut_where_it_touches_the_right_one_also_where_a_clip_does_not_show_them_all(
+    rng: np.random.Generator,
+) -> None:
+    radii, time = {"ball": 0.05, "hidden": 0.3, "other": 0.05}, np.arange(61) / 60
+    objects = [{"name": n, "shape": "sphere", "radius": r, "mass": 0.2} for n, r in radii.items()]
+    x = {"ball": -0.3 + 0.2 * time, "other": 0.0 * time}  # 0.1 m apart in the end: they touch only then
+    tracks = [
+        Track("c", n, time, np.stack([p, 0 * p, 0 * p + 0.05], 1) + rng.normal(0, 0.001, (61, 3)), None,
+              np.zeros((61, 3)))
+        for n, p in x.items()
+    ]  # fmt: skip
+    cut = cut_tracks(tracks, known_scene({"objects": objects}))
+    assert {i.other for i in cut.impacts} <= {0, 2}
+    assert max(a.time[-1] - a.time[0] for a in cut.arcs if a.object == 0) > 0.8

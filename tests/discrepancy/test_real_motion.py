@@ -31,6 +31,20 @@ def test_ball_drops_have_two_drops_of_each_ball(folder: Path) -> None:
         assert 0.02 < known_scene(real.known).scene.objects[0].mass < 7
 
 
+def test_gravity_does_not_swallow_the_drag_of_a_basketball(folder: Path) -> None:
+    pytest.importorskip("openpyxl", reason="an extra: benchmark")
+    verdicts = {}
+    for real in read_ball_drops(folder / "ball_drops"):
+        if real.name in ("bluebasketball", "greenbasketball", "volleyball", "bowlingball"):
+            verdicts[real.name] = discover(
+                real.tracks, known_scene(real.known), 0.3, tuple(effect_kinds()), np.random.default_rng(0)
+            ).verdict
+    assert verdicts["volleyball"].effects == ("linear_drag",) and verdicts["bowlingball"].effects == ()
+    for name in ("bluebasketball", "greenbasketball"):
+        assert verdicts[name].effects == ("unknown",) and "linear_drag" in verdicts[name].equivalent[0]
+    assert all(v.confidence <= 0.5 for v in verdicts.values())
+
+
 def test_a_cube_that_rests_touches_the_ground(folder: Path) -> None:
     real = read_cube_tosses(folder / "cube_tosses", 5)
     assert all(t.quaternion is not None for t in real.tracks)

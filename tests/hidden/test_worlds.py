@@ -5,10 +5,12 @@ import pytest
 
 from pipeline.discrepancy.known_scene import FITTED
 from pipeline.hidden.engine import ENGINES, Twist, run_event_driven, run_mujoco
-from pipeline.hidden.judge import EQUALS, confusion, judge, macro_f1, wilson
+from pipeline.hidden.experiment import EVERY, MUST_BE_KNOWN, SCENARIOS
+from pipeline.hidden.judge import confusion, equals_of, judge, macro_f1, wilson
 from pipeline.hidden.recipes import recipe_of
-from pipeline.hidden.scenario import EVERY, MUST_BE_KNOWN, SCENARIOS, draw_fit, draw_name, draw_scenario
+from pipeline.hidden.scenario import draw_fit, draw_name, draw_scenario
 from pipeline.hidden.world import Recipe, make_world
+from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect, Scene, SceneObject
 
 TIMES = np.arange(31) / 60
@@ -105,11 +107,28 @@ def test_what_would_be_the_effect_by_another_name_is_known_and_nothing_else_depe
 
 
 def test_an_equal_of_an_effect_that_is_struck_off_is_no_wrong_name() -> None:
-    struck = {**truth("gravity_error"), "struck": "gravity_error"}
+    heavier = {"name": "gravity_error", "gravity": 10.5}
+    struck = {**truth(), "effects": [heavier], "struck": "gravity_error", "scenario": "throw", "clips": 12}
     assert judge(verdict("length_scale"), struck).right and not judge(verdict("length_scale"), struck).false
     assert judge(verdict("unknown"), struck).right
     assert judge(verdict("air_drag"), struck).false
-    assert not any(name in equals for name, equals in EQUALS.items())
+    assert judge(verdict("buoyancy"), struck).false  # which makes nothing heavier
+    lighter = {**struck, "effects": [{**heavier, "gravity": 9.5}]}
+    assert judge(verdict("buoyancy"), lighter).right
+
+
+def test_equals_are_at_most_three_and_hold_only_where_the_physics_is_the_same() -> None:
+    for scenario in EVERY:
+        for name, kind in effect_kinds().items():
+            effect = {"name": name, **{p.name: p.scale for p in kind.parameters}}
+            equals = equals_of(effect, {"scenario": scenario, "clips": 12})
+            assert len(equals) <= 3 and name not in equals and equals <= set(effect_kinds())
+    tilt = {"name": "tilted_gravity", "tilt": [0.1, 0.0]}
+    assert equals_of(tilt, {"scenario": "throw", "clips": 12})
+    assert not equals_of(tilt, {"scenario": "pair", "clips": 12})  # an attractor pulls all masses alike
+    obstacle = {"name": "hidden_obstacle", "position": [0, 0, 1], "size": 0.2}
+    assert equals_of(obstacle, {"scenario": "throw", "clips": 1}) == {"impulse"}
+    assert not equals_of(obstacle, {"scenario": "throw", "clips": 12})
 
 
 def verdict(*names: str, equivalent: tuple[tuple[str, ...], ...] = ()) -> dict[str, object]:
