@@ -4,8 +4,8 @@
 
 One clip of four objects, exact masks and flow, the same resolution for all. Ours: pycma's ask and tell, decoding,
 simulation, masks, flow and reward of a whole CMA-ES run. The obvious program: pycma, an MjModel compiled for each
-candidate, `mj_step`, MuJoCo's renderer for the masks (no flow), IoU; a few of its generations. Bare stepping:
-`mujoco.batch` over the same steps of the same candidates, nothing else.
+candidate, `mj_step`, MuJoCo's renderer for the masks (no flow), IoU; candidates of ours' first generation. Bare
+stepping: `mujoco.batch` over the same steps of the same candidates, generations from the whole run, nothing else.
 """
 
 from __future__ import annotations
@@ -13,9 +13,7 @@ from __future__ import annotations
 import argparse
 import secrets
 import time
-import warnings
 
-import cma
 import mujoco
 import numpy as np
 from tqdm import tqdm
@@ -24,15 +22,15 @@ from pipeline.clips.draw import Filters, draw_clips
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
 from pipeline.evaluation.overlap_scores import assign, count, pair_iou, sequence_iou
-from pipeline.physics.batch import BatchSimulator
+from pipeline.physics.batch import BatchSimulator, SceneBatch, unstack
 from pipeline.physics.simulate import simulate
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.sample import Distribution
 from pipeline.scene.scene import Scene
 from pipeline.search.cmaes import Budget, search
-from pipeline.search.evaluator import Evaluator
+from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.search.parameters import search_space
-from pipeline.search.target import make_target
+from pipeline.search.target import Target, make_target
 from pipeline.vision.mujoco_render import Canvas
 from pipeline.vision.render_backend import choose_backend
 from stages.params import PARAMS_FILE, Params
@@ -40,6 +38,19 @@ from stages.params_file import read_params_file
 
 OBJECTS = 4
 OBVIOUS_CANDIDATES = 48
+
+
+class Keeping(Evaluator):
+    """Keeps the candidates that it was asked for in batches."""
+
+    def __init__(self, target: Target, schedule: Schedule, threads: int) -> None:
+        super().__init__(target, schedule, threads)
+        self.kept: list[SceneBatch] = []
+
+    def rewards(self, scenes: SceneBatch, pairs: np.ndarray | None = None) -> Rewards:
+        if len(scenes) > 1:
+            self.kept.append(scenes)
+        return super().rewards(scenes, pairs)
 
 
 def four_objects(seed: int, params: Params, schedule: Schedule) -> Scene:
@@ -88,31 +99,27 @@ def main() -> None:
     space = search_space(scene)
     start = space.scene(np.clip(space.encode() + 0.05 * rng.choice([-1, 1], len(space.keys)), 0, 1))
 
-    evaluator = Evaluator(target, schedule, arguments.threads)
+    evaluator = Keeping(target, schedule, arguments.threads)
     search(evaluator, [start], Budget(arguments.population, 1, 0.1), rng)  # compiles
+    evaluator.kept.clear()
     bar = tqdm(total=arguments.iterations, desc="ours", unit="generation", disable=None, leave=False)
     found = search(evaluator, [start], Budget(arguments.population, arguments.iterations, 0.1), rng,
                    lambda *_: bar.update())  # fmt: skip
     bar.close()
     ours = found.simulations / found.seconds
 
-    around = search_space(start)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        options = {"popsize": arguments.population, "bounds": [0, 1], "seed": 1, "verbose": -9}
-        es = cma.CMAEvolutionStrategy(around.encode(), 0.1, options)
-    batch = around.decode(np.array(es.ask()))
+    batches = evaluator.kept[:: max(1, arguments.iterations // 20)]
     steps = evaluator.schedule.frame_steps[evaluator.schedule.pairs].max(keepdims=True).ravel()
-    simulator = BatchSimulator(scene.shapes, True, len(batch), arguments.threads)
-    simulator.run(batch, steps)
-    began, repeats = time.perf_counter(), max(3, arguments.iterations // 10)
-    for _ in range(repeats):
+    simulator = BatchSimulator(scene.shapes, True, arguments.population, arguments.threads)
+    simulator.run(batches[0], steps)
+    began = time.perf_counter()
+    for batch in batches:
         simulator.run(batch, steps)
-    bare = repeats * len(batch) / (time.perf_counter() - began)
+    bare = len(batches) * arguments.population / (time.perf_counter() - began)
 
     backend, why = choose_backend("auto")
     if backend == "mujoco":
-        candidates = [around.scene(x) for x in es.ask()[:OBVIOUS_CANDIDATES]]
+        candidates = [unstack(batches[0], b, start) for b in range(min(OBVIOUS_CANDIDATES, arguments.population))]
         obvious_reward(start, target.masks, schedule)
         began = time.perf_counter()
         for candidate in candidates:
