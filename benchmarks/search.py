@@ -18,14 +18,13 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
-from pipeline.clips.draw import Filters, draw_clips
+from benchmarks.drawn_scene import drawn_scene
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
 from pipeline.evaluation.overlap_scores import assign, count, pair_iou, sequence_iou
 from pipeline.physics.batch import BatchSimulator, SceneBatch, unstack
 from pipeline.physics.simulate import simulate
 from pipeline.scene.mjcf import scene_xml
-from pipeline.scene.sample import Distribution
 from pipeline.scene.scene import Scene
 from pipeline.search.cmaes import Budget, search
 from pipeline.search.evaluator import Evaluator, Rewards
@@ -51,12 +50,6 @@ class Keeping(Evaluator):
         if len(scenes) > 1:
             self.kept.append(scenes)
         return super().rewards(scenes, pairs)
-
-
-def four_objects(seed: int, params: Params, schedule: Schedule) -> Scene:
-    distribution = Distribution(**params.sample.distribution.model_dump())
-    filters = Filters(**params.sample.filters.model_dump())
-    return draw_clips(seed, "benchmark", range(1), distribution, filters, schedule, {OBJECTS: 1.0}).scenes[0]
 
 
 def obvious_reward(scene: Scene, target_masks: np.ndarray, schedule: Schedule) -> float:
@@ -89,7 +82,7 @@ def main() -> None:
     seed = secrets.randbits(32) if arguments.seed is None else arguments.seed
     params = read_params_file(PARAMS_FILE, Params)
     schedule = Schedule(**params.clip.model_dump())
-    scene = four_objects(seed, params, schedule)
+    scene = drawn_scene(seed, "benchmark", 0, OBJECTS, params, schedule)
     view = pair_view(
         scene, *trace_pairs(simulate(scene, schedule.seconds), schedule), arguments.width, arguments.height
     )

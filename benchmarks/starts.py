@@ -27,14 +27,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.drawn_scene import drawn_scene
 from benchmarks.kept_answers import answers_of, kept_answers
-from pipeline.clips.draw import Filters, draw_clips
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.intervals import bootstrap_mean
 from pipeline.evaluation.scene_scores import score
 from pipeline.evaluation.starts_table import starts_table
 from pipeline.evaluation.tables import markdown
-from pipeline.scene.sample import Distribution
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
 from pipeline.search.cmaes import Budget, search
@@ -57,6 +56,7 @@ POPULATION, SIGMA = 128, 0.1
 METRICS = ("iou", "iou_initial", "epe", "epe_frame", "composition", "penetration", "valid")
 PARTS = ("render", "flow")
 MODEL_PARTS = ("infer", "best_of_k")
+KINDS = ("given", "guess", "motion", "given CMA-ES", "bestK", "greedy", "best1", "prior", "bestK CMA-ES")
 BY_MODEL = ("greedy", "best1", "bestK")
 
 
@@ -72,7 +72,9 @@ def shapes_of(suite: Suite, clip: int, params: Params) -> list[str] | None:
         return [kinds[int(i)] for i in np.unique(stored["masks"]) if i]
 
 
-def start_of(kind: str, suite: Suite, clip: int, target: Target, shapes: list[str] | None, params: Params) -> Scene:
+def start_of(
+    kind: str, suite: Suite, clip: int, target: Target, shapes: list[str] | None, params: Params, schedule: Schedule
+) -> Scene:
     if kind == "greedy":
         return read_scene(greedy_row(suite, clip)["scene"])
     if kind == "best1":
@@ -80,33 +82,25 @@ def start_of(kind: str, suite: Suite, clip: int, target: Target, shapes: list[st
     if kind == "bestK":
         return read_scene(suite["best_of_k"][clip].rows()[0]["scene"])
     if kind == "prior":
-        distribution = Distribution(**params.sample.distribution.model_dump())
-        filters = Filters(**params.sample.filters.model_dump())
-        schedule = Schedule(**params.clip.model_dump())
-        weights = {max(target.instances, 1): 1.0}
-        return draw_clips(params.seed, "prior", range(clip, clip + 1), distribution, filters, schedule, weights).scenes[
-            0
-        ]
+        return drawn_scene(params.seed, "prior", clip, max(target.instances, 1), params, schedule)
     assert shapes is not None
-    times = Schedule(**params.clip.model_dump()).pairs[:, 0] / params.clip.fps
-    return guess_scene(target, shapes, times)
+    return guess_scene(target, shapes, schedule.pairs[:, 0] / schedule.fps)
 
 
 def searched(
-    kind: str, suite: Suite, clip: int, target: Target, shapes: list[str] | None, params: Params, simulations: int
-) -> Found:
-    schedule = Schedule(**params.clip.model_dump())
+    kind: str, suite: Suite, clip: int, target: Target, shapes: list[str] | None, params: Params, schedule: Schedule,
+    simulations: int,
+) -> Found:  # fmt: skip
     evaluator, rng = Evaluator(target, schedule, threads=1), clip_rng(params.seed, "starts", clip, kind)
     if kind in ("guess", "motion"):
         return solve(evaluator, [], simulations, rng).found
-    start = start_of(kind.removesuffix(" CMA-ES"), suite, clip, target, shapes, params)
+    start = start_of(kind.removesuffix(" CMA-ES"), suite, clip, target, shapes, params, schedule)
     if kind.endswith("CMA-ES"):
         return search(evaluator, [start], Budget(POPULATION, simulations // POPULATION, SIGMA), rng)
     return fit(evaluator, Record(evaluator), [start], simulations, rng)
 
 
-def target_of(suite: Suite, clip: int, params: Params, motion: bool) -> Target:
-    schedule = Schedule(**params.clip.model_dump())
+def target_of(suite: Suite, clip: int, params: Params, schedule: Schedule, motion: bool) -> Target:
     rendered = suite["render"][clip]
     masks = rendered.array("mask")
     if motion:
@@ -123,9 +117,9 @@ def answer(job: tuple[str, int, str, int]) -> dict[str, Any]:
     params = read_params_file(PARAMS_FILE, Params)
     suite = open_suite(name, [*PARTS, *MODEL_PARTS * kind.startswith(BY_MODEL)])
     schedule = Schedule(**params.clip.model_dump())
-    target = target_of(suite, clip, params, kind == "motion")
+    target = target_of(suite, clip, params, schedule, kind == "motion")
     shapes = shapes_of(suite, clip, params)
-    found = searched(kind, suite, clip, target, shapes, params, simulations)
+    found = searched(kind, suite, clip, target, shapes, params, schedule, simulations)
     truth = reference(suite, clip, schedule)
     out: dict[str, Any] = {"suite": name, "clip": clip, "start": kind, "instances": int(truth.masks.max()),
                            "simulations": found.simulations, "seconds": found.seconds}  # fmt: skip
@@ -152,9 +146,6 @@ def jobs_of(params: Params, each: int, simulations: int, kinds: list[str]) -> li
                 if kind != "motion" or name == "real":
                     out.append((name, clip, kind, simulations))
     return out
-
-
-KINDS = ("given", "guess", "motion", "given CMA-ES", "bestK", "greedy", "best1", "prior", "bestK CMA-ES")
 
 
 def summary(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:

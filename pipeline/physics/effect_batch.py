@@ -18,13 +18,13 @@ from pipeline.physics.effect_forces import (
     applied_by_us,
     chosen_effects,
     ground_forces,
+    needs_contacts,
     other_centres,
     resting_body,
     total_force,
 )
 from pipeline.physics.simulate import compile_xml
 from pipeline.scene.effects.body import Body
-from pipeline.scene.effects.kind import Regime
 from pipeline.scene.mjcf import STEPS_PER_SECOND, scene_xml
 from pipeline.scene.rotation import rotate
 from pipeline.scene.scene import Scene
@@ -38,7 +38,7 @@ def run_with_effects(scenes: Sequence[Scene], steps: np.ndarray, threads: int) -
     """
     models = [compile_xml(scene_xml(scene)) for scene in scenes]
     effects, body = chosen_effects(scenes, applied_by_us), resting_body(scenes)
-    in_contact = any(Regime.FLIGHT not in e.kind.regimes for e in effects)  # these need the last step's contacts
+    in_contact = needs_contacts(effects)
     normal, halfway = RecentNormalForce(), HalfwayVelocity()
     batch = mjbatch.Batch(models[0], nsim=len(scenes), nthread=threads, persistent=in_contact)
     batch.set_models(models)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from pipeline.scene.effects.body import Body
-from pipeline.scene.effects.kind import EffectKind
+from pipeline.scene.effects.kind import EffectKind, Regime
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect, Scene, half_extents
 
@@ -74,6 +74,11 @@ def total_force(effects: Sequence[AppliedEffect], body: Body) -> np.ndarray:
     return force
 
 
+def needs_contacts(effects: Sequence[AppliedEffect]) -> bool:
+    """Whether some effect acts on the ground alone, so that the contacts of the last step must be looked at."""
+    return any(Regime.FLIGHT not in e.kind.regimes for e in effects)
+
+
 def other_centres(position: np.ndarray) -> np.ndarray:
     """Of positions (..., N, 3), for each object those of the others, (..., N, N - 1, 3)."""
     n = position.shape[-2]
@@ -99,6 +104,7 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
     if not effects or not scene.objects:
         return None
     constant = resting_body([scene])
+    in_contact = needs_contacts(effects)
     normal, halfway = RecentNormalForce(), HalfwayVelocity()
     ends = slice(1, 1 + len(scene.objects))
 
@@ -112,8 +118,8 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
         body = Body(
             np.full(constant.time.shape, data.time), position[None], halfway.after(velocity[None]), spin[None],
             other_centres(position)[None], constant.mass, constant.radius, constant.gravity,
-            normal.after(ground_forces(model, data, len(scene.objects))[None]), constant.sliding_friction,
-            constant.air_velocity, constant.ground_velocity,
+            normal.after(ground_forces(model, data, len(scene.objects))[None]) if in_contact else constant.normal_force,
+            constant.sliding_friction, constant.air_velocity, constant.ground_velocity,
         )  # fmt: skip
         data.xfrc_applied[ends, :3] = total_force(effects, body)[0]
 

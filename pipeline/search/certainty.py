@@ -67,9 +67,8 @@ def certainties(evaluator: Evaluator, scene: Scene, pairs: np.ndarray) -> list[C
     values, (point,) = evaluate(evaluator, space, x[None], pairs, None)
     there = slope(evaluator, space, x, values[0], pairs, None)
     variance = max(float(point.cost.sum()), 1e-6) / (INDEPENDENT * len(evaluator.target.masks) * max(len(pairs), 1))
-    information = without(there.normal_matrix() / variance, scale_direction(space))
-    information += IGNORANCE * np.eye(len(x))
     along = scale_direction(space)
+    information = without(there.normal_matrix() / variance, along) + IGNORANCE * np.eye(len(x))
     known = 1 / float(along @ information @ along)  # variance of the scale where all else is held
     inflation = np.array([INFLATION[key.name] for key in space.keys])
     variances = inflation**2 * np.diag(np.linalg.inv(information)) + max(SCALE**2 - known, 0.0) * along**2
