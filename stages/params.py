@@ -175,6 +175,7 @@ class Prefer(Section):
 
 
 class Infer(Section):
+    shots: Annotated[int, Field(ge=0)]
     samples: Count
     temperature: Positive
     top_p: Annotated[float, Field(gt=0, le=1)]
@@ -256,7 +257,7 @@ READS: dict[str, tuple[str, ...]] = {
     "flow": ("seed", "clip", "flow"),
     "events": ("clip", "events", "sample.filters.visible_px"),
     "tokenize": ("clip", "model.base", "model.reasoning", "model.width", "model.height"),
-    "finetune": ("seed", "clip", "model", "finetune"),
+    "finetune": ("seed", "clip", "model", "finetune", "infer.shots"),
     "prefer": (
         "seed",
         "clip",
@@ -266,15 +267,16 @@ READS: dict[str, tuple[str, ...]] = {
         "search.width",
         "search.height",
         "prefer",
+        "infer.shots",
     ),
-    "infer": ("seed", "clip", "model.input", "model.reasoning", "model.dtype", "infer"),
+    "infer": ("seed", "clip", "flow.picture", "model", "infer"),
     "best_of_k": ("clip", "search"),
     "cmaes": ("seed", "clip", "search", "cmaes"),
     "fit": ("seed", "clip", "search", "fit"),
     "predict": ("seed", "clip", "search.width", "search.height", "predict"),
     "hide": ("seed", "hide"),
     "discover": ("seed", "discover"),
-    "score": ("seed", "clip", "score", "model", "flow.source"),
+    "score": ("seed", "clip", "score", "model", "flow.source", "infer.shots"),
 }
 """Stage -> the keys it reads, as narrow as can be; `{suite}` is the suite that the stage runs for."""
 

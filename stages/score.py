@@ -4,7 +4,7 @@ Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite>, data/
 of starts (benchmarks/results/starts/starts.csv). Writes reports/: scores.json (metrics), scores.csv, scores.md,
 parameters.md, prediction.md, determined.md, clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
 Clips that preference optimisation has used are summed up apart, as the suite "<suite>, used by prefer".
-Parameters: seed, clip, score, and for the page's head model, flow.source. Run: python -m stages.score
+Parameters: seed, clip, score, and for the page's head model, flow.source, infer.shots. Run: python -m stages.score
 """
 
 import csv
@@ -187,6 +187,7 @@ def main() -> None:
     }
     facts = {
         "model": params.model.base,
+        "prompt": f"{params.infer.shots}-shot" if params.infer.shots else "the clip alone, to a fine-tuned model",
         "input": params.model.input,
         "reasoning": str(params.model.reasoning),
         "flow": params.flow.source,
