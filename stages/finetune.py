@@ -16,7 +16,8 @@ from transformers.utils import logging
 
 from pipeline.language.codec import Tokens
 from pipeline.model.base import load_base
-from pipeline.model.finetune import ClipDataset, finetune
+from pipeline.model.clip_dataset import ClipDataset
+from pipeline.model.finetune import finetune
 from pipeline.model.patches import resize_frames
 from pipeline.model.trainer import TrainingPlan
 from pipeline.shards.dataset import ShardedDataset

@@ -174,6 +174,26 @@ class Prefer(Section):
     checkpoint_steps: Count
 
 
+class Regress(Section):
+    enabled: bool
+    width: Annotated[int, Field(ge=16, multiple_of=16)]
+    height: Annotated[int, Field(ge=16, multiple_of=16)]
+    hidden: Count
+    layers: Count
+    heads: Count
+    steps: Count | None
+    epochs: Positive
+    batch_size: Count
+    learning_rate: Positive
+    checkpoint_steps: Count
+
+    @model_validator(mode="after")
+    def _heads_share_the_width(self) -> "Regress":
+        if self.hidden % self.heads:
+            raise PydanticCustomError("heads", f"`hidden` must be a multiple of the {self.heads} `heads`")
+        return self
+
+
 class Infer(Section):
     shots: Annotated[int, Field(ge=0)]
     samples: Count
@@ -237,6 +257,7 @@ class Params(Section):
     model: Model
     finetune: Finetune
     prefer: Prefer
+    regress: Regress
     infer: Infer
     search: Search
     cmaes: Cmaes
@@ -269,6 +290,7 @@ READS: dict[str, tuple[str, ...]] = {
         "prefer",
         "infer.shots",
     ),
+    "regress": ("seed", "clip", "model.input", "sample.distribution", "regress"),
     "infer": ("seed", "clip", "flow.picture", "model", "infer"),
     "best_of_k": ("clip", "search"),
     "cmaes": ("seed", "clip", "search", "cmaes"),
@@ -276,7 +298,7 @@ READS: dict[str, tuple[str, ...]] = {
     "predict": ("seed", "clip", "search.width", "search.height", "predict"),
     "hide": ("seed", "hide"),
     "discover": ("seed", "discover"),
-    "score": ("seed", "clip", "score", "model", "flow.source", "infer.shots"),
+    "score": ("seed", "clip", "score", "model", "flow.source", "infer.shots", "regress.enabled"),
 }
 """Stage -> the keys it reads, as narrow as can be; `{suite}` is the suite that the stage runs for."""
 
