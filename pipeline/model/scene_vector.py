@@ -126,9 +126,11 @@ def _object(shape: str | None, numbers: np.ndarray, span: np.ndarray) -> SceneOb
     values = _stretch(numbers, span)
     values[MASS] = np.exp(values[MASS])
     values = np.where(_has(shape), _bounded(values, SLOT), 0.0)
-    orientation = values[ORIENTATION] if ANGLE_FREE[shape] else (1.0, 0.0, 0.0, 0.0)
-    obj = SceneObject(shape, tuple(values[SIZES][: len(SIZE_KEYS[shape])]), *values[MATERIALS], orientation=orientation,
-                      velocity=values[VELOCITY], angular_velocity=values[ANGULAR_VELOCITY])  # fmt: skip
+    obj = SceneObject(
+        shape, tuple(values[SIZES][: len(SIZE_KEYS[shape])]), **dict(zip(MATERIAL, values[MATERIALS], strict=True)),
+        velocity=tuple(values[VELOCITY]), angular_velocity=tuple(values[ANGULAR_VELOCITY]),
+        orientation=tuple(values[ORIENTATION]) if ANGLE_FREE[shape] else (1.0, 0.0, 0.0, 0.0),
+    )  # fmt: skip
     x, y, z = values[POSITION]
     lowest = np.ceil(1000 * reach_below(obj)) / 1000  # as the sampler puts what rests
     return replace(obj, position=(x, y, max(z, lowest)))

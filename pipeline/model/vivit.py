@@ -84,7 +84,9 @@ def load_regressor(folder: Path) -> Regressor:
 
 def picture_size(regressor: Regressor) -> tuple[int, int]:
     """Width and height, px, of the pictures that a model takes."""
-    height, width = regressor.model.config.image_size
+    size = regressor.model.config.image_size
+    assert not isinstance(size, int), "`build_regressor` gives height and width"
+    height, width = size
     return width, height
 
 
