@@ -30,7 +30,7 @@ class Sampling:
     top_p: float = 0.9
     reasoning: bool = True
     seconds: float = 1.0
-    most_tokens: int = 1200
+    most_tokens: int = 4000  # more than the longest text has letters, whatever the tokenizer
 
 
 @dataclass(frozen=True)
