@@ -1,8 +1,9 @@
 """Fine-tune the base model on the training clips.
 
 Reads data/tokenize and data/flow (data/render with model.input=rgb) of train and val, model.base. Writes data/finetune:
-model (a checkpoint), loss.csv and eval_loss.csv (plots). An interrupted run goes on from its last checkpoint.
-Parameters: seed, clip, model, finetune. Run: python -m stages.finetune
+model (a checkpoint), loss.csv and eval_loss.csv (plots). An interrupted run goes on from its last checkpoint. With
+infer.shots the base answers as it is: nothing is trained, and there is no model.
+Parameters: seed, clip, model, finetune, infer.shots. Run: python -m stages.finetune
 """
 
 import csv
@@ -15,7 +16,8 @@ from transformers.utils import logging
 
 from pipeline.language.codec import Tokens
 from pipeline.model.base import load_base
-from pipeline.model.finetune import ClipDataset, finetune
+from pipeline.model.clip_dataset import ClipDataset
+from pipeline.model.finetune import finetune
 from pipeline.model.patches import resize_frames
 from pipeline.model.trainer import TrainingPlan
 from pipeline.shards.dataset import ShardedDataset
@@ -51,6 +53,13 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
     return {"steps": rows[-1]["step"], "validation loss before": round(losses[0], 4), "after": round(losses[-1], 4)}
 
 
+def keep(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
+    """With infer.shots: no model, empty curves."""
+    write_curve(output / "loss.csv", [], "loss")
+    write_curve(output / "eval_loss.csv", [], "eval_loss")
+    return {}
+
+
 def write_curve(path: Path, rows: list[dict], column: str) -> None:
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
@@ -60,6 +69,9 @@ def write_curve(path: Path, rows: list[dict], column: str) -> None:
 
 def main() -> None:
     params = load("finetune")
+    if params.infer.shots:
+        keep_folder("finetune", DATA / "finetune", keep, parameters={"trained": False})
+        return
     m = params.model
     parameters = {"seed": params.seed, "clip": params.clip.model_dump(), "model": m.model_dump(),
                   "finetune": params.finetune.model_dump()}  # fmt: skip

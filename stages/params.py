@@ -174,7 +174,28 @@ class Prefer(Section):
     checkpoint_steps: Count
 
 
+class Regress(Section):
+    enabled: bool
+    width: Annotated[int, Field(ge=16, multiple_of=16)]
+    height: Annotated[int, Field(ge=16, multiple_of=16)]
+    hidden: Count
+    layers: Count
+    heads: Count
+    steps: Count | None
+    epochs: Positive
+    batch_size: Count
+    learning_rate: Positive
+    checkpoint_steps: Count
+
+    @model_validator(mode="after")
+    def _heads_share_the_width(self) -> "Regress":
+        if self.hidden % self.heads:
+            raise PydanticCustomError("heads", f"`hidden` must be a multiple of the {self.heads} `heads`")
+        return self
+
+
 class Infer(Section):
+    shots: Annotated[int, Field(ge=0)]
     samples: Count
     temperature: Positive
     top_p: Annotated[float, Field(gt=0, le=1)]
@@ -236,6 +257,7 @@ class Params(Section):
     model: Model
     finetune: Finetune
     prefer: Prefer
+    regress: Regress
     infer: Infer
     search: Search
     cmaes: Cmaes
@@ -256,7 +278,7 @@ READS: dict[str, tuple[str, ...]] = {
     "flow": ("seed", "clip", "flow"),
     "events": ("clip", "events", "sample.filters.visible_px"),
     "tokenize": ("clip", "model.base", "model.reasoning", "model.width", "model.height"),
-    "finetune": ("seed", "clip", "model", "finetune"),
+    "finetune": ("seed", "clip", "model", "finetune", "infer.shots"),
     "prefer": (
         "seed",
         "clip",
@@ -266,15 +288,17 @@ READS: dict[str, tuple[str, ...]] = {
         "search.width",
         "search.height",
         "prefer",
+        "infer.shots",
     ),
-    "infer": ("seed", "clip", "model.input", "model.reasoning", "model.dtype", "infer"),
+    "regress": ("seed", "clip", "model.input", "sample.distribution", "regress"),
+    "infer": ("seed", "clip", "flow.picture", "model", "infer"),
     "best_of_k": ("clip", "search"),
     "cmaes": ("seed", "clip", "search", "cmaes"),
     "fit": ("seed", "clip", "search", "fit"),
     "predict": ("seed", "clip", "search.width", "search.height", "predict"),
     "hide": ("seed", "hide"),
     "discover": ("seed", "discover"),
-    "score": ("seed", "clip", "score", "model", "flow.source"),
+    "score": ("seed", "clip", "score", "model", "flow.source", "infer.shots", "regress.enabled"),
 }
 """Stage -> the keys it reads, as narrow as can be; `{suite}` is the suite that the stage runs for."""
 

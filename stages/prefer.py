@@ -3,7 +3,7 @@
 Reads data/finetune/model and of the suite prefer.suite data/render (masks) and data/flow. Writes data/prefer: which
 model answers from now on and which clips it has used (answering_model.json), curve.csv (plots, through `score`); where
 enabled, model (a checkpoint) and pairs.json. An interrupted run goes on from its pairs and its last checkpoint.
-Parameters: seed, clip, model.input, model.reasoning, model.dtype, search.width, search.height, prefer.
+Parameters: seed, clip, model.input, model.reasoning, model.dtype, search.width, search.height, prefer, infer.shots.
 Run: python -m stages.prefer
 """
 
@@ -102,6 +102,9 @@ def main() -> None:
     if not own.enabled:
         keep_folder("prefer", FOLDER, keep, parameters={"enabled": False})
         return
+    if params.infer.shots:
+        raise ParamsError(f"`prefer.enabled` is true and `infer.shots` is {params.infer.shots}; valid: one of the two, "
+                          "since with a prompt no model is fine-tuned that could be trained on")  # fmt: skip
     inputs = [folder("render", own.suite), folder("flow", own.suite)]
     clips = len(open_shards(inputs[0]))
     if own.clips >= clips:

@@ -1,10 +1,12 @@
 """Score every answer of every suite, and write the report.
 
-Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite>, data/finetune, data/prefer, and the benchmark
-of starts (benchmarks/results/starts/starts.csv). Writes reports/: scores.json (metrics), scores.csv, scores.md,
-parameters.md, prediction.md, determined.md, clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
+Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite>, data/finetune, data/prefer, the benchmark of
+starts (benchmarks/results/starts/starts.csv), and with regress.enabled data/regress. Writes reports/: scores.json
+(metrics), scores.csv, scores.md, parameters.md, prediction.md, determined.md, clips.csv (a row per clip and method),
+plots/*.csv (plots), index.html.
 Clips that preference optimisation has used are summed up apart, as the suite "<suite>, used by prefer".
-Parameters: seed, clip, score, and for the page's head model, flow.source. Run: python -m stages.score
+Parameters: seed, clip, score, regress.enabled, and for the page's head model, flow.source, infer.shots.
+Run: python -m stages.score
 """
 
 import csv
@@ -57,7 +59,9 @@ def answers(suite: Suite, clip: int) -> dict[str, tuple[str, int]]:
     ranked = suite["best_of_k"][clip].rows()
     searched, fitted = suite["cmaes"][clip].row(), suite["fit"][clip].row()
     guess = {} if fitted["guess"] is None else {"guess": (fitted["guess"], fitted["guess_simulations"])}
+    regressed = {"vivit": (suite["regress"][clip].row()["scene"], 0)} if "regress" in suite else {}
     return {
+        **regressed,
         **guess,
         "greedy": (greedy_row(suite, clip)["scene"], 0),
         f"best@{len(ranked)}": (ranked[0]["scene"], len(ranked)),
@@ -71,7 +75,14 @@ def seconds_by_method(suite: Suite) -> dict[str, float]:
     spent = {stage: compute_seconds(suite[stage]) for stage in ("best_of_k", "cmaes", "fit")}
     each = {stage: np.nan if s is None else s / max(len(suite["infer"]), 1) for stage, s in spent.items()}
     best = each["best_of_k"]
-    return {"guess": np.nan, "greedy": 0.0, "best": best, "cmaes": best + each["cmaes"], "search": best + each["fit"]}
+    return {
+        "vivit": 0.0,
+        "guess": np.nan,
+        "greedy": 0.0,
+        "best": best,
+        "cmaes": best + each["cmaes"],
+        "search": best + each["fit"],
+    }
 
 
 def told_apart(name: str, clip: int, model: AnsweringModel) -> str:
@@ -168,7 +179,8 @@ def read_curve(path: Path) -> tuple[list[float], list[float]]:
 def main() -> None:
     params = load("score")
     schedule = Schedule(**params.clip.model_dump())
-    suites = {name: open_suite(name, STAGES) for name in SUITES}
+    stages = [*STAGES, *["regress"] * params.regress.enabled]
+    suites = {name: open_suite(name, stages) for name in SUITES}
     model = answering_model()
     rows = [row for name, suite in suites.items() for row in score_suite(name, suite, schedule, model)]
     rng = np.random.default_rng(params.seed)
@@ -187,6 +199,7 @@ def main() -> None:
     }
     facts = {
         "model": params.model.base,
+        "prompt": f"{params.infer.shots}-shot" if params.infer.shots else "the clip alone, to a fine-tuned model",
         "input": params.model.input,
         "reasoning": str(params.model.reasoning),
         "flow": params.flow.source,

@@ -5,6 +5,7 @@ Cutting at the segments makes what is trained on and what is generated under the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from pipeline.language.grammar import Element, Literal, Number, pieces, split
 
 VIDEO_TOKEN = "<|video_pad|>"
 END_TOKEN = "<|im_end|>"
+QUESTION: dict = {"role": "user", "content": [{"type": "video"}, {"type": "text", "text": PROMPT}]}
 
 
 @dataclass(frozen=True)
@@ -36,15 +38,30 @@ class Codec:
         self.video_token_id = tokenizer.convert_tokens_to_ids(VIDEO_TOKEN)
         self.end_id = tokenizer.convert_tokens_to_ids(END_TOKEN)
         self.pad_id = tokenizer.pad_token_id
+        self._video_tokens = video_tokens
         self._pieces: dict[str, list[int]] = {}
-        self.prompt_ids = self._prompt(video_tokens)
+        self.prompt_ids = self._chat_ids(self._chat([QUESTION]))
 
-    def _prompt(self, video_tokens: int) -> list[int]:
-        message: dict = {"role": "user", "content": [{"type": "video"}, {"type": "text", "text": PROMPT}]}
-        text = self.tokenizer.apply_chat_template([message], tokenize=False, add_generation_prompt=True)
+    def few_shot_ids(self, instructions: str, completions: Sequence[str], reasoning: bool, seconds: float) -> list[int]:
+        """Ids of a chat: the instructions, the question about each example's video with its completion, and the
+        question about the clip. Raises `GrammarError` for a completion that the grammar does not generate."""
+        examples = [m for c in completions for m in (QUESTION, {"role": "assistant", "content": c})]
+        rest = self._chat([{"role": "system", "content": instructions}, *examples, QUESTION])
+        ids: list[int] = []
+        for completion in completions:
+            before, rest = rest.split(completion, 1)
+            ids += self._chat_ids(before)
+            for element, text in split(completion_grammar(reasoning, seconds), completion):
+                ids += self.segment_ids(element, text)
+        return ids + self._chat_ids(rest)
+
+    def _chat(self, messages: list[dict]) -> str:
+        return str(self.tokenizer.apply_chat_template(messages, tokenize=False, add_generation_prompt=True))
+
+    def _chat_ids(self, text: str) -> list[int]:
+        """Ids of a part of a chat, each video with as many places as its patches take."""
         ids = self.tokenizer(text, add_special_tokens=False)["input_ids"]
-        place = ids.index(self.video_token_id)
-        return ids[:place] + [self.video_token_id] * video_tokens + ids[place + 1 :]
+        return [i for id_ in ids for i in [id_] * (self._video_tokens if id_ == self.video_token_id else 1)]
 
     def piece_ids(self, piece: str) -> list[int]:
         """Ids of one piece of a segment."""

@@ -17,6 +17,7 @@ from pipeline.language.completion import completion_grammar
 from pipeline.model.base import Base
 from pipeline.model.inputs import prompt_positions
 from pipeline.model.patches import pack_video
+from pipeline.model.prompt import Prompt, bare_prompt
 from pipeline.model.walker import Tries, Walker
 
 
@@ -29,7 +30,7 @@ class Sampling:
     top_p: float = 0.9
     reasoning: bool = True
     seconds: float = 1.0
-    most_tokens: int = 1200
+    most_tokens: int = 4000  # more than the longest text has letters, whatever the tokenizer
 
 
 @dataclass(frozen=True)
@@ -42,21 +43,27 @@ class Completed:
 
 @torch.no_grad()
 def generate(
-    base: Base, clips: np.ndarray, sampling: Sampling, seeds: list[int], tries: Tries | None = None
-) -> list[list[Completed]]:
-    """`sampling.samples` completions of each clip (B, T, H, W, 3) uint8; one seed a clip makes them repeatable."""
+    base: Base, clips: np.ndarray, sampling: Sampling, seeds: list[int], tries: Tries | None = None,
+    prompt: Prompt | None = None,
+) -> list[list[Completed]]:  # fmt: skip
+    """`sampling.samples` completions of each clip (B, T, H, W, 3) uint8; one seed a clip makes them repeatable.
+
+    prompt: with worked examples; left out, the question alone.
+    """
     model, device = base.model.eval(), base.model.device
     tries = tries or Tries(base.codec)
     each = sampling.samples
     rows = len(clips) * each
-    cache, logits = _prefill(base, clips)
+    prompt = prompt or bare_prompt(base)
+    where = prompt_positions(base, prompt.ids)
+    cache, logits = _prefill(base, prompt, where, clips)
     cache.batch_repeat_interleave(each)
     logits = logits.repeat_interleave(each, 0)
     walkers = [Walker(completion_grammar(sampling.reasoning, sampling.seconds), base.codec, tries) for _ in range(rows)]
     rngs = [np.random.default_rng((seeds[i // each], i % each)) for i in range(rows)]
     log_probability = np.zeros(rows)
     waiting: list[list[int]] = [w.forced() for w in walkers]  # tokens that are settled but not yet fed
-    next_position = int(prompt_positions(base).max()) + 1
+    next_position = int(where.max()) + 1
     fed = 0
     while True:
         for i, walker in enumerate(walkers):
@@ -71,8 +78,8 @@ def generate(
         step = min(len(w) for w in waiting if w)
         ids = [(w[:step] or [base.codec.pad_id] * step) for w in waiting]
         waiting = [w[step:] for w in waiting]
-        where = torch.arange(next_position + fed, next_position + fed + step, device=device).expand(3, rows, -1)
-        out = model(input_ids=torch.tensor(ids, device=device), position_ids=where, past_key_values=cache,
+        following = torch.arange(next_position + fed, next_position + fed + step, device=device).expand(3, rows, -1)
+        out = model(input_ids=torch.tensor(ids, device=device), position_ids=following, past_key_values=cache,
                     use_cache=True, logits_to_keep=1)  # fmt: skip
         logits = out.logits[:, -1].float().cpu()
         fed += step
@@ -81,15 +88,16 @@ def generate(
     return [done[i * each : (i + 1) * each] for i in range(len(clips))]
 
 
-def _prefill(base: Base, clips: np.ndarray) -> tuple[DynamicCache, torch.Tensor]:
-    """Cache and last logits after the prompt of each clip."""
+def _prefill(base: Base, prompt: Prompt, where: torch.Tensor, clips: np.ndarray) -> tuple[DynamicCache, torch.Tensor]:
+    """Cache and last logits after the prompt, with positions `where` (3, P), of each clip."""
     device = base.model.device
-    ids = torch.tensor([base.codec.prompt_ids] * len(clips), device=device)
-    where = prompt_positions(base)[:, None].expand(-1, len(clips), -1).to(device)
-    patches = pack_video(torch.as_tensor(clips).to(device), base.layout).to(base.model.dtype)
-    grid = torch.tensor([base.layout.grid] * len(clips), device=device)
+    ids = torch.tensor([prompt.ids] * len(clips), device=device)
+    videos = np.concatenate([np.concatenate([prompt.videos, clip[None]]) for clip in clips])
+    patches = pack_video(torch.as_tensor(videos).to(device), base.layout).to(base.model.dtype)
+    grid = torch.tensor([base.layout.grid] * len(videos), device=device)
     cache = DynamicCache(config=base.model.config.get_text_config())
-    out = base.model(input_ids=ids, pixel_values_videos=patches, video_grid_thw=grid, position_ids=where,
+    out = base.model(input_ids=ids, pixel_values_videos=patches, video_grid_thw=grid,
+                     position_ids=where[:, None].expand(-1, len(clips), -1).to(device),
                      past_key_values=cache, use_cache=True, logits_to_keep=1)  # fmt: skip
     return cache, out.logits[:, -1].float().cpu()
 

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 
 from pipeline.model.base import Base
 
 
-def prompt_positions(base: Base) -> torch.Tensor:
-    """Rotary positions (3, P) of the prompt: time, height and width (Qwen2-VL, section 2.1). All prompts share them."""
-    ids = torch.tensor([base.codec.prompt_ids])
+def prompt_positions(base: Base, prompt: Sequence[int]) -> torch.Tensor:
+    """Rotary positions (3, P) of a prompt's ids (P,): time, height and width (Qwen2-VL, section 2.1)."""
+    ids = torch.tensor([prompt])
     kinds = 2 * (ids == torch.tensor(base.codec.video_token_id)).long()  # 2: video, 0: text
-    grid = torch.tensor([base.layout.grid])
+    videos = prompt.count(base.codec.video_token_id) // base.layout.tokens
+    grid = torch.tensor([base.layout.grid] * videos)
     positions, _ = base.model.model.get_rope_index(ids, kinds, video_grid_thw=grid)
     return positions[:, 0]
 
 
 def positions(base: Base, length: int) -> torch.Tensor:
-    """Rotary positions (3, L) of a prompt and the text behind it, which counts on from the largest of the prompt's."""
-    prompt = prompt_positions(base)
+    """Rotary positions (3, L) of the bare prompt and the text behind it, which counts on from the prompt's largest."""
+    prompt = prompt_positions(base, base.codec.prompt_ids)
     following = torch.arange(length - prompt.shape[1]) + prompt.max() + 1
     return torch.cat([prompt, following.expand(3, -1)], 1)
 

@@ -1,4 +1,4 @@
-"""The training loop of fine-tuning and of preference optimisation: the Hugging Face Trainer with an objective of ours.
+"""The training loop of all models: the Hugging Face Trainer with an objective of ours.
 
 All weights, or low-rank adapters (LoRA). An interrupted run goes on from its last checkpoint.
 """
@@ -10,15 +10,13 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Protocol
 
 import numpy as np
 import torch
 from peft import LoraConfig, PeftModel, get_peft_model
 from torch.utils.data import Dataset
-from transformers import Qwen2_5_VLForConditionalGeneration, Trainer, TrainerCallback, TrainingArguments
-
-from pipeline.model.base import Base
+from transformers import Trainer, TrainerCallback, TrainingArguments
 
 STATE_FILE = "trainer_state.json"  # the Trainer writes it into a checkpoint last
 LORA_TARGETS = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj", "qkv", "proj")
@@ -26,6 +24,12 @@ LORA_TARGETS = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", 
 Collate = Callable[[Sequence[Any]], Any]
 Objective = Callable[[Any], tuple[torch.Tensor, Mapping[str, float]]]
 Report = Callable[[dict[str, Any]], None]
+
+
+class HasModel(Protocol):
+    """What is trained: a `Base`, or another holder of a pre-trained model of transformers."""
+
+    model: Any
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ class TrainingPlan:
 class _Trainer(Trainer):
     """The Trainer with our objective, whose measures stand beside the loss in the log."""
 
-    base: Base
+    base: HasModel
     objective: Objective
     measured: dict[str, list[float]]
 
@@ -90,8 +94,8 @@ class _Report(TrainerCallback):
 
 
 def train(
-    base: Base, rows: Dataset, collate: Collate, objective: Objective, plan: TrainingPlan, work: Path, report: Report,
-    held_out: Dataset | None = None,
+    base: HasModel, rows: Dataset, collate: Collate, objective: Objective, plan: TrainingPlan, work: Path,
+    report: Report, held_out: Dataset | None = None,
 ) -> None:  # fmt: skip
     """Train `base` in place to lower the objective of batches of `rows`, which `collate` makes.
 
@@ -142,7 +146,7 @@ def train(
             report(row)
     trainer.train(resume_from_checkpoint=None if last is None else str(last))
     if plan.lora_rank:
-        base.model = cast(Qwen2_5_VLForConditionalGeneration, adapted.merge_and_unload())
+        base.model = adapted.merge_and_unload()
     base.model.eval()
 
 

@@ -32,6 +32,16 @@ def byte_level_bpe() -> PreTrainedTokenizerFast:
                                    chat_template=CHAT_TEMPLATE, clean_up_tokenization_spaces=False)  # fmt: skip
 
 
+#: In the form of Qwen2.5-VL's: without a system's turn it adds one of its own.
+QWEN_TEMPLATE = (
+    "{% for message in messages %}{% if loop.first and message['role'] != 'system' %}<|im_start|>system\n"
+    "You are a helpful assistant.<|im_end|>\n{% endif %}<|im_start|>{{ message['role'] }}\n"
+    "{% if message['content'] is string %}{{ message['content'] }}<|im_end|>\n{% else %}"
+    "{% for content in message['content'] %}{% if content['type'] == 'video' %}"
+    "<|vision_start|><|video_pad|><|vision_end|>{% elif 'text' in content %}{{ content['text'] }}{% endif %}"
+    "{% endfor %}<|im_end|>\n{% endif %}{% endfor %}"
+    "{% if add_generation_prompt %}<|im_start|>assistant\n{% endif %}"
+)
 TOKENIZERS = {"small": SMALL, "bpe": byte_level_bpe()}
 
 
@@ -90,6 +100,28 @@ def test_the_prompt_is_a_chat_with_a_place_for_each_piece_of_the_video(codec: Co
     assert words.endswith("<|im_start|>assistant\n")
     assert words.startswith("<|im_start|>user\n<|vision_start|>" + VIDEO_TOKEN)
     assert codec.end_id == codec.tokenizer.convert_tokens_to_ids(END_TOKEN)
+
+
+@pytest.mark.parametrize("template", [CHAT_TEMPLATE, QWEN_TEMPLATE])
+def test_a_few_shot_prompt_is_the_templates_chat_with_completions_cut_as_they_are_decoded(
+    rng: np.random.Generator, template: str
+) -> None:
+    tokenizer = byte_level_bpe()
+    tokenizer.chat_template = template
+    codec = Codec(tokenizer, 12)
+    texts = [random_walk(rng, completion_grammar(True, 1.0))[0] for _ in range(3)]
+    ids = codec.few_shot_ids("Look, then write.", texts, True, 1.0)
+    turns = "".join(f"user\n<|vision_start|>{VIDEO_TOKEN * 12}<|vision_end|>{PROMPT}<|im_end|>\n<|im_start|>assistant\n"
+                    f"{text}<|im_end|>\n<|im_start|>" for text in texts)  # fmt: skip
+    assert tokenizer.decode(ids).startswith(
+        f"<|im_start|>system\nLook, then write.<|im_end|>\n<|im_start|>{turns}user\n"
+    )
+    assert ids.count(codec.video_token_id) == 4 * 12
+    for text in texts:
+        tokens = codec.encode(text, True, 1.0)
+        written = tokens.ids[tokens.prompt_length :].tolist()
+        assert any(ids[i : i + len(written)] == written for i in range(len(ids)))
+    assert tokenizer.decode(ids).endswith(f"{PROMPT}<|im_end|>\n<|im_start|>assistant\n")
 
 
 def test_a_text_of_another_grammar_is_not_encoded(codec: Codec) -> None:

@@ -1,0 +1,133 @@
+"""The baseline without language: ViViT that regresses scenes as vectors of fixed length.
+
+Reads data/sample and data/flow (data/render with model.input=rgb) of train and val, and the pictures of id, held_out,
+more and real. Writes data/regress: model (loss.csv and eval_loss.csv; where enabled a checkpoint), and where enabled
+data/regress/<suite> for these four: clip, scene. An interrupted run goes on from its last checkpoint.
+Parameters: seed, clip, model.input, sample.distribution, regress. Run: python -m stages.regress
+"""
+
+import csv
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+
+from pipeline.shards.dataset import ShardedDataset
+from pipeline.shards.keep_folder import keep_folder
+from pipeline.shards.opened_shard import OpenShard
+from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.tables import table_from_rows
+from stages.clip_pictures import picture_stage, pictures
+from stages.main import run
+from stages.params import load
+from stages.run_shards import DATA, folder, run_shards
+
+if TYPE_CHECKING:
+    from pipeline.model.scene_vector import SceneVector
+    from pipeline.model.vivit import Regressor
+
+SUITES = ("id", "held_out", "more", "real")
+MODEL = DATA / "regress" / "model"
+SCHEMA = pa.schema({"clip": pa.int64(), "scene": pa.string()})
+CURVES = {"loss.csv": "loss", "eval_loss.csv": "eval_loss"}
+
+
+def keep(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
+    """Not enabled: empty curves."""
+    write_curves(output, [])
+    return {}
+
+
+def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
+    # imported here: it takes seconds, and by default there is nothing to do
+    from transformers.utils import logging
+
+    from pipeline.model.clip_dataset import ClipDataset
+    from pipeline.model.patches import resize_frames
+    from pipeline.model.scene_vector import encode, scale_of
+    from pipeline.model.trainer import TrainingPlan
+    from pipeline.model.vivit import VivitSize, build_regressor, regress
+    from pipeline.scene.sample import Distribution
+    from pipeline.scene.text import read_scene
+
+    size, scale = VivitSize(**p["size"], frames=p["clip"]["model_frames"]), scale_of(Distribution(**p["distribution"]))
+
+    def dataset(scenes: ShardedDataset, source: ShardedDataset) -> "ClipDataset[tuple[np.ndarray, SceneVector]]":
+        def read(index: int) -> "tuple[np.ndarray, SceneVector]":
+            frames = resize_frames(pictures(source[index], p["input"], p["clip"]), size.width, size.height)
+            return frames, encode(read_scene(scenes[index].row()["scene"]), scale)
+
+        return ClipDataset(len(scenes), read)
+
+    train_scenes, train_pictures, val_scenes, val_pictures = inputs
+    rows: list[dict[str, Any]] = []
+    logging.set_verbosity_error()
+    regressor = build_regressor(size, p["seed"])
+    plan = TrainingPlan(**p["plan"], lora_rank=0, seed=p["seed"])
+    regress(regressor, dataset(train_scenes, train_pictures), dataset(val_scenes, val_pictures), plan, scratch,
+            rows.append)  # fmt: skip
+    regressor.model.save_pretrained(output)
+    write_curves(output, rows)
+    losses = [row["eval_loss"] for row in rows if "eval_loss" in row]
+    return {"steps": rows[-1]["step"], "validation loss before": round(losses[0], 4), "after": round(losses[-1], 4)}
+
+
+@lru_cache(maxsize=1)
+def model(path: str) -> "Regressor":
+    from pipeline.model.vivit import load_regressor
+
+    return load_regressor(Path(path))
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+    from pipeline.model.patches import resize_frames
+    from pipeline.model.scene_vector import scale_of
+    from pipeline.model.vivit import answer, picture_size
+    from pipeline.scene.sample import Distribution
+    from pipeline.scene.text import write_scene
+    from pipeline.shards.dataset import Clip
+
+    (source,) = inputs
+    regressor, scale = model(p["model"]), scale_of(Distribution(**p["distribution"]))
+    size = picture_size(regressor)
+    shown = [resize_frames(pictures(Clip(c, source), p["input"], p["clip"]), *size) for c in shard.clips]
+    scenes = answer(regressor, np.stack(shown), scale)
+    rows = [{"clip": c, "scene": write_scene(scene)} for c, scene in zip(shard.clips, scenes, strict=True)]
+    return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
+
+
+def write_curves(output: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    for name, column in CURVES.items():
+        with (output / name).open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["step", column])
+            writer.writerows([row["step"], round(row[column], 6)] for row in rows if column in row)
+
+
+def main() -> None:
+    params = load("regress")
+    own, source = params.regress, picture_stage(params.model.input)
+    if not own.enabled:
+        keep_folder("regress", MODEL, keep, parameters={"enabled": False})
+        return
+    shown = {"clip": params.clip.model_dump(), "input": params.model.input,
+             "distribution": params.sample.distribution.model_dump()}  # fmt: skip
+    parameters = {
+        **shown, "seed": params.seed,
+        "size": {key: getattr(own, key) for key in ("width", "height", "hidden", "layers", "heads")},
+        "plan": {key: getattr(own, key)
+                 for key in ("steps", "epochs", "batch_size", "learning_rate", "checkpoint_steps")},
+    }  # fmt: skip
+    inputs = [folder(stage, suite) for suite in ("train", "val") for stage in ("sample", source)]
+    keep_folder("regress", MODEL, make, parameters=parameters, inputs=inputs,
+                versions=["torch", "transformers", "accelerate"])  # fmt: skip
+    for suite in SUITES:
+        run_shards("regress", suite, compute, {**shown, "model": str(MODEL)}, [source], files={"model": MODEL},
+                   versions=["torch", "transformers"])  # fmt: skip
+
+
+if __name__ == "__main__":
+    run(main)
