@@ -28,6 +28,7 @@ SETTLING = 0.05  # s after landing in which a body on the ground still swings
 HOPPING = 0.2  # s after two bodies on the ground met, which rub each other up and down: they press on it unevenly
 SLIPPING = 0.4  # s after which a ball of unknown spin that another one struck is taken to roll again
 OUTLIER = 5.0  # standard deviations
+SMOOTH = 3.0  # the same, of five samples from a parabola
 SIDEWAYS = 0.5  # share of a jump that may be upwards, of a body that another one struck from the side
 TOUCH = 3.5  # standard deviations of a coordinate by which the gap between two balls in touch may seem wider
 SIDE = 5  # samples on each side that predict one
@@ -126,27 +127,30 @@ def _outliers(time: np.ndarray, position: np.ndarray, sigma: float) -> np.ndarra
     """
     bad = np.zeros(len(time), bool)
     for _ in range(2):  # again without the worst of them
-        sides = [_side(time, position, bad, k, sigma) for k in range(len(time))]
-        new = np.array([len(near) > 0 and min(near) > 1.0 for near in sides]) & ~bad
+        new = np.array([_alone(time, position, bad, k, sigma) for k in range(len(time))]) & ~bad
         if not new.any():
             break
         bad |= new
     return bad
 
 
-def _side(time: np.ndarray, position: np.ndarray, bad: np.ndarray, k: int, sigma: float) -> list[float]:
-    """How far sample k is from the prediction of each side, in units of what is too far; a side alone (near an end of
-    the track) must itself be smooth to count."""
-    out = []
+def _alone(time: np.ndarray, position: np.ndarray, bad: np.ndarray, k: int, sigma: float) -> bool:
+    """Whether sample k is too far from what each side predicts. A side alone (near an end of the track) must itself be
+    smooth to count: else the jump may be there."""
+    misses, smooth = [], True
     for inwards in (np.arange(k - 1, -1, -1), np.arange(k + 1, len(time))):
         near = inwards[~bad[inwards]][:SIDE]
         if len(near) < SIDE:
             continue
-        weights = _parabolas(time[near] - time[k])
+        since = time[near] - time[k]
+        weights = _parabolas(since)
         predicted = np.median(weights @ position[near], axis=0)
         limit = OUTLIER * sigma * (1 + 0.6 * float(np.median(np.linalg.norm(weights, axis=1)))) + 0.002
-        out.append(float(np.abs(position[k] - predicted).max()) / limit)
-    return out
+        misses.append(float(np.abs(position[k] - predicted).max()) / limit)
+        design = np.vander(since, 3)
+        left = position[near] - design @ np.linalg.lstsq(design, position[near], rcond=None)[0]
+        smooth &= bool(np.abs(left).max() < SMOOTH * sigma)
+    return len(misses) > 0 and min(misses) > 1.0 and (len(misses) == 2 or smooth)
 
 
 def _parabolas(t: np.ndarray) -> np.ndarray:
@@ -191,7 +195,7 @@ def _cut_track(
         if grounded:
             inside &= time > settled[k]
         if not grounded:
-            inside = _in_the_air(inside, gap, others, position, scene, index, sigma, k > 0, k < len(edges) - 2)
+            inside = _in_the_air(inside, time, gap, others, position, scene, index, sigma)
         chosen = np.flatnonzero(inside)
         if len(chosen) < LEAST_SAMPLES or (
             obj.shape not in ("sphere",) and grounded and not _slides(obj, quaternion, inside)
@@ -333,27 +337,36 @@ def _is_grounded(position: np.ndarray, gap: np.ndarray, sigma: float, obj: Scene
 
 
 def _in_the_air(
-    inside: np.ndarray, gap: np.ndarray, others: np.ndarray, position: np.ndarray, scene: Scene, index: int,
-    sigma: float, after: bool, before: bool,
+    inside: np.ndarray, time: np.ndarray, gap: np.ndarray, others: np.ndarray, position: np.ndarray, scene: Scene,
+    index: int, sigma: float,
 ) -> np.ndarray:  # fmt: skip
-    """The samples of a flight that touch nothing: those near an impact that are too low or too near are left out."""
+    """The samples of a flight that touch nothing: those near an impact that are too low or too near are left out, and
+    at the ends of the track those beyond one that too few samples show."""
     out = inside.copy()
     chosen = np.flatnonzero(inside)
     if len(chosen) and np.isfinite(gap[0]):
         out &= gap > 2.5 * sigma
-        for ends, touched in ((chosen, after), (chosen[::-1], before)):  # inwards from each end
+        for ends in (chosen, chosen[::-1]):  # inwards from each end
             first = ends[: max(2, len(ends) // 3)]
             low = np.flatnonzero(gap[first] <= 2.5 * sigma)
             lowest = int(np.argmin(gap[first[:4]]))
-            passed = gap[first[lowest]] < 1.2 * abs(gap[first[lowest]] - gap[first[min(lowest + 1, len(first) - 1)]])
-            beyond = max(int(low[-1]) + 1 if len(low) else 0, lowest if passed else 0)
+            inner = ends[lowest + 1 : lowest + 4]
+            passed = len(inner) == 3 and _within_a_step(time, gap, ends[lowest], inner)
+            beyond = max(int(low[-1]) + 1 if len(low) else 0, lowest + 1 if passed and lowest else 0)
             out[ends[:beyond]] = False
-            out[ends[0]] &= not touched or bool(gap[ends[0]] > 5 * sigma + 0.005)
+            out[ends[0]] &= bool(gap[ends[0]] > 5 * sigma + 0.005)
     reach = [float(max(half_extents(o))) for i, o in enumerate(scene.objects) if i != index]
     for m in range(others.shape[1]):
         apart = np.linalg.norm(others[:, m] - position, axis=1)
         out &= apart > float(max(half_extents(scene.objects[index]))) + reach[m] + 2.5 * sigma
     return out
+
+
+def _within_a_step(time: np.ndarray, gap: np.ndarray, lowest: int, inner: np.ndarray) -> bool:
+    """Whether a body as fast as at the samples `inner`, from which it came or to which it went, was on the ground less
+    than a step from its lowest sample."""
+    speed = abs(gap[inner[0]] - gap[inner[-1]]) / abs(time[inner[0]] - time[inner[-1]])
+    return bool(gap[lowest] < 1.2 * speed * abs(time[inner[0]] - time[lowest]))
 
 
 def _slides(obj: SceneObject, quaternion: np.ndarray | None, inside: np.ndarray) -> bool:

@@ -9,17 +9,20 @@ import numpy as np
 WINDOW = 7  # samples on each side of a suspected jump
 LEAST_SIDE = 3
 Z_BREAK = 6.5  # standard errors that a jump of velocity must have
+PLACES = np.linspace(-0.5, 0.5, 21)  # of a jump between two samples: a fast body goes far between them
 GAIN_OVER_CUBIC = 20.0  # how much better (chi squared) a jump must explain the window than a smooth cubic does
 
 
 @dataclass(frozen=True)
 class Break:
-    """A jump of velocity. time, s; position (3,) m, of the track then; jump (3,) m/s; z: |jump| in standard errors."""
+    """A jump of velocity. time, s; position (3,) m, of the track then; jump (3,) m/s; z: |jump| in standard errors;
+    misfit: mean square, m², that a parabola with the jump leaves of the samples around it."""
 
     time: float
     position: np.ndarray
     jump: np.ndarray
     z: float
+    misfit: float = 0.0
 
 
 def find_breaks(time: np.ndarray, position: np.ndarray, sigma: float) -> list[Break]:
@@ -32,9 +35,10 @@ def find_breaks(time: np.ndarray, position: np.ndarray, sigma: float) -> list[Br
         jumps = [(c, k) for k in places if (c := _jump_between(time, position, sigma, k, start, stop)) is not None]
         jumps = [(c, k) for c, k in jumps if c.z >= Z_BREAK]
         jumps.sort(key=lambda pair: -pair[0].z)
-        best = next((c for c, k in jumps if not _of_one_sample(time, position, sigma, k, start, stop)), None)
-        if best is None:
+        chosen = next((k for _, k in jumps if not _of_one_sample(time, position, sigma, k, start, stop)), None)
+        if chosen is None:
             continue
+        best = min((c for c, k in jumps if abs(k - chosen) <= 1), key=lambda c: c.misfit)
         split = int(np.searchsorted(time, best.time))
         found.append((split, best))
         waiting += [(start, split), (split, stop)]
@@ -61,22 +65,32 @@ def _jump_between(
     scale = max(t[-1], -t[0])
     powers = (t / scale)[:, None] ** np.arange(4)
     smooth = _rss(powers, x)
-    best: tuple[float, float, np.ndarray, float] | None = None
-    for place in (-0.4, 0.0, 0.4):
-        at = place * (time[k] - time[k - 1])
-        hinge = np.column_stack([powers[:, :3], np.maximum(0, t - at)])
-        gram = np.linalg.pinv(hinge.T @ hinge)
-        beta = gram @ (hinge.T @ x)
-        rss = float(((x - hinge @ beta) ** 2).sum())
-        if best is None or rss < best[0]:
-            best = (rss, at, beta, float(gram[3, 3]))
-    assert best is not None
-    rss, at, beta, variance = best
-    if smooth - rss < gain * sigma**2:
+    step = time[k] - time[k - 1]
+    hinges = [_hinge(powers, t, x, place * step) for place in (-0.4, 0.0, 0.4)]
+    if smooth - min(h.rss for h in hinges) < gain * sigma**2:
         return None
-    z = float(np.linalg.norm(beta[3])) / (sigma * np.sqrt(max(variance, 1e-30)))
-    place = np.array([1.0, at / scale, (at / scale) ** 2]) @ beta[:3]
-    return Break(middle + at, place, beta[3], z)
+    best = min((_hinge(powers, t, x, place * step) for place in PLACES), key=lambda h: h.rss)
+    z = float(np.linalg.norm(best.beta[3])) / (sigma * np.sqrt(max(best.variance, 1e-30)))
+    place = np.array([1.0, best.at / scale, (best.at / scale) ** 2]) @ best.beta[:3]
+    return Break(middle + best.at, place, best.beta[3], z, best.rss / len(t))
+
+
+@dataclass(frozen=True)
+class _Hinge:
+    """A parabola whose slope jumps at the time `at`: what it leaves, its coefficients (4, 3), the last of which is the
+    jump, and the variance of that for noise of one."""
+
+    at: float
+    rss: float
+    beta: np.ndarray
+    variance: float
+
+
+def _hinge(powers: np.ndarray, t: np.ndarray, x: np.ndarray, at: float) -> _Hinge:
+    design = np.column_stack([powers[:, :3], np.maximum(0, t - at)])
+    gram = np.linalg.pinv(design.T @ design)
+    beta = gram @ (design.T @ x)
+    return _Hinge(at, float(((x - design @ beta) ** 2).sum()), beta, float(gram[3, 3]))
 
 
 def _rss(design: np.ndarray, x: np.ndarray) -> float:

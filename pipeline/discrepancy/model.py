@@ -129,6 +129,13 @@ def known_model(known: KnownScene, stacks: Sequence[ArcStack]) -> Model:
     return with_effect(model, effect_kinds()["gravity_error"], known) if "gravity" in known.fit else model
 
 
+def without_effect(model: Model, name: str) -> tuple[Model, np.ndarray]:
+    """The model without one of its effects, and where the numbers that stay stand in the longer vector."""
+    kept = np.array([i for i, u in enumerate(model.unknowns) if u.owner != name], int)
+    effects = tuple(e for e in model.effects if e.name != name)
+    return replace(model, effects=effects, unknowns=tuple(model.unknowns[i] for i in kept)), kept
+
+
 def with_effect(
     model: Model, kind: EffectKind, known: KnownScene, values: Mapping[str, np.ndarray] | None = None
 ) -> Model:

@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.discrepancy.fit import MOST_ITERATIONS, Fit, fit, unstuck
 from pipeline.discrepancy.frame_rate import is_standard
 from pipeline.discrepancy.impact import Bounce, RestitutionFit, bounces, fit_restitution
-from pipeline.discrepancy.model import Model, known_model, with_effect
+from pipeline.discrepancy.model import Model, known_model, with_effect, without_effect
 from pipeline.discrepancy.obstacle import Obstacle, fit_obstacle
 from pipeline.discrepancy.problem import Problem, split_at_jumps, starts_of
 from pipeline.discrepancy.quick import Guess, QuickRegression
@@ -49,8 +49,8 @@ MOST_FITTED = 9  # effects that are fitted at a time, the most promising by the 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A model with its fit. score: see above. chi2: of fitted and held-out clips, corrected for correlated noise.
-    bic: of the fitted clips; held_out: chi squared of the held-out ones. extra: parameters beside the fit's."""
+    """A model with its fit. score: see above. bic: of the fitted clips; held_out: chi squared of the held-out ones;
+    both corrected for correlated noise. obstacle: with its price, which score and bic have in them."""
 
     effects: tuple[str, ...]
     fit: Fit
@@ -60,6 +60,7 @@ class Candidate:
     held_out: float
     restitution: RestitutionFit | None = None
     obstacle: Obstacle | None = None
+    obstacle_price: float = 0.0
 
     @property
     def first(self) -> str:
@@ -153,10 +154,11 @@ class Selector:
         self._sharpen(best)
         self.none, singles = self._rescored(self.none), sorted(map(self._rescored, singles), key=lambda c: c.score)
         best, chosen = self._best(singles), self.none
+        longer: list[Candidate] = []
         if best.effects and best.score < self.none.score - (CLAIM_MORE if self.problem.blunt else CLAIM):
-            chosen = self._more(best, singles)
+            chosen, longer = self._more(best, singles)
         z, share = self._excess(chosen)
-        alike = self._alike(chosen, singles)
+        alike = self._alike(chosen, singles) if len(chosen.effects) < 2 else self._one_exchanged(chosen, longer)
         few = len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE
         limit = UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE
         rest = self._of_noise(chosen)
@@ -179,7 +181,10 @@ class Selector:
         return tuple(c.first for c in singles if c.score < least and c.first not in SCALES_GRAVITY)
 
     def _best(self, singles: Sequence[Candidate]) -> Candidate:
-        return min([self.none, *singles], key=lambda c: c.score - self._clock_doubt(c))
+        return self._likeliest([self.none, *singles], self.none)
+
+    def _likeliest(self, candidates: Sequence[Candidate], default: Candidate) -> Candidate:
+        return min(candidates, key=lambda c: c.score - self._clock_doubt(c), default=default)
 
     def _polished(self, best: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
         """The candidates near the best, fitted again from its initial states: on the ground, where a body stops makes
@@ -237,27 +242,48 @@ class Selector:
                 for p, b in zip(self.problem.parts, broken, strict=True)]  # fmt: skip
         return replace(self.problem, stacks=stacks, parts=tuple(kept), broken=self.problem.broken + count)
 
-    def _more(self, best: Candidate, singles: Sequence[Candidate]) -> Candidate:
-        """Forward selection, from the best and the runners-up, as long as an effect more wins by enough."""
+    def _more(self, best: Candidate, singles: Sequence[Candidate]) -> tuple[Candidate, list[Candidate]]:
+        """Forward selection, from the best and the runners-up, as long as an effect more wins by enough. Returns the
+        winner and all models of several effects that were fitted."""
         leaders = [c for c in singles if c.score < self.none.score - CLAIM][:2]
-        chosen = best
+        chosen, tried = best, list[Candidate]()
         if len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE:
-            return chosen
+            return chosen, tried
         for _ in range(MOST_EFFECTS - 1):
             z, _ = self._excess(chosen)
             if z < 2.5 and not (self.sharper > 1 and self._promises(chosen)):
                 break
             longer = [c for leader in leaders for c in self._extended(leader, MOST_FITTED - 4)]
-            winner = min(longer, key=lambda c: c.score, default=chosen)
+            winner = self._likeliest(longer, chosen)
             swapped = [
                 c for c in singles if c.first == winner.effects[-1] and len(winner.effects) == 2 and c not in leaders
             ]
             for single in swapped:  # what the first effect had to make up for may now be had at a lower price
-                winner = min([winner, *self._extended(single, MOST_FITTED - 4)], key=lambda c: c.score)
+                longer += self._extended(single, MOST_FITTED - 4)
+            tried += longer
+            winner = self._likeliest(longer, chosen)
             if winner.score > chosen.score - CLAIM_MORE:
                 break
-            chosen, leaders = winner, [winner]
-        return chosen
+            shorter = self._one_less(winner)
+            tried += [c for c in shorter if len(c.effects) > 1]
+            least = self._likeliest(shorter, winner)
+            chosen = least if least.score < winner.score + CLAIM_MORE else winner
+            leaders = [chosen]
+        return chosen, tried
+
+    def _one_less(self, found: Candidate) -> list[Candidate]:
+        """`found` without one of its effects but the last: an effect that stood in for those that came after it is no
+        longer needed with them."""
+        out = []
+        for name in found.effects[:-1]:
+            if name not in found.fit.model.names:
+                continue  # a restitution or an obstacle, which stand in for none
+            model, kept = without_effect(found.fit.model, name)
+            effects = tuple(e for e in found.effects if e != name)
+            shorter = self._fitted(found.problem, model, found.fit.theta[kept], found.fit.starts, effects)
+            shorter = self._with_bounces(shorter, "restitution" in effects)
+            out.append(_with_obstacle(shorter, found.obstacle, found.obstacle_price))
+        return out
 
     def _promises(self, base: Candidate) -> bool:
         """Whether a further effect would win by the quick regression: where the noise is taken from the best model
@@ -272,7 +298,7 @@ class Selector:
         return False
 
     def _alike(self, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[tuple[str, ...], ...]:
-        if len(chosen.effects) != 1:
+        if not chosen.effects:
             return ()
         names = [c.first for c in singles if c.score < chosen.score + ALIKE + self._clock_doubt(c)]
         hits = {c.first: c.obstacle.hits for c in singles if c.obstacle is not None}
@@ -288,10 +314,21 @@ class Selector:
             )
         return (tuple(names),) if len(names) > 1 else ()
 
+    def _one_exchanged(self, chosen: Candidate, tried: Sequence[Candidate]) -> tuple[tuple[str, ...], ...]:
+        """For each effect of a model of several: itself, with those that could stand in its place as well."""
+        near = [c for c in tried if len(c.effects) == len(chosen.effects)
+                and c.score < chosen.score + ALIKE + self._clock_doubt(c)]  # fmt: skip
+        groups = []
+        for name in chosen.effects:
+            others = set(chosen.effects) - {name}
+            names = [n for c in near for n in c.effects if others == set(c.effects) - {n} and n not in others]
+            groups.append(tuple(dict.fromkeys([name, *names])))
+        return tuple(group for group in groups if len(group) > 1)
+
     def _clock_doubt(self, found: Candidate) -> float:
         """What a wrong clock has against or for it: cameras run at standard rates, so that a recording whose rate
         is one speaks against a wrong clock that would make it none, and the other way round."""
-        column = found.fit.model.column("clock_rate", "ratio") if found.effects == ("clock_rate",) else None
+        column = found.fit.model.column("clock_rate", "ratio") if "clock_rate" in found.effects else None
         rate = self.problem.frame_rate
         if column is None or rate is None:
             return 0.0
@@ -343,7 +380,7 @@ class Selector:
                 )
                 found = min(found, again, key=lambda c: c.score)
             found = self._with_bounces(found, "restitution" in base.effects)
-            found = replace(found, obstacle=base.obstacle)
+            found = _with_obstacle(found, base.obstacle, base.obstacle_price)
             if np.isfinite(found.score) and (best is None or found.score < best.score):
                 best = found
         if best is not None and kind.name == "magnus_lift" and not self._spin_earns_its_place(base, best):
@@ -371,7 +408,7 @@ class Selector:
         price = (
             5 * np.log(self.problem.effective_rows) + 6 * added + lost
         )  # a sphere and how it bounces; free restarts overfit
-        found = replace(found, score=found.score + price, bic=found.bic + price, obstacle=obstacle)
+        found = _with_obstacle(found, obstacle, price)
         return self._with_bounces(found, "restitution" in base.effects)
 
     def _spin_earns_its_place(self, base: Candidate, found: Candidate) -> bool:
@@ -445,6 +482,10 @@ class Selector:
         z = (left + bounce - freedom) / np.sqrt(2 * (freedom + len(self.bounces)))
         whole += self._bounce_chi2(self.none) - freedom_none
         return float(z), float(np.clip((left + max(bounce, 0) - freedom) / max(whole, 1e-9), 0, 1))
+
+
+def _with_obstacle(found: Candidate, obstacle: Obstacle | None, price: float) -> Candidate:
+    return replace(found, score=found.score + price, bic=found.bic + price, obstacle=obstacle, obstacle_price=price)
 
 
 def _apart(guesses: Sequence[Guess]) -> list[Guess]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Any
 
 import numpy as np
 
 from pipeline.hidden.experiment import BOUNCING, EVERY, FLYING
 
+PERIODS = {("anisotropic_friction", "angle"): np.pi}  # of parameters that turn back to where they were
 LARGEST_SET = 3  # an equivalence set of more names is no answer
 
 
@@ -78,11 +80,15 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
         return Judgement(unknown, bool(named), unknown, name, name if unknown else answer, {}, {})
     if not hidden:
         return Judgement(not named and not unknown, bool(named), True, name, answer, {}, {})
-    alike = len(hidden) == 1 and any(hidden <= s for s in sets)
-    right = not unknown and (set(named) == hidden or alike)
+    meant = [{n}.union(*(s for s in sets if n in s)) for n in named]  # by each name: itself or its equals
+    alike = len(named) == len(hidden) and any(
+        all(h in m for h, m in zip(order, meant, strict=True)) for order in permutations(hidden)
+    )
+    right = not unknown and alike
     label = name if right else answer
-    errors, covered = _parameters(verdict, truth) if set(named) == hidden else ({}, {})
-    return Judgement(right, bool(set(named) - hidden) and not alike, bool(hidden & set(named)) or alike, name, label,
+    same_law = set(named) == hidden and truth.get("wrong") is None  # else its numbers mean something else
+    errors, covered = _parameters(verdict, truth) if same_law else ({}, {})
+    return Judgement(right, bool(set(named) - hidden) and not right, any(hidden & m for m in meant), name, label,
                      errors, covered)  # fmt: skip
 
 
@@ -99,8 +105,12 @@ def _parameters(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[d
             true, own = np.atleast_1d(np.array(value, float)), np.atleast_1d(np.array(found["value"], float))
             spread = np.atleast_1d(np.array(found["stderr"], float))
             size = max(float(np.linalg.norm(true)), 1e-12)
-            errors[f"{effect['name']}.{key}"] = float(np.linalg.norm(own - true)) / size
-            covered[f"{effect['name']}.{key}"] = float(np.mean(np.abs(own - true) <= 1.96 * spread))
+            off = own - true
+            if (effect["name"], key) in PERIODS:
+                period = PERIODS[effect["name"], key]
+                off = (off + period / 2) % period - period / 2
+            errors[f"{effect['name']}.{key}"] = float(np.linalg.norm(off)) / size
+            covered[f"{effect['name']}.{key}"] = float(np.mean(np.abs(off) <= 1.96 * spread))
     return errors, covered
 
 

@@ -125,7 +125,7 @@ def noisy_frame(
         measured = np.where((lost & foreground)[..., None], np.float32(0), measured)
     measured = blurred(measured, scale * noise.edge_px)
     waver = smooth_noise(rng, flow.shape, scale * noise.correlation_px)
-    length = np.linalg.norm(measured, axis=-1, keepdims=True)
+    length = np.hypot(measured[..., :1], measured[..., 1:])
     moving = np.maximum(foreground[..., None], length > 0.5 * scale)
     return measured + np.where(moving, (noise.waver_px * scale + noise.waver_share * length) * waver, still)
 
@@ -175,13 +175,22 @@ def blurred(field: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def smooth_noise(rng: np.random.Generator, shape: tuple[int, ...], sigma: float) -> np.ndarray:
-    """Gaussian noise of unit standard deviation, smoothed by a Gaussian of `sigma` px over the first two axes."""
-    field = rng.standard_normal(shape, dtype=np.float32)
+    """Gaussian noise of unit standard deviation, smoothed by a Gaussian of `sigma` px over the first two axes.
+
+    Where it is much smoother than a pixel, it is drawn on a coarser grid and interpolated.
+    """
+    stride = max(1, int(sigma / 1.5))
+    height, width = -(-shape[0] // stride), -(-shape[1] // stride)
+    field = rng.standard_normal((height, width, *shape[2:]), dtype=np.float32)
     if sigma < 0.3:
         return field
     # White noise smoothed by a Gaussian keeps 1 / (2 sigma sqrt(pi)) of its standard deviation.
-    gain = np.float32(2 * sigma * np.sqrt(np.pi))
-    return gain * cv2.GaussianBlur(field, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
+    coarse = sigma / stride
+    gain = np.float32(2 * coarse * np.sqrt(np.pi))
+    field = gain * cv2.GaussianBlur(field, (0, 0), coarse, borderType=cv2.BORDER_REFLECT)
+    if stride == 1:
+        return field
+    return cv2.resize(field, (stride * width, stride * height), interpolation=cv2.INTER_LINEAR)[: shape[0], : shape[1]]
 
 
 def fit_noise(exact_px: np.ndarray, estimated_px: np.ndarray, masks: np.ndarray) -> FlowNoise:

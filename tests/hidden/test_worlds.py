@@ -151,6 +151,25 @@ def test_verdicts_are_right_by_name_or_by_a_small_set() -> None:
     assert both.some and not both.right
 
 
+def test_each_of_two_effects_may_be_named_by_an_equal() -> None:
+    scales, hidden = ("gravity_error", "buoyancy", "length_scale"), truth("wind", "buoyancy")
+    by_equal = judge(verdict("wind", "gravity_error", equivalent=(scales,)), hidden)
+    assert by_equal.right and not by_equal.false
+    assert not judge(verdict("wind", "gravity_error"), hidden).right
+    other = judge(verdict("air_drag", "gravity_error", equivalent=(scales,)), hidden)
+    assert not other.right and other.some and other.false
+    assert not judge(verdict("wind", "gravity_error", "impulse", equivalent=(scales,)), hidden).right
+    assert not judge(verdict("gravity_error", equivalent=(("gravity_error", "wind", "buoyancy"),)), hidden).right
+
+
+def test_a_direction_is_compared_up_to_its_period_and_a_wrong_law_has_no_true_numbers() -> None:
+    hidden = {"effects": [{"name": "anisotropic_friction", "ratio": 0.9, "angle": -1.55}], "unlisted": None}
+    told = verdict("anisotropic_friction") | {"parameters": {"angle": {"value": 1.56, "stderr": 0.03}}}
+    found = judge(told, hidden)
+    assert found.errors["anisotropic_friction.angle"] < 0.05 and found.covered["anisotropic_friction.angle"] == 1
+    assert judge(told, {**hidden, "wrong": "drag_slope"}).errors == {}
+
+
 def test_wilson_and_the_confusion_matrix() -> None:
     low, high = wilson(95, 100)
     assert low == pytest.approx(0.888, abs=0.002) and high == pytest.approx(0.978, abs=0.002)
