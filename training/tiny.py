@@ -178,8 +178,11 @@ def save_checkpoint(path: Path, base: Base, head: PatchHead, optimizer: torch.op
 def train(args: argparse.Namespace) -> None:
     params = read_params_file(PARAMS_FILE, Params)
     torch.set_num_threads(args.threads)
+    torch.set_float32_matmul_precision(args.matmul)
     tokenizer = build_tokenizer()
     model = build_tiny(tokenizer, TinySize(), seed=0).to(args.device)
+    if args.device == "cpu":
+        model.set_attn_implementation("eager")  # faster than the fused kernel, whose products are many and small
     base = Base(model, tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens))
     head = PatchHead(model.config.text_config.hidden_size, LAYOUT).to(args.device)
     seen: list[torch.Tensor] = []  # the vision tower's tokens in the last forward pass
@@ -265,12 +268,14 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path(".train/tiny"), help="checkpoint and log")
     parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"))
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--matmul", default="highest", choices=("highest", "high", "medium"),
+                        help="medium: products in bfloat16, where the processor has it")  # fmt: skip
     parser.add_argument("--generators", type=int, default=1, help="processes that make clips")
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--lr", type=float, default=1.5e-3)
     parser.add_argument("--patch-weight", type=float, default=0.5, help="weight of the loss on patch labels")
     parser.add_argument("--pool", type=int, default=4000, help="clips held in memory, 0.7 MB each")
-    parser.add_argument("--reuse", type=float, default=2.0, help="draws per clip")
+    parser.add_argument("--reuse", type=float, default=4.0, help="draws per clip")
     parser.add_argument("--validation", type=int, default=64)
     parser.add_argument("--log-seconds", type=float, default=120)
     parser.add_argument("--save-seconds", type=float, default=180)

@@ -28,7 +28,9 @@ SETTLING = 0.05  # s after landing in which a body on the ground still swings
 HOPPING = 0.2  # s after two bodies on the ground met, which rub each other up and down: they press on it unevenly
 SLIPPING = 0.4  # s after which a ball of unknown spin that another one struck is taken to roll again
 OUTLIER = 5.0  # standard deviations
+LOW_FLIGHT = 8.0  # standard deviations over the ground: in lower hops a touch does not show
 SMOOTH = 3.0  # the same, of five samples from a parabola
+UPWARDS = 0.8  # share of a jump that is upwards at least, of a bounce on the ground
 SIDEWAYS = 0.5  # share of a jump that may be upwards, of a body that another one struck from the side
 TOUCH = 3.5  # standard deviations of a coordinate by which the gap between two balls in touch may seem wider
 SIDE = 5  # samples on each side that predict one
@@ -126,7 +128,7 @@ def _outliers(time: np.ndarray, position: np.ndarray, sigma: float) -> np.ndarra
     through all triples of its five nearest samples, so that an outlier among them does no harm.
     """
     bad = np.zeros(len(time), bool)
-    for _ in range(2):  # again without the worst of them
+    for _ in range(SIDE + 1):  # again without the worst of them: a side that has them predicts nothing
         new = np.array([_alone(time, position, bad, k, sigma) for k in range(len(time))]) & ~bad
         if not new.any():
             break
@@ -174,13 +176,17 @@ def _cut_track(
     others = _others(time, track, names, moving)
     spin = _spin(track, rows, obj)
     gap = _gaps(obj, position, quaternion, scene.ground)
-    breaks = find_breaks(time, position, sigma)
-    known: list[tuple[Break, int | None]] = []
-    unknown: list[tuple[Break, int | None]] = []
-    for b in breaks:
-        other = _explanation(b, obj, time, position, gap, others, scene, names, index, sigma)
-        (unknown if other is None else known).append((b, other))
-    met = _met(time, position, others, scene, index, sigma, [b for b, _ in (*known, *unknown)])
+
+    def explanation(b: Break) -> int | None:
+        return _explanation(b, obj, time, position, gap, others, scene, names, index, sigma)
+
+    def bounces(b: Break) -> bool:
+        return bool(b.jump[2] > UPWARDS * np.linalg.norm(b.jump)) and explanation(b) == -1
+
+    explained = [(b, explanation(b)) for b in find_breaks(time, position, sigma, bounces)]
+    known = [(b, other) for b, other in explained if other is not None]
+    unknown = [b for b, other in explained if other is None]
+    met = _met(time, position, others, scene, index, sigma, [b for b, _ in explained])
     together = _together(time, position, others, scene, index, sigma)
     touching = np.isin(time, [b.time for b, _ in (*met, *together)])  # such a sample is of neither side
     known += met + [(b, m) for b, m in together if all(b.time != k.time for k, _ in (*known, *met))]
@@ -208,11 +214,10 @@ def _cut_track(
             np.full(len(chosen), sigma) if track.sigma is None else _filled(track.sigma[rows][chosen], sigma),
             rows[chosen], others[chosen], None if spin is None else spin[chosen],
             None if quaternion is None else quaternion[chosen],
-            tuple(b for b, _ in unknown if time[chosen[0]] < b.time < time[chosen[-1]]),
+            tuple(b for b in unknown if time[chosen[0]] < b.time < time[chosen[-1]]),
             rows[chosen[0]] < 3 or (k > 0 and known[k - 1][1] != -1),
         ))  # fmt: skip
     for k, (b, other) in enumerate(known):
-        assert other is not None
         impacts.append(Impact(track.clip, index, other, b.time, b.position, placed[k], placed[k + 1]))
 
 
@@ -285,7 +290,11 @@ def _explanation(
         at_break = b.position[2] - position[near, 2] + gap[near]
         around = np.diff(time[max(0, near - 2) : near + 3])
         missed = 0.0  # how far it may have fallen on where rows are missing, and come back
-        if b.jump[2] > 0.8 * np.linalg.norm(b.jump) and len(around) and around.max() > 1.5 * np.median(np.diff(time)):
+        if (
+            b.jump[2] > UPWARDS * np.linalg.norm(b.jump)
+            and len(around)
+            and around.max() > 1.5 * np.median(np.diff(time))
+        ):
             missed = 0.5 * float(b.jump[2]) * float(around.max())
         if min(at_break, gap[low].min()) < 0.25 * size + 0.01 + 4 * sigma + missed:
             return -1
@@ -295,10 +304,10 @@ def _explanation(
 def _met(
     time: np.ndarray, position: np.ndarray, others: np.ndarray, scene: Scene, index: int, sigma: float,
     found: Sequence[Break],
-) -> list[tuple[Break, int | None]]:  # fmt: skip
+) -> list[tuple[Break, int]]:  # fmt: skip
     """Impacts with other balls that show by the distance alone, but for those that were found as jumps."""
     present = [o for i, o in enumerate(scene.objects) if i != index]
-    out: list[tuple[Break, int | None]] = []
+    out: list[tuple[Break, int]] = []
     if scene.objects[index].shape != "sphere":
         return out
     for m in range(others.shape[1]):
@@ -316,9 +325,9 @@ def _met(
 
 def _together(
     time: np.ndarray, position: np.ndarray, others: np.ndarray, scene: Scene, index: int, sigma: float
-) -> list[tuple[Break, int | None]]:
+) -> list[tuple[Break, int]]:
     """Samples at which the ball is in touch with another: they push and rub each other, however gently."""
-    out: list[tuple[Break, int | None]] = []
+    out: list[tuple[Break, int]] = []
     for m, number in enumerate(i for i in range(len(scene.objects)) if i != index):
         pair = scene.objects[index], scene.objects[number]
         if m < others.shape[1] and all(o.shape == "sphere" for o in pair):
@@ -340,12 +349,13 @@ def _in_the_air(
     inside: np.ndarray, time: np.ndarray, gap: np.ndarray, others: np.ndarray, position: np.ndarray, scene: Scene,
     index: int, sigma: float,
 ) -> np.ndarray:  # fmt: skip
-    """The samples of a flight that touch nothing: those near an impact that are too low or too near are left out, and
-    at the ends of the track those beyond one that too few samples show."""
+    """The samples of a flight that touch nothing: those near an impact that are too low or too near are left out, at
+    the ends of the track those beyond one that too few samples show, and all of a hop as low as the noise."""
     out = inside.copy()
     chosen = np.flatnonzero(inside)
     if len(chosen) and np.isfinite(gap[0]):
         out &= gap > 2.5 * sigma
+        out &= bool(gap[chosen].max() > LOW_FLIGHT * sigma + 0.005)
         for ends in (chosen, chosen[::-1]):  # inwards from each end
             first = ends[: max(2, len(ends) // 3)]
             low = np.flatnonzero(gap[first] <= 2.5 * sigma)

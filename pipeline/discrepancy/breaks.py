@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-WINDOW = 7  # samples on each side of a suspected jump
+WINDOWS = (7, 4)  # samples on each side of a suspected jump; the shorter where others are near
 LEAST_SIDE = 3
 Z_BREAK = 6.5  # standard errors that a jump of velocity must have
+Z_EXPECTED = 4.5  # the same where one is expected
 PLACES = np.linspace(-0.5, 0.5, 21)  # of a jump between two samples: a fast body goes far between them
 GAIN_OVER_CUBIC = 20.0  # how much better (chi squared) a jump must explain the window than a smooth cubic does
 
@@ -25,15 +27,20 @@ class Break:
     misfit: float = 0.0
 
 
-def find_breaks(time: np.ndarray, position: np.ndarray, sigma: float) -> list[Break]:
-    """The jumps of a track without outliers: time (T,), position (T, 3), sigma m. In the order of time."""
+def find_breaks(
+    time: np.ndarray, position: np.ndarray, sigma: float, expected: Callable[[Break], bool] = lambda _: False
+) -> list[Break]:
+    """The jumps of a track without outliers: time (T,), position (T, 3), sigma m. In the order of time.
+
+    expected: whether a jump is where and as one should be (a bounce on the ground), so that less of it will do.
+    """
     found: list[tuple[int, Break]] = []
     waiting = [(0, len(time))]
     while waiting:
         start, stop = waiting.pop()
         places = range(start + LEAST_SIDE, stop - LEAST_SIDE + 1)
         jumps = [(c, k) for k in places if (c := _jump_between(time, position, sigma, k, start, stop)) is not None]
-        jumps = [(c, k) for c, k in jumps if c.z >= Z_BREAK]
+        jumps = [(c, k) for c, k in jumps if c.z >= Z_BREAK or (c.z >= Z_EXPECTED and expected(c))]
         jumps.sort(key=lambda pair: -pair[0].z)
         chosen = next((k for _, k in jumps if not _of_one_sample(time, position, sigma, k, start, stop)), None)
         if chosen is None:
@@ -47,7 +54,7 @@ def find_breaks(time: np.ndarray, position: np.ndarray, sigma: float) -> list[Br
 
 def _of_one_sample(time: np.ndarray, position: np.ndarray, sigma: float, k: int, start: int, stop: int) -> bool:
     """Whether a jump is gone without some single sample: an outlier that was not told from the path."""
-    for i in range(max(start, k - WINDOW), min(stop, k + WINDOW)):
+    for i in range(max(start, k - WINDOWS[0]), min(stop, k + WINDOWS[0])):
         t, x = np.delete(time, i), np.delete(position, i, axis=0)
         left = _jump_between(t, x, sigma, k - (i < k), start, stop - 1, 0.5 * GAIN_OVER_CUBIC)
         if left is None or left.z < 0.5 * Z_BREAK:
@@ -59,7 +66,14 @@ def _jump_between(
     time: np.ndarray, position: np.ndarray, sigma: float, k: int, start: int, stop: int, gain: float = GAIN_OVER_CUBIC
 ) -> Break | None:
     """A jump between samples k - 1 and k, where it explains the samples around them better than a cubic does."""
-    first, last = max(start, k - WINDOW), min(stop, k + WINDOW)
+    found = (_jump_in(time, position, sigma, k, max(start, k - w), min(stop, k + w), gain) for w in WINDOWS)
+    return next((jump for jump in found if jump is not None), None)
+
+
+def _jump_in(
+    time: np.ndarray, position: np.ndarray, sigma: float, k: int, first: int, last: int, gain: float
+) -> Break | None:
+    """The same of samples first to last - 1 alone."""
     middle = (time[k - 1] + time[k]) / 2
     t, x = time[first:last] - middle, position[first:last]
     scale = max(t[-1], -t[0])

@@ -38,7 +38,8 @@ class QuickRegression:
         self._inverse = [local_inverse(s, jl) for s, jl in zip(stacks, self.linear.local, strict=True)]
         self._residual = self._flat([self._projected(i, r[:, None])[:, 0] for i, r in enumerate(self.linear.residual)])
         known = [self._projected(i, j) for i, j in enumerate(self.linear.shared)]
-        columns = [self._flat([k[:, g] for k in known]) for g in range(found.model.size)]
+        free = [g for g, u in enumerate(found.model.unknowns) if u.low + u.step < found.theta[g] < u.high - u.step]
+        columns = [self._flat([k[:, g] for k in known]) for g in free]  # a number at its bound takes nothing more
         self._known = np.array(columns).reshape(len(columns), len(self._residual))
 
     def _projected(self, stack: int, rows: np.ndarray) -> np.ndarray:
