@@ -1,0 +1,52 @@
+"""Prediction of the half second that was not fitted, on more clips than the default run has.
+
+    dvc exp run -S seed=9 -S suites.id.clips=72 -S suites.real.path=CROSS_ENGINE predict@id predict@real
+    python -m benchmarks.prediction
+
+The first command fits the clips (CROSS_ENGINE: the folder of another engine's clips, an absolute path), the second sums
+up data/predict as it stands: means with 95 % bootstrap intervals, and differences by clip from masks that move on at
+constant velocity. Writes benchmarks/results/prediction.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.evaluation.intervals import bootstrap_mean
+from pipeline.evaluation.tables import cell, markdown
+from pipeline.shards.dataset import open_shards
+from stages.run_shards import folder
+
+OUT = Path("benchmarks/results/prediction.md")
+SUITES = ("id", "real")
+COLUMNS = {
+    "search": "replay of what was fitted",
+    "carried": "last masks, moved as it moves",
+    "velocity": "constant velocity",
+    "frozen": "frozen masks",
+}
+RESAMPLES = 10_000
+
+
+def main() -> None:
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    rng = np.random.default_rng(0)
+    rows = []
+    for suite in SUITES:
+        clips = [clip.row() for clip in open_shards(folder("predict", suite))]
+        baseline = np.array([c["velocity"] for c in clips])
+        for column, words in COLUMNS.items():
+            iou = np.array([c[column] for c in clips])
+            gain = bootstrap_mean(iou - baseline, RESAMPLES, rng)
+            rows.append([suite, words, str(len(clips)), cell(bootstrap_mean(iou, RESAMPLES, rng)),
+                         "–" if column == "velocity" else cell(gain)])  # fmt: skip
+    text = markdown(["suite", "method", "clips", "IoU, unseen half second", "less constant velocity"], rows)
+    OUT.write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
