@@ -1,48 +1,69 @@
 """What the simulator knows for nothing of each patch of a clip, to teach the vision tower what is where.
 
-Of each patch: the shape that fills it (or background), and for objects the logarithm of depth and the way from the
-patch's middle to the middle of the object's picture, in patches.
+The text of a scene says little about where in the picture its numbers come from. A patch that an object fills is told
+all of it: which shape, which object of the text, how far, where its middle is, and how the object moves and begins.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional
 
+from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import View
+from pipeline.language.completion import MAX_OBJECTS
 from pipeline.model.patches import PatchLayout
-from pipeline.scene.scene import BASIC_SHAPES
+from pipeline.physics.trace import Trace
+from pipeline.scene.scene import BASIC_SHAPES, Scene
 
 LEAST_SHARE = 0.2  # of a patch's pixels, below which it is background
-NUMBERS = 3  # log depth, dx, dy
+SHAPES = len(BASIC_SHAPES) + 1
+NUMBERS = (
+    18  # log depth; way to the middle of the object's picture 2, patches; log sizes 3; position, velocity 3 + 3 of
+)
+# that moment, and of the clip's beginning
 
 
-def patch_labels(view: View, shapes: tuple[str, ...], layout: PatchLayout) -> tuple[np.ndarray, np.ndarray]:
-    """Class (t, h, w) int64, 0 background, 1 + index in `BASIC_SHAPES`; numbers (t, h, w, 3) float32.
+@dataclass(frozen=True)
+class PatchLabels:
+    """Of the (t, h, w) patches of a clip: shape int64, 0 background, else 1 + index in `BASIC_SHAPES`; place int64, of
+    the object in the text; numbers (t, h, w, NUMBERS) float32, on objects alone."""
 
-    From the first frame of each of the t temporal patches; the view is of the layout's size.
-    """
+    shape: np.ndarray
+    place: np.ndarray
+    numbers: np.ndarray
+
+
+def patch_labels(view: View, scene: Scene, trace: Trace, schedule: Schedule, layout: PatchLayout) -> PatchLabels:
+    """From the first frame of each of the t temporal patches; the view is of the layout's size."""
     t, h, w = layout.grid
     p = layout.patch
-    classes, numbers = np.zeros((t, h, w), np.int64), np.zeros((t, h, w, NUMBERS), np.float32)
-    codes = [1 + BASIC_SHAPES.index(s) for s in shapes]
+    steps = schedule.frame_steps[schedule.pairs[:, 0]]
+    shape, place = np.zeros((t, h, w), np.int64), np.zeros((t, h, w), np.int64)
+    numbers = np.zeros((t, h, w, NUMBERS), np.float32)
+    sizes = np.array([np.log([*o.size, *[1.0] * (3 - len(o.size))]) for o in scene.objects])
     rows, columns = (np.arange(n) + 0.5 for n in (h, w))
     for k in range(t):
-        mask, depth = view.mask[k * layout.temporal], view.depth[k * layout.temporal]
-        shares = np.stack([(mask == i + 1).reshape(h, p, w, p).mean((1, 3)) for i in range(len(shapes))], -1)
-        best = shares.argmax(-1)
-        filled = shares.max(-1) >= LEAST_SHARE
-        for i, code in enumerate(codes):
+        mask, depth, step = view.mask[k * layout.temporal], view.depth[k * layout.temporal], steps[k * layout.temporal]
+        shares = np.stack([(mask == i + 1).reshape(h, p, w, p).mean((1, 3)) for i in range(len(scene.objects))], -1)
+        best, filled = shares.argmax(-1), shares.max(-1) >= LEAST_SHARE
+        for i, name in enumerate(scene.shapes):
             where = filled & (best == i)
             if where.any():
                 y, x = np.nonzero(mask == i + 1)
-                classes[k][where] = code
-                numbers[k, where, 0] = np.log(depth[y, x].mean())
-                numbers[k, where, 1] = np.broadcast_to((x.mean() + 0.5) / p - columns, (h, w))[where]
-                numbers[k, where, 2] = np.broadcast_to(((y.mean() + 0.5) / p - rows)[:, None], (h, w))[where]
-    return classes, numbers
+                shape[k][where] = 1 + BASIC_SHAPES.index(name)
+                place[k][where] = i
+                told = numbers[k]
+                told[where, 0] = np.log(depth[y, x].mean())
+                told[where, 1] = np.broadcast_to((x.mean() + 0.5) / p - columns, (h, w))[where]
+                told[where, 2] = np.broadcast_to(((y.mean() + 0.5) / p - rows)[:, None], (h, w))[where]
+                told[where, 3:] = np.concatenate([sizes[i], trace.position[step, i], trace.velocity[step, i],
+                                                  trace.position[0, i], trace.velocity[0, i]])  # fmt: skip
+    return PatchLabels(shape, place, numbers)
 
 
 class PatchHead(nn.Module):
@@ -51,23 +72,34 @@ class PatchHead(nn.Module):
     def __init__(self, hidden: int, layout: PatchLayout) -> None:
         super().__init__()
         self.layout = layout
-        self.classes = len(BASIC_SHAPES) + 1
-        self.linear = nn.Linear(hidden, layout.merge**2 * (self.classes + NUMBERS))
+        self.linear = nn.Linear(hidden, layout.merge**2 * (SHAPES + MAX_OBJECTS + NUMBERS))
 
-    def blocks(self, labels: torch.Tensor) -> torch.Tensor:
-        """(B, t, h, w, ...) patch by patch to (B * tokens, merge², ...), in the order of the tokens."""
+    def blocks(self, labels: list[np.ndarray], device: torch.device) -> torch.Tensor:
+        """(t, h, w, ...) of each clip, patch by patch, to (tokens * merge², ...) in the order of the tokens."""
         t, h, w = self.layout.grid
         m = self.layout.merge
-        rest = labels.shape[4:]
-        labels = labels.reshape(-1, t, h // m, m, w // m, m, *rest).transpose(3, 4)
-        return labels.reshape(-1, m * m, *rest)
+        stacked = torch.as_tensor(np.stack(labels), device=device)
+        rest = stacked.shape[4:]
+        return stacked.reshape(-1, t, h // m, m, w // m, m, *rest).transpose(3, 4).reshape(-1, *rest)
 
-    def forward(self, tokens: torch.Tensor, classes: torch.Tensor, numbers: torch.Tensor) -> torch.Tensor:
-        """Loss of tokens (B * tokens, hidden): cross-entropy, objects and background weighted alike, plus the mean
-        absolute error of the numbers on objects."""
-        out = self.linear(tokens).float().reshape(len(tokens), self.layout.merge**2, -1)
-        target, values = self.blocks(classes), self.blocks(numbers)
-        each = functional.cross_entropy(out[..., : self.classes].flatten(0, 1), target.flatten(), reduction="none")
-        filled = target.flatten() > 0
-        error = (out[..., self.classes :].flatten(0, 1) - values.flatten(0, 1)).abs()[filled]
-        return each[filled].mean() + each[~filled].mean() + error.mean()
+    def forward(self, tokens: torch.Tensor, labels: list[PatchLabels]) -> torch.Tensor:
+        """Loss of the tokens (B * tokens, hidden) of clips: cross-entropy of shapes, objects and background weighted
+        alike, and of places, plus the mean absolute error of the numbers on objects."""
+        shapes, places, numbers = self.told(tokens)
+        shape = self.blocks([x.shape for x in labels], tokens.device)
+        place = self.blocks([x.place for x in labels], tokens.device)
+        true = self.blocks([x.numbers for x in labels], tokens.device)
+        each, filled = functional.cross_entropy(shapes, shape, reduction="none"), shape > 0
+        which = functional.cross_entropy(places[filled], place[filled])
+        return each[filled].mean() + each[~filled].mean() + which + (numbers - true)[filled].abs().mean()
+
+    def told(self, tokens: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """Logits of shapes and of places, and numbers, a row for each patch."""
+        out = self.linear(tokens).float().reshape(-1, SHAPES + MAX_OBJECTS + NUMBERS)
+        return out.split([SHAPES, MAX_OBJECTS, NUMBERS], dim=1)
+
+    def shapes_right(self, tokens: torch.Tensor, labels: list[PatchLabels]) -> float:
+        """Share of the patches on objects whose likeliest shape is the object's."""
+        true = self.blocks([x.shape for x in labels], tokens.device)
+        likeliest = self.told(tokens)[0].argmax(1)
+        return float((likeliest == true)[true > 0].float().mean())

@@ -4,8 +4,9 @@
 
 Generator processes stream clips into a pool from which batches are drawn; a clip is drawn a few times before a
 newer one takes its place. Stops at --minutes, with a learning rate that falls to nothing then; writes a checkpoint
-every few minutes and goes on from the last one. `log.csv` in --work has the losses. Beside the completion, the vision
-tower learns what the simulator knows of each patch (training/patch_labels.py).
+every few minutes and goes on from the last one. `log.csv` in --work has the losses. The vision tower learns what the
+simulator knows of each patch (training/patch_labels.py): alone in the first --vision of the time, then beside the
+completion; the noise of the flow rises from nothing to RAFT's in the first --quiet of it.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import os
 import queue
 import time
 from dataclasses import dataclass
+from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +34,7 @@ from pipeline.language.events import Thresholds, find_events
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import Base
 from pipeline.model.loss import batch_loss, make_batch
-from pipeline.model.patches import PatchLayout
+from pipeline.model.patches import PatchLayout, pack_video
 from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.physics.simulate import simulate
 from pipeline.scene.sample import Distribution
@@ -42,7 +44,7 @@ from pipeline.vision.flow_noise import noisy_flow, raft_noise
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
-from training.patch_labels import PatchHead, patch_labels
+from training.patch_labels import PatchHead, PatchLabels, patch_labels
 
 LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
 SUITE = "tiny-training"
@@ -51,12 +53,11 @@ CHUNK = 16  # clips drawn together
 
 @dataclass(frozen=True)
 class Example:
-    """A clip's tokens, its pictures (T, H, W, 3) uint8, and the classes and numbers of its patches."""
+    """A clip's tokens, its pictures (T, H, W, 3) uint8, and what is known of its patches."""
 
     tokens: Tokens
     picture: np.ndarray
-    classes: np.ndarray
-    numbers: np.ndarray
+    patches: PatchLabels
 
 
 def clip_picture(params: Params, suite: str, index: int, scene: Scene) -> np.ndarray:
@@ -66,13 +67,16 @@ def clip_picture(params: Params, suite: str, index: int, scene: Scene) -> np.nda
     return noisy_picture(params, suite, index, view)
 
 
-def noisy_picture(params: Params, suite: str, index: int, view: View) -> np.ndarray:
+def noisy_picture(params: Params, suite: str, index: int, view: View, noise: float = 1.0) -> np.ndarray:
+    """noise: its strength, 1 for RAFT's."""
     rng = clip_rng(params.seed, suite, index, "flow noise")
-    flow = noisy_flow(rng, view.flow, view.mask, raft_noise(rng))
+    flow = noisy_flow(rng, view.flow, view.mask, raft_noise(rng).scaled(noise))
     return flow_picture(flow, params.flow.picture, scaled_max_px(LAYOUT.width, 1 / params.clip.fps))
 
 
-def make_examples(params: Params, codec: Codec, suite: str, indices: range, reasoning: bool) -> list[Example]:
+def make_examples(
+    params: Params, codec: Codec, suite: str, indices: range, reasoning: bool, noise: float = 1.0
+) -> list[Example]:
     """Training examples of the given clip indices."""
     schedule = Schedule(**params.clip.model_dump())
     distribution = Distribution(**params.sample.distribution.model_dump())
@@ -87,19 +91,22 @@ def make_examples(params: Params, codec: Codec, suite: str, indices: range, reas
         events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds) if reasoning else None
         view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)
         tokens = codec.encode(write_completion(scene, events, schedule.seconds), reasoning, schedule.seconds)
-        labels = patch_labels(view, scene.shapes, LAYOUT)
-        examples.append(Example(tokens, noisy_picture(params, suite, index, view), *labels))
+        labels = patch_labels(view, scene, trace, schedule, LAYOUT)
+        examples.append(Example(tokens, noisy_picture(params, suite, index, view, noise), labels))
     return examples
 
 
-def generate(params: Params, first: int, stride: int, out: multiprocessing.Queue) -> None:
-    """Make chunks number first, first + stride, … as long as the trainer lives; a quarter of them without reasoning."""
+def generate(params: Params, first: int, stride: int, out: multiprocessing.Queue, noise: Synchronized) -> None:
+    """Make chunks number first, first + stride, … as long as the trainer lives; a quarter of them without reasoning.
+
+    noise: the strength of the flow's noise, which the trainer raises.
+    """
     torch.set_num_threads(1)
     codec = Codec(build_tokenizer(), LAYOUT.tokens)
     chunk = first
     while True:
         indices = range(chunk * CHUNK, (chunk + 1) * CHUNK)
-        examples = make_examples(params, codec, SUITE, indices, reasoning=chunk % 4 != 3)
+        examples = make_examples(params, codec, SUITE, indices, chunk % 4 != 3, noise.value)
         while True:
             try:
                 out.put((chunk, examples), timeout=30)
@@ -168,6 +175,25 @@ def learning_rate(peak: float, step: int, done: float) -> float:
     return float(peak * min(1.0, (step + 1) / 100) * (0.02 + 0.98 * (1 + np.cos(np.pi * min(done, 1.0))) / 2))
 
 
+def noise_at(done: float, quiet: float) -> float:
+    """Strength of the noise when the share `done` of the time is over, of which `quiet` is with less than RAFT's."""
+    return min(1.0, done / quiet) if quiet else 1.0
+
+
+def see(base: Base, clips: torch.Tensor) -> torch.Tensor:
+    """The vision tower's tokens (B * tokens, hidden) of clips (B, T, H, W, 3) uint8."""
+    grid = torch.tensor([base.layout.grid] * len(clips), device=base.model.device)
+    patches = pack_video(clips.to(base.model.device), base.layout)
+    return base.model.model.visual(patches, grid_thw=grid).pooler_output
+
+
+@torch.no_grad()
+def shapes_right(base: Base, head: PatchHead, examples: list[Example]) -> float:
+    """Share of the patches on objects in which the vision tower sees the right shape."""
+    tokens = see(base, torch.as_tensor(np.stack([e.picture for e in examples])))
+    return head.shapes_right(tokens, [e.patches for e in examples])
+
+
 def save_checkpoint(path: Path, base: Base, head: PatchHead, optimizer: torch.optim.Optimizer, state: dict) -> None:
     temporary = path.with_suffix(".tmp")
     weights = {"model": base.model.state_dict(), "head": head.state_dict(), "optimizer": optimizer.state_dict()}
@@ -201,8 +227,9 @@ def train(args: argparse.Namespace) -> None:
         print(f"goes on from step {state['step']}, {state['seconds'] / 60:.1f} min", flush=True)
     context = multiprocessing.get_context("spawn")
     source = context.Queue(maxsize=2 * args.generators + 2)
-    makers = [context.Process(target=generate, args=(params, state["chunk"] + i, args.generators, source), daemon=True)
-              for i in range(args.generators)]  # fmt: skip
+    noise = context.Value("d", noise_at(state["seconds"] / (60 * args.minutes), args.quiet))
+    makers = [context.Process(target=generate, args=(params, state["chunk"] + i, args.generators, source, noise),
+                              daemon=True) for i in range(args.generators)]  # fmt: skip
     for maker in makers:
         maker.start()
     held = make_examples(params, base.codec, SUITE + "-held", range(args.validation), reasoning=True)
@@ -215,13 +242,18 @@ def train(args: argparse.Namespace) -> None:
         pool.fill(least=8 * args.batch)
         chosen = pool.draw(rng, args.batch)
         batch = make_batch(base, [e.tokens for e in chosen], np.stack([e.picture for e in chosen]))
+        done = elapsed / (60 * args.minutes)
+        noise.value = noise_at(done, args.quiet)
         for group in optimizer.param_groups:
-            group["lr"] = learning_rate(args.lr, state["step"], elapsed / (60 * args.minutes))
+            group["lr"] = learning_rate(args.lr, state["step"], done)
         with torch.autocast(args.device, torch.bfloat16, enabled=args.device == "cuda"):
             seen.clear()
-            loss, _ = batch_loss(base, batch)
-            labels = [torch.as_tensor(np.stack([getattr(e, n) for e in chosen])) for n in ("classes", "numbers")]
-            patch_loss = head(seen[-1], *(x.to(args.device) for x in labels))
+            if done < args.vision:
+                tokens, loss = see(base, batch.clips), torch.zeros((), device=args.device)
+            else:
+                loss, _ = batch_loss(base, batch)
+                tokens = seen[-1]
+            patch_loss = head(tokens, [e.patches for e in chosen])
         optimizer.zero_grad()
         (loss + args.patch_weight * patch_loss).backward()
         torch.nn.utils.clip_grad_norm_(weights, 1.0)
@@ -234,7 +266,7 @@ def train(args: argparse.Namespace) -> None:
             row = {"step": state["step"], "clips": state["step"] * args.batch, "fresh_clips": state["chunk"] * CHUNK,
                    "minutes": round(elapsed / 60, 2), "lr": float(optimizer.param_groups[0]["lr"]),
                    **dict(zip(("train_loss", "patch_loss"), np.mean(recent, 0).tolist(), strict=True)),
-                   **validate(base, held, args.batch)}  # fmt: skip
+                   **validate(base, held, args.batch), "shapes_right": shapes_right(base, head, held)}  # fmt: skip
             recent = []
             print({k: round(v, 6) for k, v in row.items()}, flush=True)
             with log.open("a", newline="") as file:
@@ -273,7 +305,11 @@ def main() -> None:
     parser.add_argument("--generators", type=int, default=1, help="processes that make clips")
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--lr", type=float, default=1.5e-3)
-    parser.add_argument("--patch-weight", type=float, default=0.5, help="weight of the loss on patch labels")
+    parser.add_argument("--patch-weight", type=float, default=0.5, help="of the loss on patch labels")
+    parser.add_argument("--vision", type=float, default=0.3, help="share of the time for the vision tower alone")
+    parser.add_argument(
+        "--quiet", type=float, default=0.3, help="share of the time until the flow is as noisy as RAFT's"
+    )
     parser.add_argument("--pool", type=int, default=4000, help="clips held in memory, 0.7 MB each")
     parser.add_argument("--reuse", type=float, default=4.0, help="draws per clip")
     parser.add_argument("--validation", type=int, default=64)
