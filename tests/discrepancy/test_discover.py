@@ -77,6 +77,16 @@ def test_what_only_scales_gravity_is_one_set() -> None:
     assert "pendulum" in found.verdict.experiment
 
 
+def test_of_two_effects_each_has_its_own_set_of_equals() -> None:
+    rng = np.random.default_rng(13)
+    both = (effect("gravity_error", gravity=10.5), effect("magnus_lift", coefficient=0.002))
+    found = discover(thrown(rng, 8, both), known_scene(KNOWN), 0.3, ALL, rng)
+    assert len(found.verdict.effects) == 2 and "magnus_lift" in found.verdict.effects
+    (alike,) = found.verdict.equivalent
+    assert {"gravity_error", "length_scale"} <= set(alike) and "magnus_lift" not in alike
+    assert found.gap.after == pytest.approx(found.gap.noise_floor, rel=0.15)
+
+
 def test_a_spin_that_explains_nothing_does_not_earn_its_place() -> None:
     rng = np.random.default_rng(7)
     tracks = thrown(rng, 8, (effect("tilted_gravity", tilt=(0.05, 0.0)),))

@@ -14,6 +14,8 @@ from pipeline.discrepancy.model import known_model, with_effect
 from pipeline.discrepancy.noise import leave_one_out, rough_sigma
 from pipeline.discrepancy.obstacle import SIZE_SPREAD, fit_obstacle
 from pipeline.discrepancy.problem import pose, starts_of, with_rulers
+from pipeline.discrepancy.quick import QuickRegression
+from pipeline.discrepancy.starts import starts
 from pipeline.discrepancy.track import Track
 from pipeline.errors import MeasurementError
 from pipeline.scene.effects.registry import effect_kinds
@@ -197,3 +199,22 @@ def test_a_ball_is_cut_where_it_touches_the_right_one_also_where_a_clip_does_not
     cut = cut_tracks(tracks, known_scene({"objects": objects}))
     assert {i.other for i in cut.impacts} <= {0, 2}
     assert max(a.time[-1] - a.time[0] for a in cut.arcs if a.object == 0) > 0.8
+
+
+def test_an_effect_is_promising_where_a_fitted_number_at_its_bound_would_do_the_same(rng: np.random.Generator) -> None:
+    known = known_scene({**KNOWN, "fit": ["rolling_friction"]})
+    times, tracks = np.arange(61) / 60, []
+    for c in range(4):
+        spin = rng.uniform(90, 120) - 80 * times  # MuJoCo's own torsional friction takes 49 rad/s a second
+        turn = np.column_stack([0 * times, 0 * times, spin]) + rng.normal(0, 0.1, (61, 3))
+        place = np.array([0, 0, 0.05]) + rng.normal(0, 0.001, (61, 3))
+        tracks.append(Track(f"clip_{c}", "ball", times, place, None, turn))
+    problem = pose(tracks, known, 0.3, rng)
+    model = known_model(known, problem.stacks)
+    found = fit(problem.stacks, model, model.start, starts_of(problem), problem.chosen)
+    torsional = model.column("object:0", "torsional")
+    assert torsional is not None and found.theta[torsional] == pytest.approx(model.unknowns[torsional].high, rel=1e-3)
+    quick = QuickRegression(problem.stacks, found, problem.chosen)
+    kinds = [effect_kinds()[name] for name in ("spin_friction", "tilted_gravity")]
+    promising, idle = (quick.guesses(k, starts(k, known, problem.stacks), known)[0].gain for k in kinds)
+    assert promising > 100 > idle
