@@ -54,7 +54,7 @@ def _confidence(found: Selection, names: tuple[str, ...]) -> float:
     if names == ("unknown",):
         return float(np.interp(found.excess_z - 5, MARGINS, RIGHT_CLAIM))
     known = {n for group in found.alike for n in group} | set(names)
-    rivals = [c.score for c in found.singles if c.first not in known and c.effects != found.ruled_out]
+    rivals = [c.score for c in found.singles if c.name not in known and c.effects != found.ruled_out]
     margin = min([found.none.score - CLAIM, *rivals]) - found.chosen.score
     if len(names) == 1:
         margin = max(margin - ALIKE, 0.0)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.confidence import SMOOTHED, confidence, probabilities
 from pipeline.discrepancy.equivalence import alike_sets, experiment
 from pipeline.discrepancy.estimate import Estimate, calibrated, effect_estimates
@@ -17,7 +18,7 @@ from pipeline.discrepancy.known_scene import KnownScene
 from pipeline.discrepancy.localise import Stretch, direction_words, stretches
 from pipeline.discrepancy.noise import correlation
 from pipeline.discrepancy.problem import Problem, blunted, pose, with_rulers
-from pipeline.discrepancy.select import CLAIM_MORE, LEAST_CLIPS_FOR_MORE, UNEXPLAINED_Z, Candidate, Selection, Selector
+from pipeline.discrepancy.select import CLAIM_MORE, LEAST_CLIPS_FOR_MORE, UNEXPLAINED_Z, Selection, Selector
 from pipeline.discrepancy.track import Track
 from pipeline.scene.scene import Effect, Scene
 

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.impact import fit_restitution
 from pipeline.discrepancy.obstacle import SIZE_SPREAD
-from pipeline.discrepancy.select import Candidate, Selector
+from pipeline.discrepancy.select import Selector
 from pipeline.scene.effects.kinds.restitution import damping_of
 from pipeline.scene.effects.registry import effect_kinds
 

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.gap import residuals_m
 from pipeline.discrepancy.problem import Problem
-from pipeline.discrepancy.select import Candidate
 
 MOST_TERMS = 4
 AXES = "xyz"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.fit import run
 from pipeline.discrepancy.problem import Problem
-from pipeline.discrepancy.select import Candidate
 
 
 @dataclass(frozen=True)

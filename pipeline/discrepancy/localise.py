@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.discrepancy.arc import FAR_AWAY
+from pipeline.discrepancy.candidate import Candidate
 from pipeline.discrepancy.fit import run
 from pipeline.discrepancy.gap import residuals_m
 from pipeline.discrepancy.problem import Problem
-from pipeline.discrepancy.select import Candidate
 from pipeline.discrepancy.stack import ArcStack
 from pipeline.scene.effects.kind import Regime
 

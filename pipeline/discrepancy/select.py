@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.discrepancy.fit import MOST_ITERATIONS, Fit, fit, unstuck
+from pipeline.discrepancy.candidate import Candidate, with_obstacle
+from pipeline.discrepancy.fit import MOST_ITERATIONS, fit, unstuck
 from pipeline.discrepancy.frame_rate import is_standard
 from pipeline.discrepancy.impact import Bounce, RestitutionFit, bounces, fit_restitution
 from pipeline.discrepancy.model import Model, known_model, with_effect, without_effect
-from pipeline.discrepancy.obstacle import Obstacle, fit_obstacle
+from pipeline.discrepancy.obstacle import fit_obstacle
 from pipeline.discrepancy.problem import Problem, split_at_jumps, starts_of
 from pipeline.discrepancy.quick import Guess, QuickRegression
 from pipeline.discrepancy.starts import starts
@@ -45,36 +46,6 @@ BROKEN_Z, BROKEN_SHARE = 6.0, 0.15  # arcs so far off, and so few, are left out
 SHARPER = 0.9  # of the noise's variance as polynomials have it: what the best model must leave less than
 EQUALS = 5  # further effects that are fitted because they promise nearly as much as the best
 MOST_FITTED = 9  # effects that are fitted at a time, the most promising by the quick regression
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A model with its fit. score: see above. bic: of the fitted clips; held_out: chi squared of the held-out ones;
-    both corrected for correlated noise. obstacle: with its price, which score and bic have in them."""
-
-    effects: tuple[str, ...]
-    fit: Fit
-    problem: Problem
-    score: float
-    bic: float
-    held_out: float
-    restitution: RestitutionFit | None = None
-    obstacle: Obstacle | None = None
-    obstacle_price: float = 0.0
-
-    @property
-    def first(self) -> str:
-        return self.effects[-1]
-
-    @property
-    def own(self) -> int:
-        """Fitted numbers that positions show: of each arc, and shared ones."""
-        return self.problem.own + self.fit.model.size
-
-    @property
-    def left(self) -> float:
-        """Chi squared of all positions, in units of the noise as polynomials have it."""
-        return sum(float(c.sum()) for c in self.fit.position_chi2)
 
 
 @dataclass(frozen=True)
@@ -175,10 +146,10 @@ class Selector:
     def _swallowed(self, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[str, ...]:
         """Laws that a number which only scales gravity may have swallowed: they explain much of what it explains, and
         what tells them from it is no larger than what the clips leave of either."""
-        if len(chosen.effects) != 1 or chosen.first not in SCALES_GRAVITY:
+        if len(chosen.effects) != 1 or chosen.name not in SCALES_GRAVITY:
             return ()
         least = self.none.score - SWALLOWED_SHARE * (self.none.score - chosen.score)
-        return tuple(c.first for c in singles if c.score < least and c.first not in SCALES_GRAVITY)
+        return tuple(c.name for c in singles if c.score < least and c.name not in SCALES_GRAVITY)
 
     def _best(self, singles: Sequence[Candidate]) -> Candidate:
         return self._likeliest([self.none, *singles], self.none)
@@ -256,7 +227,7 @@ class Selector:
             longer = [c for leader in leaders for c in self._extended(leader, MOST_FITTED - 4)]
             winner = self._likeliest(longer, chosen)
             swapped = [
-                c for c in singles if c.first == winner.effects[-1] and len(winner.effects) == 2 and c not in leaders
+                c for c in singles if c.name == winner.effects[-1] and len(winner.effects) == 2 and c not in leaders
             ]
             for single in swapped:  # what the first effect had to make up for may now be had at a lower price
                 longer += self._extended(single, MOST_FITTED - 4)
@@ -282,7 +253,7 @@ class Selector:
             effects = tuple(e for e in found.effects if e != name)
             shorter = self._fitted(found.problem, model, found.fit.theta[kept], found.fit.starts, effects)
             shorter = self._with_bounces(shorter, "restitution" in effects)
-            out.append(_with_obstacle(shorter, found.obstacle, found.obstacle_price))
+            out.append(with_obstacle(shorter, found.obstacle, found.obstacle_price))
         return out
 
     def _promises(self, base: Candidate) -> bool:
@@ -300,15 +271,15 @@ class Selector:
     def _alike(self, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[tuple[str, ...], ...]:
         if not chosen.effects:
             return ()
-        names = [c.first for c in singles if c.score < chosen.score + ALIKE + self._clock_doubt(c)]
-        hits = {c.first: c.obstacle.hits for c in singles if c.obstacle is not None}
-        if chosen.first in ("impulse", "hidden_obstacle") and hits.get("hidden_obstacle") == 1:
+        names = [c.name for c in singles if c.score < chosen.score + ALIKE + self._clock_doubt(c)]
+        hits = {c.name: c.obstacle.hits for c in singles if c.obstacle is not None}
+        if chosen.name in ("impulse", "hidden_obstacle") and hits.get("hidden_obstacle") == 1:
             names = list(
                 dict.fromkeys(
                     [
-                        chosen.first,
+                        chosen.name,
                         *names,
-                        *(n for n in ("impulse", "hidden_obstacle") if any(c.first == n for c in singles)),
+                        *(n for n in ("impulse", "hidden_obstacle") if any(c.name == n for c in singles)),
                     ]
                 )
             )
@@ -380,7 +351,7 @@ class Selector:
                 )
                 found = min(found, again, key=lambda c: c.score)
             found = self._with_bounces(found, "restitution" in base.effects)
-            found = _with_obstacle(found, base.obstacle, base.obstacle_price)
+            found = with_obstacle(found, base.obstacle, base.obstacle_price)
             if np.isfinite(found.score) and (best is None or found.score < best.score):
                 best = found
         if best is not None and kind.name == "magnus_lift" and not self._spin_earns_its_place(base, best):
@@ -408,7 +379,7 @@ class Selector:
         price = (
             5 * np.log(self.problem.effective_rows) + 6 * added + lost
         )  # a sphere and how it bounces; free restarts overfit
-        found = _with_obstacle(found, obstacle, price)
+        found = with_obstacle(found, obstacle, price)
         return self._with_bounces(found, "restitution" in base.effects)
 
     def _spin_earns_its_place(self, base: Candidate, found: Candidate) -> bool:
@@ -482,10 +453,6 @@ class Selector:
         z = (left + bounce - freedom) / np.sqrt(2 * (freedom + len(self.bounces)))
         whole += self._bounce_chi2(self.none) - freedom_none
         return float(z), float(np.clip((left + max(bounce, 0) - freedom) / max(whole, 1e-9), 0, 1))
-
-
-def _with_obstacle(found: Candidate, obstacle: Obstacle | None, price: float) -> Candidate:
-    return replace(found, score=found.score + price, bic=found.bic + price, obstacle=obstacle, obstacle_price=price)
 
 
 def _apart(guesses: Sequence[Guess]) -> list[Guess]:
