@@ -55,5 +55,5 @@ def test_a_cube_that_rests_touches_the_ground(folder: Path) -> None:
 def test_table_tennis_balls_have_drag(folder: Path) -> None:
     real = read_table_tennis(folder / "table_tennis", 10)
     found = discover(real.tracks, known_scene(real.known), 0.3, tuple(effect_kinds()), np.random.default_rng(0))
-    named = set(found.verdict.effects) | {c.first for c in found.selection.singles[:3]}
+    named = set(found.verdict.effects) | {c.name for c in found.selection.singles[:3]}
     assert named & {"air_drag", "linear_drag", "wind"}
