@@ -16,7 +16,7 @@ import csv
 import os
 import queue
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any
@@ -49,6 +49,7 @@ from training.patch_labels import PatchHead, PatchLabels, patch_labels
 LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
 SUITE = "tiny-training"
 CHUNK = 16  # clips drawn together
+BATCHES = 8  # drawn together, and sorted by length
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,8 @@ def generate(params: Params, first: int, stride: int, out: multiprocessing.Queue
 
 @dataclass
 class Pool:
-    """The latest clips, from which batches are drawn: `reuse` draws a clip on average."""
+    """The latest clips, from which batches are drawn: `reuse` draws a clip on average. waiting: batches drawn already;
+    clips of a batch are about as long as each other, since all are padded to the longest."""
 
     capacity: int
     reuse: float
@@ -129,6 +131,7 @@ class Pool:
     drawn: int = 0
     received: int = 0
     last_chunk: int = -1
+    waiting: list[list[Example]] = field(default_factory=list)
 
     def fill(self, least: int) -> None:
         """Take new examples until there are `least`, and as many as `reuse` asks for; the makers rest otherwise."""
@@ -144,7 +147,11 @@ class Pool:
 
     def draw(self, rng: np.random.Generator, count: int) -> list[Example]:
         self.drawn += count
-        return [self.examples[i] for i in rng.integers(len(self.examples), size=count)]
+        if not self.waiting:
+            drawn = [self.examples[i] for i in rng.integers(len(self.examples), size=BATCHES * count)]
+            drawn.sort(key=lambda e: len(e.tokens.ids))
+            self.waiting = [drawn[i * count : (i + 1) * count] for i in rng.permutation(BATCHES)]
+        return self.waiting.pop()
 
 
 @torch.no_grad()
