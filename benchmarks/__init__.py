@@ -1,0 +1,3 @@
+"""Measurements that anyone can repeat; each module says how."""
+
+import pipeline  # noqa: F401  it limits BLAS, which must come before numpy
