@@ -1,3 +1,6 @@
 """Measurements that anyone can repeat; each module says how."""
 
-import pipeline  # noqa: F401  it limits BLAS, which must come before numpy
+import os
+
+# Before anything imports numpy, as in stages/__init__.py: two BLAS threads slow the search's small matrices down.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
