@@ -1,6 +1,3 @@
 """Measurements that anyone can repeat; each module says how."""
 
-import os
-
-# Before anything imports numpy, as in stages/__init__.py: two BLAS threads slow the search's small matrices down.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+import stages  # noqa: F401  it limits BLAS, which must come before numpy

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from benchmarks.discovery_rivals import rivals
 from benchmarks.discovery_summary import write_summary
@@ -141,9 +142,9 @@ def main() -> None:
         jobs.append((key, group, recipe, struck))
     jobs = _sampled(jobs) if arguments.smoke else jobs
     waiting = [j for j in balanced(jobs) if j[0] not in done]
-    for number, _ in enumerate(answers_of(answer, waiting, path, arguments.workers, arguments.minutes)):
-        if number % 20 == 0:
-            print(f"{number + 1} of {len(waiting)}", flush=True)
+    found = answers_of(answer, waiting, path, arguments.workers, arguments.minutes)
+    for _ in tqdm(found, total=len(waiting), unit="world"):
+        pass
     print(write_summary(kept_answers(path), folder))
 
 

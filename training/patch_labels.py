@@ -22,10 +22,9 @@ from pipeline.scene.scene import BASIC_SHAPES, Scene
 
 LEAST_SHARE = 0.2  # of a patch's pixels, below which it is background
 SHAPES = len(BASIC_SHAPES) + 1
-NUMBERS = (
-    18  # log depth; way to the middle of the object's picture 2, patches; log sizes 3; position, velocity 3 + 3 of
-)
-# that moment, and of the clip's beginning
+#: Log depth; way to the middle of the object's picture (2), patches; log sizes (3); the position and velocity of that
+#: moment (3 + 3), and of the clip's beginning (3 + 3).
+NUMBERS = 18
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,11 @@
     python -m training.tiny --minutes 90 --out models/tiny
 
 Generator processes stream clips into a pool from which batches are drawn; a clip is drawn a few times before a
-newer one takes its place. Stops at --minutes, with a learning rate that falls to nothing then; writes a checkpoint
-every few minutes and goes on from the last one. `log.csv` in --work has the losses. The vision tower learns what the
-simulator knows of each patch (training/patch_labels.py): alone in the first --vision of the time, then beside the
-completion; the noise of the flow rises from nothing to RAFT's in the first --quiet of it.
+newer one takes its place. Stops at --minutes; the learning rate falls to nothing in the last --decay of them. Writes a
+checkpoint every few minutes and goes on from the last one; `before_decay.pt` is the one to train longer from (copy it
+to `checkpoint.pt` and give more --minutes). `log.csv` in --work has the losses. The vision tower learns what the
+simulator knows of each patch (training/patch_labels.py): alone in the first --vision minutes, then beside the
+completion; the noise of the flow rises from nothing to RAFT's in the first --quiet minutes.
 """
 
 from __future__ import annotations
@@ -33,8 +34,9 @@ from pipeline.language.completion import write_completion
 from pipeline.language.events import Thresholds, find_events
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import Base
+from pipeline.model.inputs import video_inputs
 from pipeline.model.loss import batch_loss, make_batch
-from pipeline.model.patches import PatchLayout, pack_video
+from pipeline.model.patches import PatchLayout
 from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.physics.simulate import simulate
 from pipeline.scene.sample import Distribution
@@ -177,20 +179,20 @@ def validate(base: Base, examples: list[Example], batch_size: int) -> dict[str, 
     return {key: total / max(count, 1) for key, (total, count) in sums.items()}
 
 
-def learning_rate(peak: float, step: int, done: float) -> float:
-    """Linear warm-up over 100 steps, then a half cosine down to 2 % over the share `done` of the time."""
-    return float(peak * min(1.0, (step + 1) / 100) * (0.02 + 0.98 * (1 + np.cos(np.pi * min(done, 1.0))) / 2))
+def learning_rate(peak: float, step: int, left: float, decay: float) -> float:
+    """Linear warm-up in 100 steps of a phase, then the peak, and in a line down to 2 % of it once less than `decay` is
+    `left` of the time."""
+    return peak * min(1.0, (step + 1) / 100) * (0.02 + 0.98 * min(1.0, left / decay) if decay else 1.0)
 
 
-def noise_at(done: float, quiet: float) -> float:
-    """Strength of the noise when the share `done` of the time is over, of which `quiet` is with less than RAFT's."""
-    return min(1.0, done / quiet) if quiet else 1.0
+def noise_at(minutes: float, quiet: float) -> float:
+    """Strength of the noise after so many minutes, of which the first `quiet` are with less than RAFT's."""
+    return min(1.0, minutes / quiet) if quiet else 1.0
 
 
 def see(base: Base, clips: torch.Tensor) -> torch.Tensor:
     """The vision tower's tokens (B * tokens, hidden) of clips (B, T, H, W, 3) uint8."""
-    grid = torch.tensor([base.layout.grid] * len(clips), device=base.model.device)
-    patches = pack_video(clips.to(base.model.device), base.layout)
+    patches, grid = video_inputs(base, clips)
     return base.model.model.visual(patches, grid_thw=grid).pooler_output
 
 
@@ -224,7 +226,7 @@ def train(args: argparse.Namespace) -> None:
     optimizer = torch.optim.AdamW(weights, lr=args.lr, betas=(0.9, 0.95), weight_decay=0.05)
     args.work.mkdir(parents=True, exist_ok=True)
     checkpoint = args.work / "checkpoint.pt"
-    state: dict[str, Any] = {"step": 0, "seconds": 0.0, "chunk": 0}
+    state: dict[str, Any] = {"step": 0, "seen": 0, "seconds": 0.0, "chunk": 0}  # seen: steps of the vision tower alone
     if checkpoint.is_file():
         stored = torch.load(checkpoint, map_location=args.device, weights_only=True)
         model.load_state_dict(stored.pop("model"))
@@ -234,7 +236,7 @@ def train(args: argparse.Namespace) -> None:
         print(f"goes on from step {state['step']}, {state['seconds'] / 60:.1f} min", flush=True)
     context = multiprocessing.get_context("spawn")
     source = context.Queue(maxsize=2 * args.generators + 2)
-    noise = context.Value("d", noise_at(state["seconds"] / (60 * args.minutes), args.quiet))
+    noise = context.Value("d", noise_at(state["seconds"] / 60, args.quiet))
     makers = [context.Process(target=generate, args=(params, state["chunk"] + i, args.generators, source, noise),
                               daemon=True) for i in range(args.generators)]  # fmt: skip
     for maker in makers:
@@ -246,16 +248,20 @@ def train(args: argparse.Namespace) -> None:
     began, last_save, last_log, recent = time.monotonic() - state["seconds"], time.monotonic(), 0.0, []
     model.train()
     while (elapsed := time.monotonic() - began) < 60 * args.minutes:
+        minutes, before = elapsed / 60, state["seconds"] / 60
+        if before < args.minutes - args.decay <= minutes:
+            save_checkpoint(args.work / "before_decay.pt", base, head, optimizer, state)
         pool.fill(least=8 * args.batch)
         chosen = pool.draw(rng, args.batch)
         batch = make_batch(base, [e.tokens for e in chosen], np.stack([e.picture for e in chosen]))
-        done = elapsed / (60 * args.minutes)
-        noise.value = noise_at(done, args.quiet)
+        noise.value = noise_at(minutes, args.quiet)
+        alone = minutes < args.vision
+        step = state["step"] if alone else state["step"] - state["seen"]
         for group in optimizer.param_groups:
-            group["lr"] = learning_rate(args.lr, state["step"], done)
+            group["lr"] = learning_rate(args.lr, step, args.minutes - minutes, args.decay)
         with torch.autocast(args.device, torch.bfloat16, enabled=args.device == "cuda"):
             seen.clear()
-            if done < args.vision:
+            if alone:
                 tokens, loss = see(base, batch.clips), torch.zeros((), device=args.device)
             else:
                 loss, _ = batch_loss(base, batch)
@@ -267,6 +273,7 @@ def train(args: argparse.Namespace) -> None:
         optimizer.step()
         recent.append((loss.item(), patch_loss.item()))
         state["step"] += 1
+        state["seen"] += alone
         state["seconds"], state["chunk"] = elapsed, max(state["chunk"], pool.last_chunk + 1)
         if elapsed - last_log > args.log_seconds:
             last_log = elapsed
@@ -313,10 +320,9 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--lr", type=float, default=1.5e-3)
     parser.add_argument("--patch-weight", type=float, default=0.5, help="of the loss on patch labels")
-    parser.add_argument("--vision", type=float, default=0.3, help="share of the time for the vision tower alone")
-    parser.add_argument(
-        "--quiet", type=float, default=0.3, help="share of the time until the flow is as noisy as RAFT's"
-    )
+    parser.add_argument("--vision", type=float, default=30, help="minutes for the vision tower alone")
+    parser.add_argument("--quiet", type=float, default=30, help="minutes until the flow is as noisy as RAFT's")
+    parser.add_argument("--decay", type=float, default=20, help="minutes at the end in which the learning rate falls")
     parser.add_argument("--pool", type=int, default=4000, help="clips held in memory, 0.7 MB each")
     parser.add_argument("--reuse", type=float, default=4.0, help="draws per clip")
     parser.add_argument("--validation", type=int, default=64)

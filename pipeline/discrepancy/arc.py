@@ -28,8 +28,8 @@ SETTLING = 0.05  # s after landing in which a body on the ground still swings
 HOPPING = 0.2  # s after two bodies on the ground met, which rub each other up and down: they press on it unevenly
 SLIPPING = 0.4  # s after which a ball of unknown spin that another one struck is taken to roll again
 OUTLIER = 5.0  # standard deviations
-LOW_FLIGHT = 8.0  # standard deviations over the ground: in lower hops a touch does not show
 SMOOTH = 3.0  # the same, of five samples from a parabola
+LOW_FLIGHT = 8.0  # standard deviations over the ground: in lower hops a touch does not show
 UPWARDS = 0.8  # share of a jump that is upwards at least, of a bounce on the ground
 SIDEWAYS = 0.5  # share of a jump that may be upwards, of a body that another one struck from the side
 TOUCH = 3.5  # standard deviations of a coordinate by which the gap between two balls in touch may seem wider
@@ -139,20 +139,22 @@ def _outliers(time: np.ndarray, position: np.ndarray, sigma: float) -> np.ndarra
 def _alone(time: np.ndarray, position: np.ndarray, bad: np.ndarray, k: int, sigma: float) -> bool:
     """Whether sample k is too far from what each side predicts. A side alone (near an end of the track) must itself be
     smooth to count: else the jump may be there."""
-    misses, smooth = [], True
-    for inwards in (np.arange(k - 1, -1, -1), np.arange(k + 1, len(time))):
-        near = inwards[~bad[inwards]][:SIDE]
-        if len(near) < SIDE:
-            continue
-        since = time[near] - time[k]
-        weights = _parabolas(since)
+    sides = [inwards[~bad[inwards]][:SIDE] for inwards in (np.arange(k - 1, -1, -1), np.arange(k + 1, len(time)))]
+    sides = [near for near in sides if len(near) == SIDE]
+    for near in sides:
+        weights = _parabolas(time[near] - time[k])
         predicted = np.median(weights @ position[near], axis=0)
         limit = OUTLIER * sigma * (1 + 0.6 * float(np.median(np.linalg.norm(weights, axis=1)))) + 0.002
-        misses.append(float(np.abs(position[k] - predicted).max()) / limit)
-        design = np.vander(since, 3)
-        left = position[near] - design @ np.linalg.lstsq(design, position[near], rcond=None)[0]
-        smooth &= bool(np.abs(left).max() < SMOOTH * sigma)
-    return len(misses) > 0 and min(misses) > 1.0 and (len(misses) == 2 or smooth)
+        if np.abs(position[k] - predicted).max() <= limit:
+            return False
+    return len(sides) == 2 or (len(sides) == 1 and _is_smooth(time[sides[0]], position[sides[0]], sigma))
+
+
+def _is_smooth(time: np.ndarray, position: np.ndarray, sigma: float) -> bool:
+    """Whether a few samples lie on a parabola."""
+    design = np.vander(time - time[0], 3)
+    left = position - design @ np.linalg.lstsq(design, position, rcond=None)[0]
+    return bool(np.abs(left).max() < SMOOTH * sigma)
 
 
 def _parabolas(t: np.ndarray) -> np.ndarray:

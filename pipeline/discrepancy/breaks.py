@@ -80,31 +80,28 @@ def _jump_in(
     powers = (t / scale)[:, None] ** np.arange(4)
     smooth = _rss(powers, x)
     step = time[k] - time[k - 1]
-    hinges = [_hinge(powers, t, x, place * step) for place in (-0.4, 0.0, 0.4)]
-    if smooth - min(h.rss for h in hinges) < gain * sigma**2:
+    screened = _Hinges(powers, t, x, np.array([-0.4, 0.0, 0.4]) * step)
+    if smooth - screened.rss.min() < gain * sigma**2:
         return None
-    best = min((_hinge(powers, t, x, place * step) for place in PLACES), key=lambda h: h.rss)
-    z = float(np.linalg.norm(best.beta[3])) / (sigma * np.sqrt(max(best.variance, 1e-30)))
-    place = np.array([1.0, best.at / scale, (best.at / scale) ** 2]) @ best.beta[:3]
-    return Break(middle + best.at, place, best.beta[3], z, best.rss / len(t))
+    tried = _Hinges(powers, t, x, PLACES * step)
+    best = int(tried.rss.argmin())
+    at, beta = tried.at[best], tried.beta[best]
+    z = float(np.linalg.norm(beta[3])) / (sigma * np.sqrt(max(tried.variance[best], 1e-30)))
+    place = np.array([1.0, at / scale, (at / scale) ** 2]) @ beta[:3]
+    return Break(middle + at, place, beta[3], z, float(tried.rss[best]) / len(t))
 
 
-@dataclass(frozen=True)
-class _Hinge:
-    """A parabola whose slope jumps at the time `at`: what it leaves, its coefficients (4, 3), the last of which is the
-    jump, and the variance of that for noise of one."""
+class _Hinges:
+    """Parabolas whose slopes jump at the times `at` (P,): what they leave, rss (P,); coefficients beta (P, 4, 3), of
+    which the last is the jump; and its variance (P,) for noise of one."""
 
-    at: float
-    rss: float
-    beta: np.ndarray
-    variance: float
-
-
-def _hinge(powers: np.ndarray, t: np.ndarray, x: np.ndarray, at: float) -> _Hinge:
-    design = np.column_stack([powers[:, :3], np.maximum(0, t - at)])
-    gram = np.linalg.pinv(design.T @ design)
-    beta = gram @ (design.T @ x)
-    return _Hinge(at, float(((x - design @ beta) ** 2).sum()), beta, float(gram[3, 3]))
+    def __init__(self, powers: np.ndarray, t: np.ndarray, x: np.ndarray, at: np.ndarray) -> None:
+        design = np.empty((len(at), len(t), 4))
+        design[..., :3], design[..., 3] = powers[:, :3], np.maximum(0, t - at[:, None])
+        across = design.transpose(0, 2, 1)
+        inverse = np.linalg.pinv(across @ design)
+        self.at, self.beta, self.variance = at, inverse @ (across @ x), inverse[:, 3, 3]
+        self.rss = ((x - design @ self.beta) ** 2).sum((1, 2))
 
 
 def _rss(design: np.ndarray, x: np.ndarray) -> float:

@@ -129,7 +129,7 @@ class Selector:
         if best.effects and best.score < self.none.score - (CLAIM_MORE if self.problem.blunt else CLAIM):
             chosen, longer = self._more(best, singles)
         z, share = self._excess(chosen)
-        alike = self._alike(chosen, singles) if len(chosen.effects) < 2 else self._one_exchanged(chosen, longer)
+        alike = self._one_exchanged(chosen, longer) if len(chosen.effects) > 1 else self._alike(chosen, singles)
         few = len(self.problem.fitted) < LEAST_CLIPS_FOR_MORE
         limit = UNEXPLAINED_SHARE_FEW if few else UNEXPLAINED_SHARE
         rest = self._of_noise(chosen)
@@ -274,15 +274,8 @@ class Selector:
         names = [c.name for c in singles if c.score < chosen.score + ALIKE + self._clock_doubt(c)]
         hits = {c.name: c.obstacle.hits for c in singles if c.obstacle is not None}
         if chosen.name in ("impulse", "hidden_obstacle") and hits.get("hidden_obstacle") == 1:
-            names = list(
-                dict.fromkeys(
-                    [
-                        chosen.name,
-                        *names,
-                        *(n for n in ("impulse", "hidden_obstacle") if any(c.name == n for c in singles)),
-                    ]
-                )
-            )
+            either = [c.name for c in singles if c.name in ("impulse", "hidden_obstacle")]
+            names = list(dict.fromkeys([chosen.name, *names, *either]))
         return (tuple(names),) if len(names) > 1 else ()
 
     def _one_exchanged(self, chosen: Candidate, tried: Sequence[Candidate]) -> tuple[tuple[str, ...], ...]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import torch
 
 from pipeline.model.base import Base
-from pipeline.model.inputs import positions
-from pipeline.model.patches import pack_video
+from pipeline.model.inputs import positions, video_inputs
 
 
 def hidden_states(base: Base, ids: torch.Tensor, clips: torch.Tensor) -> torch.Tensor:
@@ -16,8 +15,7 @@ def hidden_states(base: Base, ids: torch.Tensor, clips: torch.Tensor) -> torch.T
     """
     device = base.model.device
     where = positions(base, ids.shape[1])[:, None].expand(-1, len(ids), -1).to(device)
-    grid = torch.tensor([base.layout.grid] * len(ids), device=device)
-    patches = pack_video(clips.to(device), base.layout).to(base.model.dtype)
+    patches, grid = video_inputs(base, clips)
     return base.model.model(
         input_ids=ids.to(device), pixel_values_videos=patches, video_grid_thw=grid, position_ids=where, use_cache=False
     ).last_hidden_state

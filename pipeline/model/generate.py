@@ -15,8 +15,7 @@ from transformers import DynamicCache
 
 from pipeline.language.completion import completion_grammar
 from pipeline.model.base import Base
-from pipeline.model.inputs import prompt_positions
-from pipeline.model.patches import pack_video
+from pipeline.model.inputs import prompt_positions, video_inputs
 from pipeline.model.prompt import Prompt, bare_prompt
 from pipeline.model.walker import Tries, Walker
 
@@ -93,8 +92,7 @@ def _prefill(base: Base, prompt: Prompt, where: torch.Tensor, clips: np.ndarray)
     device = base.model.device
     ids = torch.tensor([prompt.ids] * len(clips), device=device)
     videos = np.concatenate([np.concatenate([prompt.videos, clip[None]]) for clip in clips])
-    patches = pack_video(torch.as_tensor(videos).to(device), base.layout).to(base.model.dtype)
-    grid = torch.tensor([base.layout.grid] * len(videos), device=device)
+    patches, grid = video_inputs(base, torch.as_tensor(videos))
     cache = DynamicCache(config=base.model.config.get_text_config())
     out = base.model(input_ids=ids, pixel_values_videos=patches, video_grid_thw=grid,
                      position_ids=where[:, None].expand(-1, len(clips), -1).to(device),

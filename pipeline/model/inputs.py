@@ -8,6 +8,14 @@ import numpy as np
 import torch
 
 from pipeline.model.base import Base
+from pipeline.model.patches import pack_video
+
+
+def video_inputs(base: Base, clips: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Patches of clips (B, T, H, W, 3) uint8, and their grids (B, 3), where and as the model takes them."""
+    device = base.model.device
+    patches = pack_video(clips.to(device), base.layout).to(base.model.dtype)
+    return patches, torch.tensor([base.layout.grid] * len(clips), device=device)
 
 
 def prompt_positions(base: Base, prompt: Sequence[int]) -> torch.Tensor:

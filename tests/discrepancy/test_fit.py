@@ -132,7 +132,7 @@ def test_spins_weigh_as_noise_and_a_common_factor_say(rng: np.random.Generator) 
     model = known_model(known, problem.stacks)
     start = starts_of(problem)[0]
     two = np.stack([start, start])
-    two[1, :, 6:9] += rng.normal(0, 0.5, 3)
+    two[1, :, 6:9] = 1.1 * two[0, :, 6:9] + rng.normal(0, 0.5, 3)
     rows, _ = run(stack, model, np.tile(model.start, (2, 1)), two)
     ours = (rows[1] - rows[0])[0, stack.weight[0].size :]
     plain, _ = run(replace(stack, spin_rows=0 * stack.spin_rows), model, np.tile(model.start, (2, 1)), two)
@@ -140,7 +140,7 @@ def test_spins_weigh_as_noise_and_a_common_factor_say(rng: np.random.Generator) 
     measured = (stack.spin_rows * stack.spin_weight)[0].ravel()
     covariance = np.eye(len(measured)) + SPIN_SCALE**2 * np.outer(measured, measured)
     assert ours @ ours == pytest.approx(change @ np.linalg.solve(covariance, change), rel=1e-6)
-    assert ours @ ours < 0.999 * (change @ change)
+    assert ours @ ours < 0.9 * (change @ change)  # most of it is a common factor
 
 
 def test_spins_that_are_off_by_a_factor_are_no_wrong_ruler(rng: np.random.Generator) -> None:

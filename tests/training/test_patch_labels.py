@@ -10,7 +10,7 @@ from pipeline.model.patches import PatchLayout
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import BASIC_SHAPES, Camera, Scene, SceneObject
 from training.patch_labels import PatchHead, PatchLabels, patch_labels
-from training.tiny import noise_at
+from training.tiny import learning_rate, noise_at
 
 LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
 
@@ -68,4 +68,12 @@ def test_the_head_learns_the_labels_in_the_tokens_order(labelled: tuple[Scene, P
 
 
 def test_noise_rises_to_rafts_and_stays() -> None:
-    assert [noise_at(d, 0.4) for d in (0, 0.2, 0.4, 1)] == [0, 0.5, 1, 1] and noise_at(0, 0) == 1
+    assert [noise_at(m, 40) for m in (0, 20, 40, 100)] == [0, 0.5, 1, 1] and noise_at(0, 0) == 1
+
+
+def test_the_learning_rate_rises_stays_and_falls_at_the_end() -> None:
+    assert learning_rate(1.0, 0, 60, 20) == pytest.approx(0.01)
+    assert learning_rate(1.0, 99, 60, 20) == learning_rate(1.0, 5000, 20, 20) == 1.0
+    assert learning_rate(1.0, 5000, 10, 20) == pytest.approx(0.51)
+    assert learning_rate(1.0, 5000, 0, 20) == pytest.approx(0.02)
+    assert learning_rate(1.0, 5000, 0, 0) == 1.0
