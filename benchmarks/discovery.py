@@ -1,8 +1,9 @@
 """The blind benchmark of discovery: hidden worlds by effect, strength, noise and number of clips; every answer is kept.
 
 Writes benchmarks/results/discovery[-smoke]/answers.jsonl as it goes (a run that was stopped goes on), then summary.md,
-confusion.svg and summary.json beside it. The thresholds (pipeline/discrepancy/select.py, confidence.py) were frozen on
-other seeds; reported figures come from seeds from 20000 on, first used in that run.
+confusion.svg and summary.json beside it. The thresholds (select.py, fitter.py and confidence.py of
+pipeline/discrepancy) were frozen on other seeds; reported figures come from seeds from 20000 on, first used in
+that run.
 Run: python -m benchmarks.discovery [--smoke] [--share 1.0] [--workers 2] [--minutes M]
 """
 

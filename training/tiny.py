@@ -15,10 +15,7 @@ from __future__ import annotations
 import argparse
 import csv
 import os
-import queue
 import time
-from dataclasses import dataclass, field
-from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any
 
@@ -26,134 +23,18 @@ import numpy as np
 import torch
 from torch import multiprocessing
 
-from pipeline.clips.draw import Filters, draw_clips
-from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import View, areas_px, frame_masks, pair_view, trace_pairs
-from pipeline.language.codec import Codec, Tokens
-from pipeline.language.completion import write_completion
-from pipeline.language.events import Thresholds, find_events
+from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import Base
 from pipeline.model.inputs import video_inputs
 from pipeline.model.loss import batch_loss, make_batch
-from pipeline.model.patches import PatchLayout
 from pipeline.model.tiny import TinySize, build_tiny
-from pipeline.physics.simulate import simulate
-from pipeline.scene.sample import Distribution
-from pipeline.scene.scene import BASIC_SHAPES, Scene
-from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.flow_noise import noisy_flow, raft_noise
-from pipeline.vision.flow_picture import flow_picture, scaled_max_px
+from pipeline.scene.scene import BASIC_SHAPES
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
-from training.patch_labels import PatchHead, PatchLabels, patch_labels
-
-LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
-SUITE = "tiny-training"
-CHUNK = 16  # clips drawn together
-BATCHES = 8  # drawn together, and sorted by length
-
-
-@dataclass(frozen=True)
-class Example:
-    """A clip's tokens, its pictures (T, H, W, 3) uint8, and what is known of its patches."""
-
-    tokens: Tokens
-    picture: np.ndarray
-    patches: PatchLabels
-
-
-def clip_picture(params: Params, suite: str, index: int, scene: Scene) -> np.ndarray:
-    """What the model is shown of a clip, (T, H, W, 3) uint8: exact flow with noise."""
-    schedule = Schedule(**params.clip.model_dump())
-    view = pair_view(scene, *trace_pairs(simulate(scene, schedule.seconds), schedule), LAYOUT.width, LAYOUT.height)
-    return noisy_picture(params, suite, index, view)
-
-
-def noisy_picture(params: Params, suite: str, index: int, view: View, noise: float = 1.0) -> np.ndarray:
-    """noise: its strength, 1 for RAFT's."""
-    rng = clip_rng(params.seed, suite, index, "flow noise")
-    flow = noisy_flow(rng, view.flow, view.mask, raft_noise(rng).scaled(noise))
-    return flow_picture(flow, params.flow.picture, scaled_max_px(LAYOUT.width, 1 / params.clip.fps))
-
-
-def make_examples(
-    params: Params, codec: Codec, suite: str, indices: range, reasoning: bool, noise: float = 1.0
-) -> list[Example]:
-    """Training examples of the given clip indices."""
-    schedule = Schedule(**params.clip.model_dump())
-    distribution = Distribution(**params.sample.distribution.model_dump())
-    filters = Filters(**params.sample.filters.model_dump())
-    thresholds = Thresholds(**params.events.model_dump(), visible_px=filters.visible_px)
-    train = params.suites.train
-    drawn = draw_clips(params.seed, suite, indices, distribution, filters, schedule, train.objects, (), train.without)
-    examples = []
-    for index, scene in zip(indices, drawn.scenes, strict=True):
-        trace = simulate(scene, schedule.seconds)
-        areas = areas_px(frame_masks(scene, trace, schedule, 120, 80), len(scene.objects))
-        events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds) if reasoning else None
-        view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)
-        tokens = codec.encode(write_completion(scene, events, schedule.seconds), reasoning, schedule.seconds)
-        labels = patch_labels(view, scene, trace, schedule, LAYOUT)
-        examples.append(Example(tokens, noisy_picture(params, suite, index, view, noise), labels))
-    return examples
-
-
-def generate(params: Params, first: int, stride: int, out: multiprocessing.Queue, noise: Synchronized) -> None:
-    """Make chunks number first, first + stride, … as long as the trainer lives; a quarter of them without reasoning.
-
-    noise: the strength of the flow's noise, which the trainer raises.
-    """
-    torch.set_num_threads(1)
-    codec = Codec(build_tokenizer(), LAYOUT.tokens)
-    chunk = first
-    while True:
-        indices = range(chunk * CHUNK, (chunk + 1) * CHUNK)
-        examples = make_examples(params, codec, SUITE, indices, chunk % 4 != 3, noise.value)
-        while True:
-            try:
-                out.put((chunk, examples), timeout=30)
-                break
-            except queue.Full:
-                parent = multiprocessing.parent_process()
-                if parent is None or not parent.is_alive():
-                    return
-        chunk += stride
-
-
-@dataclass
-class Pool:
-    """The latest clips, from which batches are drawn: `reuse` draws a clip on average. waiting: batches drawn already;
-    clips of a batch are about as long as each other, since all are padded to the longest."""
-
-    capacity: int
-    reuse: float
-    source: multiprocessing.Queue
-    examples: list[Example]
-    drawn: int = 0
-    received: int = 0
-    last_chunk: int = -1
-    waiting: list[list[Example]] = field(default_factory=list)
-
-    def fill(self, least: int) -> None:
-        """Take new examples until there are `least`, and as many as `reuse` asks for; the makers rest otherwise."""
-        while len(self.examples) < least or self.drawn > self.reuse * self.received:
-            chunk, examples = self.source.get(timeout=600)
-            self.last_chunk = max(self.last_chunk, chunk)
-            for example in examples:
-                if len(self.examples) < self.capacity:
-                    self.examples.append(example)
-                else:
-                    self.examples[self.received % self.capacity] = example
-                self.received += 1
-
-    def draw(self, rng: np.random.Generator, count: int) -> list[Example]:
-        self.drawn += count
-        if not self.waiting:
-            drawn = [self.examples[i] for i in rng.integers(len(self.examples), size=BATCHES * count)]
-            drawn.sort(key=lambda e: len(e.tokens.ids))
-            self.waiting = [drawn[i * count : (i + 1) * count] for i in rng.permutation(BATCHES)]
-        return self.waiting.pop()
+from training.example_pool import Pool
+from training.examples import CHUNK, LAYOUT, SUITE, Example, Kind, generate, make_examples
+from training.patch_labels import PatchHead
 
 
 @torch.no_grad()
@@ -234,14 +115,16 @@ def train(args: argparse.Namespace) -> None:
         optimizer.load_state_dict(stored.pop("optimizer"))
         state = stored
         print(f"goes on from step {state['step']}, {state['seconds'] / 60:.1f} min", flush=True)
+    kind = Kind(args.input, args.silent)
     context = multiprocessing.get_context("spawn")
     source = context.Queue(maxsize=2 * args.generators + 2)
     noise = context.Value("d", noise_at(state["seconds"] / 60, args.quiet))
-    makers = [context.Process(target=generate, args=(params, state["chunk"] + i, args.generators, source, noise),
-                              daemon=True) for i in range(args.generators)]  # fmt: skip
+    makers = [context.Process(target=generate, daemon=True,
+                              args=(params, kind, state["chunk"] + i, args.generators, source, noise))
+              for i in range(args.generators)]  # fmt: skip
     for maker in makers:
         maker.start()
-    held = make_examples(params, base.codec, SUITE + "-held", range(args.validation), reasoning=True)
+    held = make_examples(params, base.codec, kind, SUITE + "-held", range(args.validation), args.silent < 1)
     pool = Pool(args.pool, args.reuse, source, [])
     rng = np.random.default_rng(state["step"])
     log = args.work / "log.csv"
@@ -317,6 +200,8 @@ def main() -> None:
     parser.add_argument("--matmul", default="highest", choices=("highest", "high", "medium"),
                         help="medium: products in bfloat16, where the processor has it")  # fmt: skip
     parser.add_argument("--generators", type=int, default=1, help="processes that make clips")
+    parser.add_argument("--input", default="flow", choices=("flow", "rgb"), help="what the model is shown")
+    parser.add_argument("--silent", type=float, default=0.25, help="share of the clips without reasoning")
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--lr", type=float, default=1.5e-3)
     parser.add_argument("--patch-weight", type=float, default=0.5, help="of the loss on patch labels")

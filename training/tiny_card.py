@@ -17,20 +17,31 @@ from tqdm import tqdm
 
 from pipeline.clips.draw import Filters, draw_clips
 from pipeline.clips.schedule import Schedule
+from pipeline.clips.view import pair_view, trace_pairs
 from pipeline.evaluation.intervals import Estimate, bootstrap_mean
 from pipeline.evaluation.scene_scores import score, true_reference
 from pipeline.language.completion import read_completion
 from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling, generate
 from pipeline.model.walker import Tries
+from pipeline.physics.simulate import simulate
 from pipeline.scene.sample import Distribution
+from pipeline.scene.scene import Scene
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
-from training.tiny import clip_picture
+from training.examples import LAYOUT, Kind, picture
 
 SHOWN = {"composition": "composition right", "iou_initial": "IoU, first frame", "iou": "IoU, sequence",
          "epe_frame": "EPE, whole frame, px"}  # fmt: skip
 BATCH = 16
+
+
+def shown(params: Params, suite: str, index: int, scene: Scene) -> np.ndarray:
+    """The pictures of a clip, (T, H, W, 3) uint8."""
+    schedule = Schedule(**params.clip.model_dump())
+    trace = simulate(scene, schedule.seconds)
+    view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)
+    return picture(params, Kind(), suite, index, scene, trace, view)
 
 
 def measure(base: Base, params: Params, suite: str, clips: int) -> list[dict[str, float]]:
@@ -43,7 +54,7 @@ def measure(base: Base, params: Params, suite: str, clips: int) -> list[dict[str
     for start in tqdm(range(0, clips, BATCH), desc="clips", unit=f"{BATCH} clips"):
         indices = range(start, min(start + BATCH, clips))
         drawn = draw_clips(params.seed, suite, indices, distribution, filters, schedule, params.suites.id.objects)
-        pictures = np.stack([clip_picture(params, suite, i, s) for i, s in zip(indices, drawn.scenes, strict=True)])
+        pictures = np.stack([shown(params, suite, i, s) for i, s in zip(indices, drawn.scenes, strict=True)])
         greedy = Sampling(reasoning=True, seconds=schedule.seconds)
         for scene, (answer,) in zip(drawn.scenes, generate(base, pictures, greedy, list(indices), tries), strict=True):
             rows.append(score(read_completion(answer.text).scene, true_reference(scene, schedule), schedule))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.discrepancy.select import ALIKE, CLAIM, UNEXPLAINED_Z, Selection
+from pipeline.discrepancy.fitter import CLAIM
+from pipeline.discrepancy.select import ALIKE, UNEXPLAINED_Z, Selection
 
 TEMPERATURE = 2.0  # scores are divided by it twice over: models are never quite right, so that differences overstate
 #: Of verdicts with these margins, what share was right (benchmarks/discovery.py, development seeds); in between linear.

@@ -94,7 +94,7 @@ def calibrated(selector: Selector, found: Candidate) -> dict[str, Estimate]:
             out["gravity"] = Estimate(float(found.fit.theta[i]), float(errors[i]), u.unit)
     if "damping" in known.fit:
         for number, obj in enumerate(known.scene.objects):
-            bounce = fit_restitution([b for b in selector.bounces if b.object == number])
+            bounce = fit_restitution([b for b in selector.fitter.bounces if b.object == number])
             if bounce is not None:
                 value = damping_of(bounce.coefficient)
                 slope = abs(damping_of(bounce.coefficient - bounce.stderr) - value)

@@ -5,8 +5,9 @@ from multiprocessing import Queue
 import numpy as np
 
 from pipeline.language.codec import Tokens
+from training.example_pool import BATCHES, Pool
+from training.examples import Example
 from training.patch_labels import PatchLabels
-from training.tiny import BATCHES, Example, Pool
 
 
 def example(length: int) -> Example:

@@ -1,0 +1,176 @@
+"""How well a model answers before any search: greedy, and the best of K samples by replay.
+
+Asks one model about the clips of a finished graph. In a clone, on fresh clips:
+
+    dvc exp run -S seed=11 -S suites.id.clips=200 -S suites.held_out.clips=48 -S suites.more.clips=48 \\
+        -S suites.real.path=CROSS_ENGINE flow@id flow@held_out flow@more flow@real
+    python -m benchmarks.learned tiny [--model models/tiny] [--samples 32] [--suites id,held_out,more,real]
+
+The name says which row of the tables the answers are for; other rows stand beside it, and those named in RIVALS are
+compared clip by clip: `--silent` asks without reasoning, `--input rgb` shows pictures in place of flow. Every answer is
+kept in benchmarks/results/learned/answers.jsonl as it comes (a run that was stopped goes on); learned.csv and
+learned.md beside it sum them up, and the report shows them. With no name it only sums up.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from tqdm import tqdm
+from transformers.utils import logging
+
+from benchmarks.kept_answers import kept_answers
+from benchmarks.starts import shapes_of
+from pipeline.clips.schedule import Schedule
+from pipeline.evaluation.intervals import bootstrap_mean
+from pipeline.evaluation.mean_curves import best_of_curve
+from pipeline.evaluation.scene_scores import METRICS, score
+from pipeline.evaluation.sections import COLUMNS, ERRORS
+from pipeline.evaluation.tables import Summary, as_csv, cell, markdown, summarise, table
+from pipeline.language.completion import read_completion
+from pipeline.model.base import Base, load_base
+from pipeline.model.generate import Sampling, generate
+from pipeline.model.patches import resize_frames
+from pipeline.model.walker import Tries
+from pipeline.scene.scene import Scene
+from pipeline.search.best_of_k import rank
+from pipeline.search.evaluator import Evaluator
+from pipeline.search.target import make_target
+from stages.clip_pictures import pictures
+from stages.params import PARAMS_FILE, Params
+from stages.params_file import read_params_file
+from stages.suite import Suite, open_suite, reference
+
+RESULTS = Path("benchmarks/results/learned")
+ANSWERS = RESULTS / "answers.jsonl"
+SUITES = ("id", "held_out", "more", "real")
+RIVALS = (("tiny", "silent"), ("flow", "rgb"), ("reasoning", "none"))  # the first less the second, by clip
+CURVE = (1, 2, 4, 8, 16, 32)
+RESAMPLES = 10_000
+
+
+def answers(base: Base, shown: np.ndarray, sampling: Sampling, seed: int, tries: Tries) -> tuple[list[Scene], float]:
+    """The scenes that the model answers a clip with, and how many seconds that took."""
+    began = time.perf_counter()
+    (each,) = generate(base, shown[None], sampling, [seed], tries)
+    seconds = time.perf_counter() - began
+    return [read_completion(answer.text).scene for answer in each], seconds
+
+
+def rows_of(name: str, base: Base, suite: Suite, label: str, clip: int, asked: argparse.Namespace, params: Params,
+            tries: Tries) -> Iterator[dict[str, Any]]:  # fmt: skip
+    """The scores of the greedy answer to a clip, and of the best of the samples."""
+    schedule = Schedule(**params.clip.model_dump())
+    source = suite["flow" if asked.input == "flow" else "render"][clip]
+    shown = resize_frames(pictures(source, asked.input, params.clip.model_dump()), base.layout.width,
+                          base.layout.height)  # fmt: skip
+    truth, shapes = reference(suite, clip, schedule), shapes_of(suite, clip, params)
+
+    def scored(scene: Scene) -> dict[str, float]:
+        found = score(scene, truth, schedule)
+        if shapes is not None:
+            found["composition"] = float(sorted(scene.shapes) == sorted(shapes))
+        return found
+
+    reasoning = not asked.silent
+    (scene,), seconds = answers(base, shown, Sampling(reasoning=reasoning, seconds=schedule.seconds), 0, tries)
+    head = {"suite": label, "clip": clip}
+    yield {**head, "method": name, "simulations": 0, "seconds": seconds, **scored(scene)}
+    if not asked.samples:
+        return
+    seed = zlib.crc32(f"{params.seed} {label} {clip}".encode())
+    sampling = Sampling(asked.samples, asked.temperature, params.infer.top_p, reasoning, schedule.seconds)
+    scenes, seconds = answers(base, shown, sampling, seed, tries)
+    masks = suite["render"][clip].array("mask")[schedule.pairs[:, 0]]
+    target = make_target(masks, suite["flow"][clip].array("flow"), params.search.width, params.search.height)
+    ranking = rank(Evaluator(target, schedule, threads=1), scenes)
+    curve = best_of_curve(ranking.rewards.reward, ranking.rewards.iou)
+    yield {**head, "method": f"{name}, best of {asked.samples}", "simulations": asked.samples, "seconds": seconds,
+           **scored(scenes[ranking.order[0]]),
+           **{f"iou@{k}": float(curve[k - 1]) for k in CURVE if k <= asked.samples}}  # fmt: skip
+
+
+def ask(asked: argparse.Namespace) -> None:
+    params = read_params_file(PARAMS_FILE, Params)
+    base = load_base(asked.model, params.model.width, params.model.height, params.clip.model_frames)
+    tries = Tries(base.codec)
+    done = {(a["suite"], a["clip"], a["method"].split(",")[0]) for a in kept_answers(ANSWERS)}
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    for label in asked.suites.split(","):
+        suite = open_suite(label, ["render", "flow"])
+        todo = [c for c in range(len(suite["flow"])) if (label, c, asked.name) not in done]
+        for clip in tqdm(todo[: asked.clips], desc=label, unit="clip"):
+            rows = list(rows_of(asked.name, base, suite, label, clip, asked, params, tries))
+            with ANSWERS.open("a") as file:
+                file.writelines(json.dumps(row) + "\n" for row in rows)
+
+
+def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[list[str]]:
+    """Greedy sequence IoU of the pairs in RIVALS, and the difference by clip."""
+    found = {(r["method"], r["suite"], r["clip"]): r["iou"] for r in rows}
+    out = []
+    for first, second in RIVALS:
+        for suite in SUITES:
+            both = [(v, found[second, *key]) for (m, *key), v in found.items()
+                    if m == first and key[0] == suite and (second, *key) in found]  # fmt: skip
+            if both:
+                a, b = np.array(both).T
+                estimates = [bootstrap_mean(x, RESAMPLES, rng) for x in (a, b, a - b)]
+                out.append([suite, f"{first} less {second}", str(len(both)), *map(cell, estimates)])
+    return out
+
+
+def summary_text(summary: Summary, differing: list[list[str]]) -> str:
+    curves = Summary({k: v for k, v in summary.estimates.items() if "best of" in k[1]}, *(
+        {k: v for k, v in column.items() if "best of" in k[1]} for column in (summary.simulations, summary.seconds)
+    ))  # fmt: skip
+    header = ["suite", "greedy sequence IoU", "clips", "first", "second", "difference"]
+    return "\n".join([
+        "# The model's answers before any search\n",
+        "`python -m benchmarks.learned`: RAFT's flow; means over clips with 95 % bootstrap intervals. seconds: to write "
+        "the answers to one clip.\n",
+        markdown(*table(summary, COLUMNS)),
+        "Sequence IoU of the best of K samples by replay, at the size of the search (K drawn of all samples):\n",
+        markdown(*table(curves, {f"iou@{k}": f"K = {k}" for k in CURVE})),
+        "Mean absolute errors of parameters over clips whose composition is right:\n",
+        markdown(*table(summary, ERRORS)),
+        "Compared clip by clip:\n",
+        markdown(header, differing),
+    ])  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("name", nargs="?", help="of the row; without it, answers so far are summed up")
+    parser.add_argument("--model", default="models/tiny", help="a folder, or a hub name in the local cache")
+    parser.add_argument("--suites", default=",".join(SUITES))
+    parser.add_argument("--clips", type=int, default=None, help="of each suite, at most")
+    parser.add_argument("--samples", type=int, default=32, help="K; 0: greedy alone")
+    parser.add_argument("--temperature", type=float, default=read_params_file(PARAMS_FILE, Params).infer.temperature)
+    parser.add_argument("--silent", action="store_true", help="without reasoning")
+    parser.add_argument("--input", default="flow", choices=("flow", "rgb"))
+    asked = parser.parse_args()
+    logging.set_verbosity_error()
+    torch.set_num_threads(2)
+    if asked.name:
+        ask(asked)
+    rows, rng = kept_answers(ANSWERS), np.random.default_rng(0)
+    rows.sort(key=lambda r: (SUITES.index(r["suite"]), r["method"]))
+    metrics = [*METRICS, *ERRORS, *(f"iou@{k}" for k in CURVE)]
+    summary = summarise(rows, metrics, RESAMPLES, rng)
+    (RESULTS / "learned.csv").write_text(as_csv(summary))
+    text = summary_text(summary, differences(rows, rng))
+    (RESULTS / "learned.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

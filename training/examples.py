@@ -1,0 +1,117 @@
+"""Training examples of the tiny model, made on the way: sample, simulate, show, events, tokens, labels of patches."""
+
+from __future__ import annotations
+
+import queue
+from dataclasses import dataclass
+from multiprocessing.sharedctypes import Synchronized
+
+import numpy as np
+import torch
+from torch import multiprocessing
+
+from pipeline.clips.draw import Filters, draw_clips
+from pipeline.clips.schedule import Schedule
+from pipeline.clips.view import View, areas_px, frame_masks, pair_view, trace_pairs
+from pipeline.language.codec import Codec, Tokens
+from pipeline.language.completion import write_completion
+from pipeline.language.events import Thresholds, find_events
+from pipeline.language.tokenizer import build_tokenizer
+from pipeline.model.patches import PatchLayout
+from pipeline.physics.simulate import simulate
+from pipeline.physics.trace import Trace
+from pipeline.scene.sample import Distribution
+from pipeline.scene.scene import Scene
+from pipeline.shards.clip_rng import clip_rng
+from pipeline.vision.appearance import apply_sensor, sample_appearance, sample_sensor
+from pipeline.vision.flow_noise import noisy_flow, raft_noise
+from pipeline.vision.flow_picture import flow_picture, scaled_max_px
+from pipeline.vision.render import render_rgb
+from stages.params import Params
+from training.patch_labels import PatchLabels, patch_labels
+
+LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
+SUITE = "tiny-training"
+CHUNK = 16  # clips drawn together
+
+
+@dataclass(frozen=True)
+class Example:
+    """A clip's tokens, its pictures (T, H, W, 3) uint8, and what is known of its patches."""
+
+    tokens: Tokens
+    picture: np.ndarray
+    patches: PatchLabels
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What examples are like. input: what the pictures show, flow (exact, with noise like RAFT's) or rgb. silent: share
+    of the clips whose completion is without reasoning."""
+
+    input: str = "flow"
+    silent: float = 0.25
+
+
+def picture(
+    params: Params, kind: Kind, suite: str, index: int, scene: Scene, trace: Trace, view: View, noise: float = 1.0
+) -> np.ndarray:
+    """What the model is shown of a clip, (T, H, W, 3) uint8. noise: its strength, 1 for RAFT's."""
+    schedule = Schedule(**params.clip.model_dump())
+    if kind.input == "rgb":
+        rng = clip_rng(params.seed, suite, index, "appearance")
+        look = sample_appearance(rng, len(scene.objects))
+        steps = schedule.frame_steps[schedule.pairs[:, 0]]
+        frames = render_rgb(scene, trace.position[steps], trace.quaternion[steps], look, LAYOUT.width, LAYOUT.height,
+                            "raycast", params.render.shadows)  # fmt: skip
+        return apply_sensor(frames, sample_sensor(rng), rng)
+    rng = clip_rng(params.seed, suite, index, "flow noise")
+    flow = noisy_flow(rng, view.flow, view.mask, raft_noise(rng).scaled(noise))
+    return flow_picture(flow, params.flow.picture, scaled_max_px(LAYOUT.width, 1 / params.clip.fps))
+
+
+def make_examples(
+    params: Params, codec: Codec, kind: Kind, suite: str, indices: range, reasoning: bool, noise: float = 1.0
+) -> list[Example]:
+    """Training examples of the given clip indices."""
+    schedule = Schedule(**params.clip.model_dump())
+    distribution = Distribution(**params.sample.distribution.model_dump())
+    filters = Filters(**params.sample.filters.model_dump())
+    thresholds = Thresholds(**params.events.model_dump(), visible_px=filters.visible_px)
+    train = params.suites.train
+    drawn = draw_clips(params.seed, suite, indices, distribution, filters, schedule, train.objects, (), train.without)
+    examples = []
+    for index, scene in zip(indices, drawn.scenes, strict=True):
+        trace = simulate(scene, schedule.seconds)
+        areas = areas_px(frame_masks(scene, trace, schedule, 120, 80), len(scene.objects))
+        events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds) if reasoning else None
+        view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)
+        tokens = codec.encode(write_completion(scene, events, schedule.seconds), reasoning, schedule.seconds)
+        labels = patch_labels(view, scene, trace, schedule, LAYOUT)
+        examples.append(Example(tokens, picture(params, kind, suite, index, scene, trace, view, noise), labels))
+    return examples
+
+
+def generate(
+    params: Params, kind: Kind, first: int, stride: int, out: multiprocessing.Queue, noise: Synchronized
+) -> None:
+    """Make chunks number first, first + stride, … as long as the trainer lives.
+
+    noise: the strength of the flow's noise, which the trainer raises.
+    """
+    torch.set_num_threads(1)
+    codec = Codec(build_tokenizer(), LAYOUT.tokens)
+    chunk = first
+    while True:
+        indices = range(chunk * CHUNK, (chunk + 1) * CHUNK)
+        reasoning = int((chunk + 1) * kind.silent) == int(chunk * kind.silent)
+        examples = make_examples(params, codec, kind, SUITE, indices, reasoning, noise.value)
+        while True:
+            try:
+                out.put((chunk, examples), timeout=30)
+                break
+            except queue.Full:
+                parent = multiprocessing.parent_process()
+                if parent is None or not parent.is_alive():
+                    return
+        chunk += stride
