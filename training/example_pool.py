@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from torch import multiprocessing
 
 from training.examples import Example
+from training.patch_labels import PatchLabels
 
 BATCHES = 8  # drawn together, and sorted by length
 
@@ -38,6 +40,17 @@ class Pool:
                     self.examples[self.received % self.capacity] = example
                 self.received += 1
 
+    def mosaics(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, list[PatchLabels]]:
+        """Pictures (count, T, H, W, 3) and labels of clips each of whose temporal patches is from another clip: the
+        vision tower looks at them one by one, and learns twice as much from those of different clips."""
+        self.drawn += count
+        slices = len(self.examples[0].patches.shape)
+        chosen = [[self.examples[i] for i in row] for row in rng.integers(len(self.examples), size=(count, slices))]
+        return np.stack([mosaic([e.picture for e in row]) for row in chosen]), [
+            PatchLabels(*(mosaic([getattr(e.patches, f.name) for e in row]) for f in fields(PatchLabels)))
+            for row in chosen
+        ]
+
     def draw(self, rng: np.random.Generator, count: int) -> list[Example]:
         self.drawn += count
         if not self.waiting:
@@ -45,3 +58,9 @@ class Pool:
             drawn.sort(key=lambda e: len(e.tokens.ids))
             self.waiting = [drawn[i * count : (i + 1) * count] for i in rng.permutation(BATCHES)]
         return self.waiting.pop()
+
+
+def mosaic(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """The k-th of n equal parts in time from the k-th of n arrays (T, ...)."""
+    length = len(parts[0]) // len(parts)
+    return np.concatenate([part[k * length : (k + 1) * length] for k, part in enumerate(parts)])

@@ -30,7 +30,7 @@ from pipeline.vision.render import render_rgb
 from stages.params import Params
 from training.patch_labels import PatchLabels, patch_labels
 
-LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
+LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5), places=0.25)
 SUITE = "tiny-training"
 CHUNK = 16  # clips drawn together
 

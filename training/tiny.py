@@ -34,6 +34,7 @@ from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
 from training.example_pool import Pool
 from training.examples import CHUNK, LAYOUT, SUITE, Example, Kind, generate, make_examples
+from training.muon import Muon
 from training.patch_labels import PatchHead
 
 
@@ -60,10 +61,10 @@ def validate(base: Base, examples: list[Example], batch_size: int) -> dict[str, 
     return {key: total / max(count, 1) for key, (total, count) in sums.items()}
 
 
-def learning_rate(peak: float, step: int, left: float, decay: float) -> float:
-    """Linear warm-up in 100 steps of a phase, then the peak, and in a line down to 2 % of it once less than `decay` is
-    `left` of the time."""
-    return peak * min(1.0, (step + 1) / 100) * (0.02 + 0.98 * min(1.0, left / decay) if decay else 1.0)
+def learning_rate(step: int, left: float, decay: float) -> float:
+    """A share of the peak: linear warm-up in 100 steps of a phase, then 1, and in a line down to 2 % once less than
+    `decay` is `left` of the time."""
+    return min(1.0, (step + 1) / 100) * (0.02 + 0.98 * min(1.0, left / decay) if decay else 1.0)
 
 
 def noise_at(minutes: float, quiet: float) -> float:
@@ -84,9 +85,23 @@ def shapes_right(base: Base, head: PatchHead, examples: list[Example]) -> float:
     return head.shapes_right(tokens, [e.patches for e in examples])
 
 
-def save_checkpoint(path: Path, base: Base, head: PatchHead, optimizer: torch.optim.Optimizer, state: dict) -> None:
+def make_optimizers(base: Base, head: PatchHead, rate: float, muon_rate: float) -> list[torch.optim.Optimizer]:
+    """Muon for the matrices between hidden features, AdamW for the rest."""
+    visual, language = base.model.model.visual, base.model.model.language_model
+    inner = [*visual.blocks.parameters(), *visual.merger.parameters(), *language.layers.parameters()]
+    hidden = [p for p in inner if p.ndim == 2]
+    chosen = {id(p) for p in hidden}
+    rest = [p for p in [*base.model.parameters(), *head.parameters()] if id(p) not in chosen]
+    return [Muon(hidden, muon_rate, weight_decay=0.05),
+            torch.optim.AdamW(rest, rate, betas=(0.9, 0.95), weight_decay=0.05)]  # fmt: skip
+
+
+def save_checkpoint(
+    path: Path, base: Base, head: PatchHead, optimizers: list[torch.optim.Optimizer], state: dict
+) -> None:
     temporary = path.with_suffix(".tmp")
-    weights = {"model": base.model.state_dict(), "head": head.state_dict(), "optimizer": optimizer.state_dict()}
+    weights = {"model": base.model.state_dict(), "head": head.state_dict(),
+               "optimizers": [o.state_dict() for o in optimizers]}  # fmt: skip
     torch.save(weights | state, temporary)
     os.replace(temporary, path)
 
@@ -104,7 +119,7 @@ def train(args: argparse.Namespace) -> None:
     seen: list[torch.Tensor] = []  # the vision tower's tokens in the last forward pass
     model.model.visual.register_forward_hook(lambda module, inputs, output: seen.append(output.pooler_output))
     weights = [*model.parameters(), *head.parameters()]
-    optimizer = torch.optim.AdamW(weights, lr=args.lr, betas=(0.9, 0.95), weight_decay=0.05)
+    optimizers = make_optimizers(base, head, args.lr, args.muon_lr)
     args.work.mkdir(parents=True, exist_ok=True)
     checkpoint = args.work / "checkpoint.pt"
     state: dict[str, Any] = {"step": 0, "seen": 0, "seconds": 0.0, "chunk": 0}  # seen: steps of the vision tower alone
@@ -112,7 +127,8 @@ def train(args: argparse.Namespace) -> None:
         stored = torch.load(checkpoint, map_location=args.device, weights_only=True)
         model.load_state_dict(stored.pop("model"))
         head.load_state_dict(stored.pop("head"))
-        optimizer.load_state_dict(stored.pop("optimizer"))
+        for optimizer, kept in zip(optimizers, stored.pop("optimizers"), strict=True):
+            optimizer.load_state_dict(kept)
         state = stored
         print(f"goes on from step {state['step']}, {state['seconds'] / 60:.1f} min", flush=True)
     kind = Kind(args.input, args.silent)
@@ -133,27 +149,33 @@ def train(args: argparse.Namespace) -> None:
     while (elapsed := time.monotonic() - began) < 60 * args.minutes:
         minutes, before = elapsed / 60, state["seconds"] / 60
         if before < args.minutes - args.decay <= minutes:
-            save_checkpoint(args.work / "before_decay.pt", base, head, optimizer, state)
+            save_checkpoint(args.work / "before_decay.pt", base, head, optimizers, state)
         pool.fill(least=8 * args.batch)
-        chosen = pool.draw(rng, args.batch)
-        batch = make_batch(base, [e.tokens for e in chosen], np.stack([e.picture for e in chosen]))
         noise.value = noise_at(minutes, args.quiet)
         alone = minutes < args.vision
         step = state["step"] if alone else state["step"] - state["seen"]
-        for group in optimizer.param_groups:
-            group["lr"] = learning_rate(args.lr, step, args.minutes - minutes, args.decay)
+        share = learning_rate(step, args.minutes - minutes, args.decay)
+        for optimizer, peak in zip(optimizers, (args.muon_lr, args.lr), strict=True):
+            for group in optimizer.param_groups:
+                group["lr"] = share * peak
         with torch.autocast(args.device, torch.bfloat16, enabled=args.device == "cuda"):
             seen.clear()
             if alone:
-                tokens, loss = see(base, batch.clips), torch.zeros((), device=args.device)
+                pictures, labels = pool.mosaics(rng, args.batch)
+                tokens, loss = see(base, torch.as_tensor(pictures)), torch.zeros((), device=args.device)
             else:
+                chosen = pool.draw(rng, args.batch)
+                labels = [e.patches for e in chosen]
+                batch = make_batch(base, [e.tokens for e in chosen], np.stack([e.picture for e in chosen]))
                 loss, _ = batch_loss(base, batch)
                 tokens = seen[-1]
-            patch_loss = head(tokens, [e.patches for e in chosen])
-        optimizer.zero_grad()
+            patch_loss = head(tokens, labels)
+        for optimizer in optimizers:
+            optimizer.zero_grad()
         (loss + args.patch_weight * patch_loss).backward()
         torch.nn.utils.clip_grad_norm_(weights, 1.0)
-        optimizer.step()
+        for optimizer in optimizers:
+            optimizer.step()
         recent.append((loss.item(), patch_loss.item()))
         state["step"] += 1
         state["seen"] += alone
@@ -161,7 +183,7 @@ def train(args: argparse.Namespace) -> None:
         if elapsed - last_log > args.log_seconds:
             last_log = elapsed
             row = {"step": state["step"], "clips": state["step"] * args.batch, "fresh_clips": state["chunk"] * CHUNK,
-                   "minutes": round(elapsed / 60, 2), "lr": float(optimizer.param_groups[0]["lr"]),
+                   "minutes": round(elapsed / 60, 2), "rate": round(share, 4),
                    **dict(zip(("train_loss", "patch_loss"), np.mean(recent, 0).tolist(), strict=True)),
                    **validate(base, held, args.batch), "shapes_right": shapes_right(base, head, held)}  # fmt: skip
             recent = []
@@ -173,8 +195,8 @@ def train(args: argparse.Namespace) -> None:
                 writer.writerow(row)
         if time.monotonic() - last_save > args.save_seconds:
             last_save = time.monotonic()
-            save_checkpoint(checkpoint, base, head, optimizer, state)
-    save_checkpoint(checkpoint, base, head, optimizer, state)
+            save_checkpoint(checkpoint, base, head, optimizers, state)
+    save_checkpoint(checkpoint, base, head, optimizers, state)
     base.save(args.out)
     print(f"saved to {args.out}", flush=True)
     for maker in makers:
@@ -197,13 +219,14 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path(".train/tiny"), help="checkpoint and log")
     parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"))
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--matmul", default="highest", choices=("highest", "high", "medium"),
+    parser.add_argument("--matmul", default="medium", choices=("highest", "high", "medium"),
                         help="medium: products in bfloat16, where the processor has it")  # fmt: skip
     parser.add_argument("--generators", type=int, default=1, help="processes that make clips")
     parser.add_argument("--input", default="flow", choices=("flow", "rgb"), help="what the model is shown")
     parser.add_argument("--silent", type=float, default=0.25, help="share of the clips without reasoning")
     parser.add_argument("--batch", type=int, default=8)
-    parser.add_argument("--lr", type=float, default=1.5e-3)
+    parser.add_argument("--lr", type=float, default=1.5e-3, help="peak, of AdamW")
+    parser.add_argument("--muon-lr", type=float, default=4e-3, help="peak, of Muon, which has the hidden matrices")
     parser.add_argument("--patch-weight", type=float, default=0.5, help="of the loss on patch labels")
     parser.add_argument("--vision", type=float, default=30, help="minutes for the vision tower alone")
     parser.add_argument("--quiet", type=float, default=30, help="minutes until the flow is as noisy as RAFT's")

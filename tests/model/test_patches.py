@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -50,3 +52,15 @@ def test_frames_are_resized_only_where_their_size_differs(rng: np.random.Generat
 def test_a_layout_that_does_not_divide_is_refused(size: tuple[int, int, int]) -> None:
     with pytest.raises(AssertionError):
         PatchLayout(*size)
+
+
+def test_the_third_channel_tells_a_patch_its_column_row_and_time(rng: np.random.Generator) -> None:
+    layout = PatchLayout(12 * 3, 12 * 2, 4, patch=12, merge=1, mean=(0, 0, 0), std=(1, 1, 1), places=0.5)
+    clips = torch.as_tensor(rng.integers(0, 256, (2, 4, 24, 36, 3), dtype=np.uint8))
+    plain = pack_video(clips, replace(layout, places=0.0)).reshape(2, 2, 2, 3, 3, 2, 12, 12)
+    told = pack_video(clips, layout).reshape(2, 2, 2, 3, 3, 2, 12, 12)  # B, t, h, w, channel, frame, row, column
+    torch.testing.assert_close(told[..., :2, :, :, :], plain[..., :2, :, :, :])
+    third = told[:, :, :, :, 2]
+    for t, row, column in np.ndindex(2, 2, 3):
+        for stripe, value in enumerate(((column - 1) * 2 / 3, row - 0.5, t - 0.5)):
+            assert torch.allclose(third[:, t, row, column, ..., 4 * stripe : 4 * stripe + 4], torch.tensor(0.5 * value))

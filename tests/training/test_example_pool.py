@@ -10,6 +10,13 @@ from training.examples import Example
 from training.patch_labels import PatchLabels
 
 
+def numbered(value: int) -> Example:
+    tokens = Tokens(np.zeros(9, np.int32), 1, np.zeros(9, bool), np.zeros(9, bool))
+    pair = np.arange(3)  # temporal patches of two pictures each
+    labels = PatchLabels(*(10 * value + pair[:, None] for _ in range(3)))
+    return Example(tokens, (10 * value + pair.repeat(2))[:, None], labels)
+
+
 def example(length: int) -> Example:
     tokens = Tokens(np.zeros(length, np.int32), 1, np.zeros(length, bool), np.zeros(length, bool))
     nothing = np.zeros(0)
@@ -28,3 +35,14 @@ def test_batches_hold_clips_of_like_length_and_all_clips_come(rng: np.random.Gen
         spans.append(max(batch) - min(batch))
     assert len(seen) > 190 and np.mean(spans) < 60
     assert pool.drawn == 20 * BATCHES * 8
+
+
+def test_a_mosaic_has_each_moment_of_another_clip_with_its_labels(rng: np.random.Generator) -> None:
+    pool = Pool(50, 4.0, Queue(), [numbered(i) for i in range(50)])
+    pictures, labels = pool.mosaics(rng, 40)
+    assert pictures.shape == (40, 6, 1) and len(labels) == pool.drawn == 40
+    np.testing.assert_array_equal(pictures[:, :, 0] % 10, np.tile([0, 0, 1, 1, 2, 2], (40, 1)))
+    for picture, told in zip(pictures, labels, strict=True):
+        for values in (told.shape, told.place, told.numbers):
+            np.testing.assert_array_equal(values, picture[::2])
+    assert len(np.unique(pictures // 10)) > 25 and (np.ptp(pictures // 10, axis=1) > 0).mean() > 0.8

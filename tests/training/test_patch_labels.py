@@ -72,8 +72,8 @@ def test_noise_rises_to_rafts_and_stays() -> None:
 
 
 def test_the_learning_rate_rises_stays_and_falls_at_the_end() -> None:
-    assert learning_rate(1.0, 0, 60, 20) == pytest.approx(0.01)
-    assert learning_rate(1.0, 99, 60, 20) == learning_rate(1.0, 5000, 20, 20) == 1.0
-    assert learning_rate(1.0, 5000, 10, 20) == pytest.approx(0.51)
-    assert learning_rate(1.0, 5000, 0, 20) == pytest.approx(0.02)
-    assert learning_rate(1.0, 5000, 0, 0) == 1.0
+    assert learning_rate(0, 60, 20) == pytest.approx(0.01)
+    assert learning_rate(99, 60, 20) == learning_rate(5000, 20, 20) == 1.0
+    assert learning_rate(5000, 10, 20) == pytest.approx(0.51)
+    assert learning_rate(5000, 0, 20) == pytest.approx(0.02)
+    assert learning_rate(5000, 0, 0) == 1.0
