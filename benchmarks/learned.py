@@ -135,8 +135,8 @@ def summary_text(summary: Summary, differing: list[list[str]]) -> str:
     header = ["suite", "greedy sequence IoU", "clips", "first", "second", "difference"]
     return "\n".join([
         "# The model's answers before any search\n",
-        "`python -m benchmarks.learned`: RAFT's flow; means over clips with 95 % bootstrap intervals. seconds: to write "
-        "the answers to one clip.\n",
+        "`python -m benchmarks.learned`: RAFT's flow; means over clips with 95 % bootstrap intervals. seconds: to "
+        "write the answers to one clip.\n",
         markdown(*table(summary, COLUMNS)),
         "Sequence IoU of the best of K samples by replay, at the size of the search (K drawn of all samples):\n",
         markdown(*table(curves, {f"iou@{k}": f"K = {k}" for k in CURVE})),

@@ -52,6 +52,11 @@ _ERRORS = (
     "Mean absolute errors over clips whose composition is right. The mass of a body that touches nothing movable, and "
     "the absolute scale, are not determined by a clip."
 )
+_LEARNED = (
+    "From a run of its own on more clips (python -m benchmarks.learned; its answers are in "
+    "benchmarks/results/learned): greedy answers, and the best of K samples by replay, with 95 % bootstrap intervals. "
+    "real: another engine's clips."
+)
 _STARTS = (
     "From a run of its own on more clips (python -m benchmarks.starts; its answers are in benchmarks/results/starts): "
     "sequence IoU after so many simulations, with 95 % bootstrap intervals, by where the search starts. given: the "
@@ -93,14 +98,15 @@ def sections(
     best_of_k: Sequence[Mapping[str, Any]],
     searches: Sequence[Mapping[str, Any]],
     training: Mapping[str, Curve],
+    learned: Summary,
     starts: Sequence[Mapping[str, Any]],
     determined: Mapping[str, Kind],
     prediction: Summary,
     gallery: Mapping[str, Sequence[ShownClip]],
 ) -> list[Section]:
     """best_of_k: rows of series, k, iou; searches: rows of series, simulations, reward; training: losses by name;
-    starts: rows of the benchmark of starts; determined: kinds of parameters; prediction: of the unseen half; gallery:
-    the clips shown of each suite."""
+    learned, starts: of the benchmarks of the model and of starts; determined: kinds of parameters; prediction: of the
+    unseen half; gallery: the clips shown of each suite."""
     best, reward = lines(best_of_k, "k", "iou"), lines(searches, "simulations", "reward")
     figures = [
         drawing(bars(summary, "iou", "sequence IoU"), "Sequence IoU by suite and method, with 95 % intervals."),
@@ -112,6 +118,8 @@ def sections(
         Section("Scores", _SCORES, html_table(*table(summary, COLUMNS))),
         Section("Curves", "", f'<div class="row">{"".join(figures)}</div>'),
         Section("Parameter errors", _ERRORS, html_table(*table(summary, ERRORS))),
+        Section("The model before any search", _LEARNED, html_table(*table(learned, COLUMNS))),
+        Section("Parameter errors of the model", _ERRORS, html_table(*table(learned, ERRORS))),
         Section("Starts and budgets", _STARTS, html_table(*starts_table(starts))),
         Section("What a clip determines", _DETERMINED, html_table(*determined_table(determined))),
         Section("Prediction", _PREDICTION, html_table(*table(prediction, PREDICTED))),

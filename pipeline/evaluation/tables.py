@@ -61,6 +61,19 @@ def as_csv(summary: Summary) -> str:
     return text.getvalue()
 
 
+def from_csv(rows: Sequence[Mapping[str, str]]) -> Summary:
+    """The summary of which `as_csv` wrote the rows; seconds are not in them, and NaN."""
+    estimates: dict[tuple[str, str], dict[str, Estimate]] = {}
+    simulations = {(r["suite"], r["method"]): float(r["simulations"]) for r in rows}
+    metrics = dict.fromkeys(r["metric"] for r in rows)
+    for key in simulations:
+        estimates[key] = {m: Estimate(np.nan, np.nan, np.nan, 0) for m in metrics}
+    for r in rows:
+        found = Estimate(float(r["mean"]), float(r["low"]), float(r["high"]), int(r["clips"]))
+        estimates[r["suite"], r["method"]][r["metric"]] = found
+    return Summary(estimates, simulations, dict.fromkeys(simulations, np.nan))
+
+
 def cell(e: Estimate) -> str:
     """`0.53 (0.47-0.60)`, or a dash."""
     return f"{e.mean:.3g} ({e.low:.3g}–{e.high:.3g})" if e.n else "–"

@@ -1,5 +1,7 @@
 """Sums, intervals and the forms in which they are written."""
 
+import csv
+import io
 from itertools import combinations
 from xml.etree import ElementTree
 
@@ -10,7 +12,7 @@ from pipeline.evaluation.figures import bars, curves, jpeg, painted, tiled
 from pipeline.evaluation.intervals import bootstrap_mean
 from pipeline.evaluation.mean_curves import best_of_curve, mean_curve
 from pipeline.evaluation.report import Section, folded, html_table, page
-from pipeline.evaluation.tables import Summary, as_csv, as_json, markdown, summarise, table
+from pipeline.evaluation.tables import Summary, as_csv, as_json, from_csv, markdown, summarise, table
 
 
 @pytest.fixture
@@ -46,6 +48,8 @@ def test_each_form_of_a_summary_has_every_suite_and_method(summary: Summary) -> 
     assert set(nested) == {"id", "more"} and set(nested["id"]) == {"greedy", "cmaes"}
     assert nested["id"]["greedy"]["clips"] == 5 and "error.mass" not in nested["id"]["greedy"]
     assert len(as_csv(summary).splitlines()) == 1 + 2 * 2 * 2
+    again = from_csv(list(csv.DictReader(io.StringIO(as_csv(summary)))))
+    assert as_csv(again) == as_csv(summary) and again.simulations == summary.simulations
     header, rows = table(summary, {"iou": "IoU", "error.mass": "mass"})
     assert len(rows) == 4 and all(row[-1] == "–" for row in rows)
     assert markdown(header, rows).count("\n") == 6
