@@ -7,9 +7,10 @@ Asks one model about the clips of a finished graph. In a clone, on fresh clips:
     python -m benchmarks.learned tiny [--model models/tiny] [--samples 32] [--suites id,held_out,more,real]
 
 The name says which row of the tables the answers are for; other rows stand beside it, and those named in RIVALS are
-compared clip by clip: `--silent` asks without reasoning, `--input rgb` shows pictures in place of flow. Every answer is
-kept in benchmarks/results/learned/answers.jsonl as it comes (a run that was stopped goes on); learned.csv and
-learned.md beside it sum them up, and the report shows them. With no name it only sums up.
+compared clip by clip: `--silent` asks without reasoning, `--input noisy` shows exact flow with the noise of training in
+place of RAFT's flow, `--input rgb` the frames. Every answer is kept in benchmarks/results/learned/answers.jsonl as it
+comes (a run that was stopped goes on); learned.csv and learned.md beside it sum them up, and the report shows them.
+With no name it only sums up.
 """
 
 from __future__ import annotations
@@ -44,7 +45,10 @@ from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.target import make_target
-from stages.clip_pictures import pictures
+from pipeline.shards.clip_rng import clip_rng
+from pipeline.vision.flow_noise import noisy_flow, raft_noise
+from pipeline.vision.flow_picture import flow_picture, scaled_max_px
+from stages.clip_pictures import picture_stage, pictures
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
 from stages.suite import Suite, open_suite, reference
@@ -52,7 +56,7 @@ from stages.suite import Suite, open_suite, reference
 RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
-RIVALS = (("tiny", "silent"), ("flow", "rgb"), ("reasoning", "none"))  # the first less the second, by clip
+RIVALS = (("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("reasoning", "none"))  # first less second, by clip
 CURVE = (1, 2, 4, 8, 16, 32)
 RESAMPLES = 10_000
 
@@ -65,13 +69,25 @@ def answers(base: Base, shown: np.ndarray, sampling: Sampling, seed: int, tries:
     return [read_completion(answer.text).scene for answer in each], seconds
 
 
+def shown_of(suite: Suite, label: str, clip: int, kind: str, params: Params, base: Base) -> np.ndarray:
+    """What the model is shown of a clip, (T, H, W, 3) uint8."""
+    schedule = params.clip.model_dump()
+    if kind == "noisy":
+        view, rng = suite["render"][clip], clip_rng(params.seed, label, clip, "flow noise")
+        flow = noisy_flow(
+            rng, view.array("flow"), view.array("mask")[Schedule(**schedule).pairs[:, 0]], raft_noise(rng)
+        )
+        found = flow_picture(flow, params.flow.picture, scaled_max_px(flow.shape[2], 1 / params.clip.fps))
+    else:
+        found = pictures(suite[picture_stage(kind)][clip], kind, schedule)
+    return resize_frames(found, base.layout.width, base.layout.height)
+
+
 def rows_of(name: str, base: Base, suite: Suite, label: str, clip: int, asked: argparse.Namespace, params: Params,
             tries: Tries) -> Iterator[dict[str, Any]]:  # fmt: skip
     """The scores of the greedy answer to a clip, and of the best of the samples."""
     schedule = Schedule(**params.clip.model_dump())
-    source = suite["flow" if asked.input == "flow" else "render"][clip]
-    shown = resize_frames(pictures(source, asked.input, params.clip.model_dump()), base.layout.width,
-                          base.layout.height)  # fmt: skip
+    shown = shown_of(suite, label, clip, asked.input, params, base)
     truth, shapes = reference(suite, clip, schedule), shapes_of(suite, clip, params)
 
     def scored(scene: Scene) -> dict[str, float]:
@@ -156,7 +172,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=32, help="K; 0: greedy alone")
     parser.add_argument("--temperature", type=float, default=read_params_file(PARAMS_FILE, Params).infer.temperature)
     parser.add_argument("--silent", action="store_true", help="without reasoning")
-    parser.add_argument("--input", default="flow", choices=("flow", "rgb"))
+    parser.add_argument("--input", default="flow", choices=("flow", "noisy", "rgb"))
     asked = parser.parse_args()
     logging.set_verbosity_error()
     torch.set_num_threads(2)
