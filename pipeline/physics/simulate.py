@@ -52,7 +52,7 @@ def simulate_model(model: mujoco.MjModel, seconds: float, forces: ApplyForces | 
     qpos[steps], qvel[steps] = data.qpos, data.qvel
     if not (np.isfinite(qpos).all() and np.isfinite(qvel).all()):
         raise SimulationError("the state is not finite")
-    return _trace(qpos, qvel, _contacts(rows))
+    return _trace(qpos, qvel, _contacts(model, rows))
 
 
 def _check(data: mujoco.MjData, step: int) -> None:
@@ -64,29 +64,28 @@ def _check(data: mujoco.MjData, step: int) -> None:
 
 
 def _contact_rows(model: mujoco.MjModel, data: mujoco.MjData, step: int) -> tuple[np.ndarray, ...]:
-    """The active contacts of the step just made, as arrays in the order of `Contacts`."""
-    contact = data.contact
-    body = model.geom_bodyid[contact.geom] - 1  # (ncon, 2); the world's body becomes GROUND
-    assert GROUND == -1
-    force = np.empty((data.ncon, 6))
+    """The active contacts of the step just made: step, geoms (C, 2), position, distance, frame (C, 9), and force in
+    that frame (C, 6)."""
+    contact, force = data.contact, np.empty((data.ncon, 6))
     for i in range(data.ncon):
         mujoco.mj_contactForce(model, data, i, force[i])
-    frame = contact.frame.reshape(-1, 3, 3)  # rows: normal from geom 0 to geom 1, two tangents
+    steps = np.full(data.ncon, step)
+    return (steps, contact.geom.copy(), contact.pos.copy(), contact.dist.copy(), contact.frame.copy(), force)
+
+
+def _contacts(model: mujoco.MjModel, rows: list[tuple[np.ndarray, ...]]) -> Contacts:
+    if not rows:
+        index, vector = np.zeros(0, int), np.zeros((0, 3))
+        return Contacts(index, index, index, vector, vector, np.zeros(0), vector)
+    step, geom, position, distance, frame, force = (np.concatenate(column) for column in zip(*rows, strict=True))
+    body = model.geom_bodyid[geom] - 1  # the world's body becomes GROUND
+    assert GROUND == -1
+    frame = frame.reshape(-1, 3, 3)  # rows: normal from geom 0 to geom 1, two tangents
     world = np.einsum("ci,cij->cj", force[:, :3], frame)  # on geom 1
-    normal = frame[:, 0]
-    swap = (body[:, 0] == GROUND)[:, None]  # make the ground, else the later object, the second
-    first = np.where(swap[:, 0], body[:, 1], body[:, 0])
-    second = np.where(swap[:, 0], body[:, 0], body[:, 1])
-    sign = np.where(swap, 1.0, -1.0)
-    return (np.full(data.ncon, step), first, second, contact.pos.copy(), sign * normal, contact.dist.copy(),
-            sign * world)  # fmt: skip
-
-
-def _contacts(rows: list[tuple[np.ndarray, ...]]) -> Contacts:
-    if rows:
-        return Contacts(*(np.concatenate(column) for column in zip(*rows, strict=True)))
-    index, vector = np.zeros(0, int), np.zeros((0, 3))
-    return Contacts(index, index, index, vector, vector, np.zeros(0), vector)
+    swap = body[:, 0] == GROUND  # make the ground, else the later object, the second
+    first, second = np.where(swap[:, None], body[:, ::-1], body).T
+    sign = np.where(swap, 1.0, -1.0)[:, None]
+    return Contacts(step, first, second, position, sign * frame[:, 0], distance, sign * world)
 
 
 def _trace(qpos: np.ndarray, qvel: np.ndarray, contacts: Contacts) -> Trace:
