@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 from dataclasses import dataclass
+from functools import lru_cache
 from multiprocessing.sharedctypes import Synchronized
 
 import numpy as np
@@ -17,7 +18,7 @@ from pipeline.language.codec import Codec, Tokens
 from pipeline.language.completion import write_completion
 from pipeline.language.events import Thresholds, find_events
 from pipeline.language.tokenizer import build_tokenizer
-from pipeline.model.patches import PatchLayout
+from pipeline.model.patches import PatchLayout, resize_frames
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.sample import Distribution
@@ -26,6 +27,7 @@ from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.appearance import apply_sensor, sample_appearance, sample_sensor
 from pipeline.vision.flow_noise import noisy_flow, raft_noise
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
+from pipeline.vision.raft import RAFT, load_raft
 from pipeline.vision.render import render_rgb
 from stages.params import Params
 from training.patch_labels import PatchLabels, patch_labels
@@ -46,28 +48,50 @@ class Example:
 
 @dataclass(frozen=True)
 class Kind:
-    """What examples are like. input: what the pictures show, flow (exact, with noise like RAFT's) or rgb. silent: share
-    of the clips whose completion is without reasoning."""
+    """What examples are like. input: what the pictures show: flow (exact, with noise like RAFT's), raft (its own flow,
+    fifty times slower) or rgb. silent: share of the clips whose completion is without reasoning."""
 
     input: str = "flow"
     silent: float = 0.25
+
+    def reasons(self, chunk: int) -> bool:
+        """Whether the completions of a chunk are with reasoning."""
+        return int((chunk + 1) * self.silent) == int(chunk * self.silent)
+
+
+def frames_of(
+    params: Params, suite: str, index: int, scene: Scene, trace: Trace, steps: np.ndarray, width: int, height: int
+) -> np.ndarray:
+    """RGB (F, height, width, 3) uint8 at steps (F,) of the trace, with a look and a sensor of the clip's own."""
+    rng = clip_rng(params.seed, suite, index, "appearance")
+    look = sample_appearance(rng, len(scene.objects))
+    frames = render_rgb(scene, trace.position[steps], trace.quaternion[steps], look, width, height, "raycast",
+                        params.render.shadows)  # fmt: skip
+    return apply_sensor(frames, sample_sensor(rng), rng)
+
+
+@lru_cache(maxsize=1)
+def raft(folder: str) -> RAFT:
+    return load_raft(folder)
 
 
 def picture(
     params: Params, kind: Kind, suite: str, index: int, scene: Scene, trace: Trace, view: View, noise: float = 1.0
 ) -> np.ndarray:
     """What the model is shown of a clip, (T, H, W, 3) uint8. noise: its strength, 1 for RAFT's."""
-    schedule = Schedule(**params.clip.model_dump())
+    schedule, f = Schedule(**params.clip.model_dump()), params.flow
+    steps = schedule.frame_steps[schedule.pairs]  # (P, 2)
     if kind.input == "rgb":
-        rng = clip_rng(params.seed, suite, index, "appearance")
-        look = sample_appearance(rng, len(scene.objects))
-        steps = schedule.frame_steps[schedule.pairs[:, 0]]
-        frames = render_rgb(scene, trace.position[steps], trace.quaternion[steps], look, LAYOUT.width, LAYOUT.height,
-                            "raycast", params.render.shadows)  # fmt: skip
-        return apply_sensor(frames, sample_sensor(rng), rng)
-    rng = clip_rng(params.seed, suite, index, "flow noise")
-    flow = noisy_flow(rng, view.flow, view.mask, raft_noise(rng).scaled(noise))
-    return flow_picture(flow, params.flow.picture, scaled_max_px(LAYOUT.width, 1 / params.clip.fps))
+        return frames_of(params, suite, index, scene, trace, steps[:, 0], LAYOUT.width, LAYOUT.height)
+    if kind.input == "raft":
+        frames = frames_of(params, suite, index, scene, trace, steps.T.ravel(), f.width, f.height)
+        first, second = np.split(frames, 2)
+        flow = raft(f.raft).flow(first, second, f.iterations)
+    else:
+        rng = clip_rng(params.seed, suite, index, "flow noise")
+        flow = noisy_flow(rng, view.flow, view.mask, raft_noise(rng).scaled(noise))
+    shown = flow_picture(flow, f.picture, scaled_max_px(flow.shape[2], 1 / params.clip.fps))
+    return resize_frames(shown, LAYOUT.width, LAYOUT.height)
 
 
 def make_examples(
@@ -100,12 +124,12 @@ def generate(
     noise: the strength of the flow's noise, which the trainer raises.
     """
     torch.set_num_threads(1)
+    out.cancel_join_thread()  # a trainer that was killed reads no more
     codec = Codec(build_tokenizer(), LAYOUT.tokens)
     chunk = first
     while True:
         indices = range(chunk * CHUNK, (chunk + 1) * CHUNK)
-        reasoning = int((chunk + 1) * kind.silent) == int(chunk * kind.silent)
-        examples = make_examples(params, codec, kind, SUITE, indices, reasoning, noise.value)
+        examples = make_examples(params, codec, kind, SUITE, indices, kind.reasons(chunk), noise.value)
         while True:
             try:
                 out.put((chunk, examples), timeout=30)
