@@ -16,8 +16,9 @@ BATCHES = 8  # drawn together, and sorted by length
 
 @dataclass
 class Pool:
-    """The latest clips, from which batches are drawn: `reuse` draws a clip on average. waiting: batches drawn already;
-    clips of a batch are about as long as each other, since all are padded to the longest."""
+    """The latest clips, from which batches are drawn: `reuse` draws a clip on average. Of the clips drawn a `share`
+    comes from `kept`, which are costly and do not change. waiting: batches drawn already; clips of a batch are about as
+    long as each other, since all are padded to the longest."""
 
     capacity: int
     reuse: float
@@ -27,10 +28,12 @@ class Pool:
     received: int = 0
     last_chunk: int = -1
     waiting: list[list[Example]] = field(default_factory=list)
+    kept: list[Example] = field(default_factory=list)
+    share: float = 0.0
 
     def fill(self, least: int) -> None:
         """Take new examples until there are `least`, and as many as `reuse` asks for; the makers rest otherwise."""
-        while len(self.examples) < least or self.drawn > self.reuse * self.received:
+        while len(self.examples) < least or self.drawn * (1 - self.share) > self.reuse * self.received:
             chunk, examples = self.source.get(timeout=600)
             self.last_chunk = max(self.last_chunk, chunk)
             for example in examples:
@@ -40,12 +43,18 @@ class Pool:
                     self.examples[self.received % self.capacity] = example
                 self.received += 1
 
+    def chosen(self, rng: np.random.Generator, count: int) -> list[Example]:
+        """So many examples, drawn with replacement."""
+        from_kept = rng.random(count) < (self.share if self.kept else 0.0)
+        return [self.kept[rng.integers(len(self.kept))] if kept else self.examples[rng.integers(len(self.examples))]
+                for kept in from_kept]  # fmt: skip
+
     def mosaics(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, list[PatchLabels]]:
         """Pictures (count, T, H, W, 3) and labels of clips each of whose temporal patches is from another clip: the
         vision tower looks at them one by one, and learns twice as much from those of different clips."""
         self.drawn += count
         slices = len(self.examples[0].patches.shape)
-        chosen = [[self.examples[i] for i in row] for row in rng.integers(len(self.examples), size=(count, slices))]
+        chosen = [self.chosen(rng, slices) for _ in range(count)]
         return np.stack([mosaic([e.picture for e in row]) for row in chosen]), [
             PatchLabels(*(mosaic([getattr(e.patches, f.name) for e in row]) for f in fields(PatchLabels)))
             for row in chosen
@@ -54,7 +63,7 @@ class Pool:
     def draw(self, rng: np.random.Generator, count: int) -> list[Example]:
         self.drawn += count
         if not self.waiting:
-            drawn = [self.examples[i] for i in rng.integers(len(self.examples), size=BATCHES * count)]
+            drawn = self.chosen(rng, BATCHES * count)
             drawn.sort(key=lambda e: len(e.tokens.ids))
             self.waiting = [drawn[i * count : (i + 1) * count] for i in rng.permutation(BATCHES)]
         return self.waiting.pop()

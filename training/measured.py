@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import pickle
 import time
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
@@ -25,9 +26,20 @@ from training.examples import CHUNK, LAYOUT, Example, Kind, make_examples
 SUITE = "tiny-measured"
 
 
-def read_measured(folder: Path) -> list[Example]:
-    """All examples in a folder. They are pickled: read only what you made."""
-    return [e for file in sorted(folder.glob("chunk_*.pkl")) for e in pickle.loads(file.read_bytes())]
+@dataclass
+class Measured:
+    """The examples in a folder, which may still grow. They are pickled: read only what you made."""
+
+    folder: Path
+    examples: list[Example] = field(default_factory=list)
+    read: set[Path] = field(default_factory=set)
+
+    def refresh(self) -> list[Example]:
+        """All of them, with those that were made since the last time."""
+        for file in sorted(set(self.folder.glob("chunk_*.pkl")) - self.read):
+            self.examples += pickle.loads(file.read_bytes())
+            self.read.add(file)
+        return self.examples
 
 
 def main() -> None:

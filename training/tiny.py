@@ -34,6 +34,7 @@ from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
 from training.example_pool import Pool
 from training.examples import CHUNK, LAYOUT, SUITE, Example, Kind, generate, make_examples
+from training.measured import Measured
 from training.muon import Muon
 from training.patch_labels import PatchHead
 
@@ -142,11 +143,16 @@ def train(args: argparse.Namespace) -> None:
         maker.start()
     held = make_examples(params, base.codec, kind, SUITE + "-held", range(args.validation), args.silent < 1)
     pool = Pool(args.pool, args.reuse, source, [])
+    measured = Measured(args.measured) if args.measured else None
+    if measured is not None:
+        held, pool.share = measured.refresh()[: args.validation], args.measured_share
     rng = np.random.default_rng(state["step"])
     log = args.work / "log.csv"
     began, last_save, last_log, recent = time.monotonic() - state["seconds"], time.monotonic(), 0.0, []
     model.train()
     while (elapsed := time.monotonic() - began) < 60 * args.minutes:
+        if measured is not None and (not pool.kept or elapsed - last_log > args.log_seconds):
+            pool.kept = measured.refresh()[args.validation :]
         minutes, before = elapsed / 60, state["seconds"] / 60
         if before < args.minutes - args.decay <= minutes:
             save_checkpoint(args.work / "before_decay.pt", base, head, optimizers, state)
@@ -224,6 +230,10 @@ def main() -> None:
     parser.add_argument("--generators", type=int, default=1, help="processes that make clips")
     parser.add_argument("--input", default="flow", choices=("flow", "rgb"), help="what the model is shown")
     parser.add_argument("--silent", type=float, default=0.25, help="share of the clips without reasoning")
+    parser.add_argument(
+        "--measured", type=Path, help="folder of examples by training.measured; the first --validation are held out"
+    )
+    parser.add_argument("--measured-share", type=float, default=0.5, help="of the clips drawn that are from there")
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--lr", type=float, default=1.5e-3, help="peak, of AdamW")
     parser.add_argument("--muon-lr", type=float, default=4e-3, help="peak, of Muon, which has the hidden matrices")

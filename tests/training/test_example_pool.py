@@ -46,3 +46,11 @@ def test_a_mosaic_has_each_moment_of_another_clip_with_its_labels(rng: np.random
         for values in (told.shape, told.place, told.numbers):
             np.testing.assert_array_equal(values, picture[::2])
     assert len(np.unique(pictures // 10)) > 25 and (np.ptp(pictures // 10, axis=1) > 0).mean() > 0.8
+
+
+def test_a_share_of_the_clips_is_drawn_from_those_kept(rng: np.random.Generator) -> None:
+    pool = Pool(50, 4.0, Queue(), [numbered(i) for i in range(50)], kept=[numbered(70), numbered(71)], share=0.3)
+    values = [int(e.picture[0, 0]) // 10 for e in pool.chosen(rng, 2000)]
+    assert 0.25 < np.mean([v >= 70 for v in values]) < 0.35
+    assert set(values) == {*range(50), 70, 71}
+    assert all(e.picture[0, 0] < 500 for e in Pool(50, 4.0, Queue(), pool.examples, share=0.3).chosen(rng, 50))
