@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.vision.flow_noise import (
+    CELL_PX,
     NO_NOISE,
     RAFT_RANGES,
     FlowNoise,
@@ -120,12 +121,13 @@ def test_shadows_move_as_their_objects_do_and_hide_none(rng):
     assert np.linalg.norm(cast, axis=-1).max() <= 0.5 * np.linalg.norm(flow, axis=-1).max() + 1e-5
 
 
-def test_the_ground_flickers_in_cells(rng):
-    flow = np.zeros((1, 64, 96, 2), np.float32)
-    noisy = noisy_flow(rng, flow, np.zeros((1, 64, 96), np.uint8), replace(NO_NOISE, still_px=1.0, cell_px=40.0))
-    cells = noisy[0].reshape(8, 8, 12, 8, 2)  # 40 px of 480 are 8 of 96
-    assert np.ptp(cells, axis=(1, 3)).max() == 0
-    assert noisy.std() == pytest.approx(0.2, rel=0.3)
+def test_the_ground_flickers_in_cells_and_blotches_that_reach_as_far_as_rafts(rng):
+    flow = np.zeros((40, 160, 240, 2), np.float32)
+    noise = replace(NO_NOISE, still_px=1.0, cell_px=CELL_PX)
+    noisy = noisy_flow(rng, flow, np.zeros(flow.shape[:3], np.uint8), noise)
+    assert noisy.std() == pytest.approx(0.5, rel=0.2)
+    for lag, correlation in ((4, 0.87), (8, 0.67), (16, 0.46), (32, 0.24), (64, 0.08)):  # px of 240
+        assert (noisy[:, :, lag:] * noisy[:, :, :-lag]).mean() / noisy.var() == pytest.approx(correlation, abs=0.1)
 
 
 def test_negative_parameters_are_refused():
