@@ -3,9 +3,10 @@
 from multiprocessing import Queue
 
 import numpy as np
+import pytest
 
 from pipeline.language.codec import Tokens
-from training.example_pool import BATCHES, Pool
+from training.example_pool import BATCHES, KEPT_REUSE, Pool
 from training.examples import Example
 from training.patch_labels import PatchLabels
 
@@ -34,13 +35,14 @@ def test_batches_hold_clips_of_like_length_and_all_clips_come(rng: np.random.Gen
         seen |= set(batch)
         spans.append(max(batch) - min(batch))
     assert len(seen) > 190 and np.mean(spans) < 60
-    assert pool.drawn == 20 * BATCHES * 8
+    assert pool.drawn == 20 * BATCHES * 8  # batches drawn together, the last all used
 
 
 def test_a_mosaic_has_each_moment_of_another_clip_with_its_labels(rng: np.random.Generator) -> None:
     pool = Pool(50, 4.0, Queue(), [numbered(i) for i in range(50)])
     pictures, labels = pool.mosaics(rng, 40)
-    assert pictures.shape == (40, 6, 1) and len(labels) == pool.drawn == 40
+    assert pictures.shape == (40, 6, 1) and len(labels) == 40
+    assert pool.drawn == pytest.approx(40)
     np.testing.assert_array_equal(pictures[:, :, 0] % 10, np.tile([0, 0, 1, 1, 2, 2], (40, 1)))
     for picture, told in zip(pictures, labels, strict=True):
         for values in (told.shape, told.place, told.numbers):
@@ -48,9 +50,13 @@ def test_a_mosaic_has_each_moment_of_another_clip_with_its_labels(rng: np.random
     assert len(np.unique(pictures // 10)) > 25 and (np.ptp(pictures // 10, axis=1) > 0).mean() > 0.8
 
 
-def test_a_share_of_the_clips_is_drawn_from_those_kept(rng: np.random.Generator) -> None:
-    pool = Pool(50, 4.0, Queue(), [numbered(i) for i in range(50)], kept=[numbered(70), numbered(71)], share=0.3)
+def test_a_share_of_the_clips_is_drawn_from_those_kept_until_they_are_worn(rng: np.random.Generator) -> None:
+    kept = [numbered(70 + i) for i in range(10)]
+    pool = Pool(50, 4.0, Queue(), [numbered(i) for i in range(50)], kept=kept, share=0.3)
     values = [int(e.picture[0, 0]) // 10 for e in pool.chosen(rng, 2000)]
     assert 0.25 < np.mean([v >= 70 for v in values]) < 0.35
-    assert set(values) == {*range(50), 70, 71}
-    assert all(e.picture[0, 0] < 500 for e in Pool(50, 4.0, Queue(), pool.examples, share=0.3).chosen(rng, 50))
+    assert set(values) == {*range(50), *range(70, 80)}
+    assert pool.drawn + pool.drawn_kept == 2000
+    while pool.drawn_kept < KEPT_REUSE * len(kept):
+        pool.chosen(rng, 100)
+    assert all(e.picture[0, 0] < 500 for e in pool.chosen(rng, 50))
