@@ -1,7 +1,8 @@
 """Discovery on published measurements: verdicts, parameters, gaps, and forecasts of what was not fitted.
 
-Reads the folders of `real_motion` (DYNAMICS_DATA, else ../shared/data). Writes reports/real_motion.md.
-Run: python -m benchmarks.real_motion [--tosses 24] [--flights 54]
+Reads the folders of `real_motion` (DYNAMICS_DATA, else ../shared/data). Writes reports/real_motion.md; with --write
+FOLDER nothing but each set's tracks and known scene there, for `dynamics discover`.
+Run: python -m benchmarks.real_motion [--tosses 24] [--flights 54] [--write FOLDER]
 """
 
 from __future__ import annotations
@@ -9,10 +10,13 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
+from ruamel.yaml import YAML
 
 from pipeline.discrepancy.arc import Arc
 from pipeline.discrepancy.discover import Discovery, discover
@@ -20,6 +24,7 @@ from pipeline.discrepancy.fit import first_starts, fit, run
 from pipeline.discrepancy.known_scene import known_scene
 from pipeline.discrepancy.model import known_model, with_effect
 from pipeline.discrepancy.stack import stack_arcs
+from pipeline.discrepancy.track import tracks_table
 from pipeline.external.ball_drops import read_ball_drops
 from pipeline.external.cube_tosses import read_cube_tosses
 from pipeline.external.place import RealSet, real_motion_folder
@@ -71,11 +76,22 @@ def _short(value: float | list[float] | None) -> str:
     return "[" + ", ".join(f"{x:.3g}" for x in value) + "]" if isinstance(value, list) else f"{value:.3g}"
 
 
+def write_sets(sets: Sequence[RealSet], folder: Path) -> None:
+    """<name>.parquet and <name>.yaml of each set, as `dynamics discover` takes them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for real in sets:
+        name = real.name.replace(" ", "_")
+        pq.write_table(tracks_table(real.tracks), folder / f"{name}.parquet")
+        YAML(typ="safe").dump(real.known, folder / f"{name}.yaml")
+        print(f"wrote {folder / name}.parquet and .yaml")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tosses", type=int, default=48)
     parser.add_argument("--flights", type=int, default=54)
     parser.add_argument("--out", type=Path, default=Path("reports/real_motion.md"))
+    parser.add_argument("--write", type=Path, help="folder for the sets as `dynamics discover` takes them")
     arguments = parser.parse_args()
     folder = real_motion_folder()
     if folder is None:
@@ -83,6 +99,9 @@ def main() -> None:
     drops = read_ball_drops(folder / "ball_drops")
     sets = [*drops, read_table_tennis(folder / "table_tennis", arguments.flights),
             read_cube_tosses(folder / "cube_tosses", arguments.tosses)]  # fmt: skip
+    if arguments.write:
+        write_sets(sets, arguments.write)
+        return
     lines = ["| set | verdict | confidence | equivalent | parameters or form | gap before, mm | after | floor | s |",
              "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"]  # fmt: skip
     for real in sets:
