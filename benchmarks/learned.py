@@ -3,7 +3,7 @@
 Asks one model about the clips of a finished graph. In a clone, on fresh clips:
 
     dvc exp run -S seed=11 -S suites.id.clips=200 -S suites.held_out.clips=48 -S suites.more.clips=48 \\
-        -S suites.real.path=CROSS_ENGINE flow@id flow@held_out flow@more flow@real
+        -S suites.real.path=CROSS_ENGINE best_of_k@id best_of_k@held_out best_of_k@more best_of_k@real
     python -m benchmarks.learned tiny [--model models/tiny] [--samples 32] [--suites id,held_out,more,real]
 
 The name says which row of the tables the answers are for; other rows stand beside it, and those named in RIVALS are
