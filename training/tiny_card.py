@@ -81,13 +81,12 @@ pipeline_tag: video-text-to-text
 # tiny
 
 A Qwen2.5-VL architecture of {millions:.1f} million parameters with its own tokenizer. It reads the optical flow of a
-one-second clip and writes the scene. It ships so that the whole graph runs on a laptop. Its third colour channel does
-not show blue but tells each patch its place and time (`places` in clip_layout.json).
+one-second clip and writes the scene. It ships so that the whole graph runs on a laptop.{places}
 
 **Training.** `python -m training.tiny`, from random weights, on clips that are sampled, simulated and rasterised on the
 way (the distribution of params.yaml, 1 to 4 objects, exact flow with noise like RAFT's): {clips:,} clips shown,
-{fresh_clips:,} of them different, {minutes:.0f} minutes of one shared CPU core, in the first of them the vision tower
-alone. A quarter of the clips are without reasoning. Loss on held-out clips: {loss:.3f} nats a free token.
+{fresh_clips:,} of them different, {minutes:.0f} minutes of one shared CPU core. A quarter of the clips
+are without reasoning. Loss on held-out clips: {loss:.3f} nats a free token.
 
 **Scores** before any search, with RAFT's flow, on fresh clips (`python -m benchmarks.learned tiny`), means with 95 %
 bootstrap intervals:
@@ -102,6 +101,8 @@ a test computes the first {checked} again):
 **Limits.** {limits} Masses of bodies that touch nothing movable and the absolute scale are not determined by a clip;
 search (`--search`) fits a clip better than any answer.
 """
+PLACES = """ Its third colour channel does not show blue
+but tells each patch its place and time (`places` in clip_layout.json)."""
 CHECKED = 16  # clips that the test scores again
 LIMITS = "It has seen few clips, and many of its answers have a wrong shape or count."
 
@@ -139,6 +140,7 @@ def main() -> None:
         learned = from_csv(list(csv.DictReader(file)))
     text = CARD.format(
         millions=sum(p.numel() for p in base.model.parameters()) / 1e6,
+        places=PLACES if base.layout.places else "",
         clips=int(log["clips"]),
         fresh_clips=int(log["fresh_clips"]),
         minutes=float(log["minutes"]),
