@@ -1,6 +1,9 @@
 """Verdicts on small worlds, and the files that the command leaves."""
 
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -192,3 +195,22 @@ def test_a_bad_file_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main(["discover", str(tmp_path / "bad.csv"), str(scene), "-o", str(tmp_path / "out")]) == 2
     assert "no column 'z'" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+KILLED = """
+import os, signal, sys
+import pipeline.commands.discover_tracks as command
+from pipeline.commands.main import main
+command.html_page = lambda *_: os.kill(os.getpid(), signal.SIGKILL)  # some files are written by then
+main(sys.argv[1:])
+"""
+
+
+def test_a_run_that_is_killed_while_it_writes_leaves_no_half_report(tmp_path: Path) -> None:
+    measured, scene = files(tmp_path)
+    words = ["discover", str(measured), str(scene), "-o", str(tmp_path / "out")]
+    killed = subprocess.run([sys.executable, "-c", KILLED, *words], capture_output=True)
+    assert killed.returncode == -signal.SIGKILL
+    assert not (tmp_path / "out").exists()
+    assert main(words) == 0
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["verdict"]["effects"] == ["air_drag"]
