@@ -12,6 +12,7 @@ import numpy as np
 
 from pipeline.evaluation.intervals import Estimate, bootstrap_mean
 
+NOTHING = Estimate(np.nan, np.nan, np.nan, 0)
 COSTS = ("simulations", "seconds")
 
 
@@ -67,7 +68,7 @@ def from_csv(rows: Sequence[Mapping[str, str]]) -> Summary:
     simulations = {(r["suite"], r["method"]): float(r["simulations"]) for r in rows}
     metrics = dict.fromkeys(r["metric"] for r in rows)
     for key in simulations:
-        estimates[key] = {m: Estimate(np.nan, np.nan, np.nan, 0) for m in metrics}
+        estimates[key] = dict.fromkeys(metrics, NOTHING)
     for r in rows:
         found = Estimate(float(r["mean"]), float(r["low"]), float(r["high"]), int(r["clips"]))
         estimates[r["suite"], r["method"]][r["metric"]] = found
@@ -80,7 +81,8 @@ def cell(e: Estimate) -> str:
 
 
 def table(summary: Summary, columns: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of a table with one line per suite and method; columns: metric -> heading."""
+    """Header and rows of a table with one line per suite and method; columns: metric -> heading, a dash where there is
+    no such metric."""
     header = ["suite", "method", "clips", *COSTS, *columns.values()]
     rows = []
     for key, metrics in summary.estimates.items():
@@ -88,7 +90,7 @@ def table(summary: Summary, columns: Mapping[str, str]) -> tuple[list[str], list
             f"{summary.simulations[key]:.4g}",
             "–" if np.isnan(summary.seconds[key]) else f"{summary.seconds[key]:.2g}",
         ]
-        rows.append([*key, str(metrics["iou"].n), *cost, *(cell(metrics[m]) for m in columns)])
+        rows.append([*key, str(metrics["iou"].n), *cost, *(cell(metrics.get(m, NOTHING)) for m in columns)])
     return header, rows
 
 

@@ -50,6 +50,7 @@ def test_each_form_of_a_summary_has_every_suite_and_method(summary: Summary) -> 
     assert len(as_csv(summary).splitlines()) == 1 + 2 * 2 * 2
     again = from_csv(list(csv.DictReader(io.StringIO(as_csv(summary)))))
     assert as_csv(again) == as_csv(summary) and again.simulations == summary.simulations
+    assert [row[-1] for row in table(again, {"error.mass": "mass"})[1]] == ["–"] * 4  # as_csv leaves it out
     header, rows = table(summary, {"iou": "IoU", "error.mass": "mass"})
     assert len(rows) == 4 and all(row[-1] == "–" for row in rows)
     assert markdown(header, rows).count("\n") == 6
