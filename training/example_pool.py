@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from torch import multiprocessing
 
+from pipeline.language.completion import MAX_OBJECTS
 from training.examples import Example
 from training.patch_labels import PatchLabels
 
@@ -18,8 +19,9 @@ BATCHES = 8  # drawn together, and sorted by length
 @dataclass
 class Pool:
     """The latest clips, from which batches are drawn: `reuse` draws a clip on average. Of the clips drawn a `share`
-    comes from `kept`, which are costly, until they were drawn `KEPT_REUSE` times each. waiting: batches drawn already;
-    clips of a batch are about as long as each other, since all are padded to the longest."""
+    comes from `kept`, which are costly, until they were drawn `KEPT_REUSE` times each. most: objects of a clip that is
+    drawn. waiting: batches drawn already; clips of a batch are about as long as each other, since all are padded to the
+    longest."""
 
     capacity: int
     reuse: float
@@ -32,6 +34,7 @@ class Pool:
     kept: list[Example] = field(default_factory=list)
     share: float = 0.0
     drawn_kept: float = 0.0
+    most: int = MAX_OBJECTS
 
     def fill(self, least: int) -> None:
         """Take new examples until there are `least`, and as many as `reuse` asks for; the makers rest otherwise."""
@@ -51,8 +54,15 @@ class Pool:
         from_kept = rng.random(count) < (self.share if left > 0 else 0.0)
         self.drawn_kept += weight * float(from_kept.sum())
         self.drawn += weight * float(count - from_kept.sum())
-        return [self.kept[rng.integers(len(self.kept))] if kept else self.examples[rng.integers(len(self.examples))]
-                for kept in from_kept]  # fmt: skip
+        return [self.one(rng, self.kept if kept else self.examples) for kept in from_kept]
+
+    def one(self, rng: np.random.Generator, examples: Sequence[Example]) -> Example:
+        """One of them with `most` objects; any one where chance finds none."""
+        for _ in range(100):
+            example = examples[int(rng.integers(len(examples)))]
+            if example.objects <= self.most:
+                break
+        return example
 
     def mosaics(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, list[PatchLabels]]:
         """Pictures (count, T, H, W, 3) and labels of clips each of whose temporal patches is from another clip: the

@@ -15,7 +15,7 @@ from pipeline.clips.draw import Filters, draw_clips
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import View, areas_px, frame_masks, pair_view, trace_pairs
 from pipeline.language.codec import Codec, Tokens
-from pipeline.language.completion import write_completion
+from pipeline.language.completion import MAX_OBJECTS, write_completion
 from pipeline.language.events import Thresholds, find_events
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.patches import PatchLayout, resize_frames
@@ -44,6 +44,11 @@ class Example:
     tokens: Tokens
     picture: np.ndarray
     patches: PatchLabels
+
+    @property
+    def objects(self) -> int:
+        """How many objects a patch shows."""
+        return int(self.patches.place.max(initial=-1, where=self.patches.shape > 0)) + 1
 
 
 @dataclass(frozen=True)
@@ -95,15 +100,17 @@ def picture(
 
 
 def make_examples(
-    params: Params, codec: Codec, kind: Kind, suite: str, indices: range, reasoning: bool, noise: float = 1.0
-) -> list[Example]:
-    """Training examples of the given clip indices."""
+    params: Params, codec: Codec, kind: Kind, suite: str, indices: range, reasoning: bool, noise: float = 1.0,
+    most: int = MAX_OBJECTS,
+) -> list[Example]:  # fmt: skip
+    """Training examples of the given clip indices, of `most` objects."""
     schedule = Schedule(**params.clip.model_dump())
     distribution = Distribution(**params.sample.distribution.model_dump())
     filters = Filters(**params.sample.filters.model_dump())
     thresholds = Thresholds(**params.events.model_dump(), visible_px=filters.visible_px)
     train = params.suites.train
-    drawn = draw_clips(params.seed, suite, indices, distribution, filters, schedule, train.objects, (), train.without)
+    objects = {n: weight for n, weight in train.objects.items() if n <= most}
+    drawn = draw_clips(params.seed, suite, indices, distribution, filters, schedule, objects, (), train.without)
     examples = []
     for index, scene in zip(indices, drawn.scenes, strict=True):
         trace = simulate(scene, schedule.seconds)
@@ -117,11 +124,12 @@ def make_examples(
 
 
 def generate(
-    params: Params, kind: Kind, first: int, stride: int, out: multiprocessing.Queue, noise: Synchronized
-) -> None:
+    params: Params, kind: Kind, first: int, stride: int, out: multiprocessing.Queue, noise: Synchronized,
+    most: Synchronized,
+) -> None:  # fmt: skip
     """Make chunks number first, first + stride, … as long as the trainer lives.
 
-    noise: the strength of the flow's noise, which the trainer raises.
+    noise, most: the strength of the flow's noise, and how many objects a clip has at most; the trainer raises both.
     """
     torch.set_num_threads(1)
     out.cancel_join_thread()  # a trainer that was killed reads no more
@@ -129,7 +137,7 @@ def generate(
     chunk = first
     while True:
         indices = range(chunk * CHUNK, (chunk + 1) * CHUNK)
-        examples = make_examples(params, codec, kind, SUITE, indices, kind.reasons(chunk), noise.value)
+        examples = make_examples(params, codec, kind, SUITE, indices, kind.reasons(chunk), noise.value, most.value)
         while True:
             try:
                 out.put((chunk, examples), timeout=30)

@@ -7,7 +7,8 @@ newer one takes its place. Stops at --minutes; the learning rate falls to nothin
 checkpoint every few minutes and goes on from the last one; `before_decay.pt` is the one to train longer from (copy it
 to `checkpoint.pt` and give more --minutes). `log.csv` in --work has the losses. The vision tower learns what the
 simulator knows of each patch (training/patch_labels.py): alone in the first --vision minutes, then beside the
-completion; the noise of the flow rises from nothing to RAFT's in the first --quiet minutes.
+completion, of clips with one, two and three objects first; the noise of the flow rises from nothing to RAFT's in the
+first --quiet minutes.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import torch
 from torch import multiprocessing
 
 from pipeline.language.codec import Codec
+from pipeline.language.completion import MAX_OBJECTS
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import Base
 from pipeline.model.inputs import video_inputs
@@ -71,6 +73,14 @@ def learning_rate(step: int, left: float, decay: float) -> float:
 def noise_at(minutes: float, quiet: float) -> float:
     """Strength of the noise after so many minutes, of which the first `quiet` are with less than RAFT's."""
     return min(1.0, minutes / quiet) if quiet else 1.0
+
+
+def most_objects(minutes: float, vision: float, few: float) -> int:
+    """Of a clip: one in the first third of the `few` minutes after those of the vision tower alone, two in the second,
+    three in the last; any number before, since patches do not mind, and after. With one object, whatever the text looks
+    at in the pictures is what it is about."""
+    started = minutes - vision
+    return 1 + int(3 * started / few) if 0 <= started < few else MAX_OBJECTS
 
 
 def see(base: Base, clips: torch.Tensor) -> torch.Tensor:
@@ -136,8 +146,9 @@ def train(args: argparse.Namespace) -> None:
     context = multiprocessing.get_context("spawn")
     source = context.Queue(maxsize=2 * args.generators + 2)
     noise = context.Value("d", noise_at(state["seconds"] / 60, args.quiet))
+    most = context.Value("i", most_objects(state["seconds"] / 60, args.vision, args.few))
     makers = [context.Process(target=generate, daemon=True,
-                              args=(params, kind, state["chunk"] + i, args.generators, source, noise))
+                              args=(params, kind, state["chunk"] + i, args.generators, source, noise, most))
               for i in range(args.generators)]  # fmt: skip
     for maker in makers:
         maker.start()
@@ -158,6 +169,7 @@ def train(args: argparse.Namespace) -> None:
             save_checkpoint(args.work / "before_decay.pt", base, head, optimizers, state)
         pool.fill(least=8 * args.batch)
         noise.value = noise_at(minutes, args.quiet)
+        pool.most = most.value = most_objects(minutes, args.vision, args.few)
         alone = minutes < args.vision
         step = state["step"] if alone else state["step"] - state["seen"]
         share = learning_rate(step, args.minutes - minutes, args.decay)
@@ -240,6 +252,7 @@ def main() -> None:
     parser.add_argument("--patch-weight", type=float, default=0.5, help="of the loss on patch labels")
     parser.add_argument("--vision", type=float, default=30, help="minutes for the vision tower alone")
     parser.add_argument("--quiet", type=float, default=30, help="minutes until the flow is as noisy as RAFT's")
+    parser.add_argument("--few", type=float, default=30, help="minutes after these with clips of few objects")
     parser.add_argument("--decay", type=float, default=20, help="minutes at the end in which the learning rate falls")
     parser.add_argument("--pool", type=int, default=4000, help="clips held in memory, 0.7 MB each")
     parser.add_argument("--reuse", type=float, default=4.0, help="draws per clip")

@@ -1,5 +1,6 @@
 """The pool of clips that the tiny model is trained on."""
 
+from dataclasses import replace
 from multiprocessing import Queue
 
 import numpy as np
@@ -16,6 +17,11 @@ def numbered(value: int) -> Example:
     pair = np.arange(3)  # temporal patches of two pictures each
     labels = PatchLabels(*(10 * value + pair[:, None] for _ in range(3)))
     return Example(tokens, (10 * value + pair.repeat(2))[:, None], labels)
+
+
+def showing(objects: int) -> Example:
+    place = np.arange(6).reshape(1, 2, 3) % objects
+    return replace(numbered(0), patches=PatchLabels(np.ones_like(place), place, place))
 
 
 def example(length: int) -> Example:
@@ -39,7 +45,7 @@ def test_batches_hold_clips_of_like_length_and_all_clips_come(rng: np.random.Gen
 
 
 def test_a_mosaic_has_each_moment_of_another_clip_with_its_labels(rng: np.random.Generator) -> None:
-    pool = Pool(50, 4.0, Queue(), [numbered(i) for i in range(50)])
+    pool = Pool(50, 4.0, Queue(), [numbered(i) for i in range(50)], most=1000)
     pictures, labels = pool.mosaics(rng, 40)
     assert pictures.shape == (40, 6, 1) and len(labels) == 40
     assert pool.drawn == pytest.approx(40)
@@ -52,7 +58,7 @@ def test_a_mosaic_has_each_moment_of_another_clip_with_its_labels(rng: np.random
 
 def test_a_share_of_the_clips_is_drawn_from_those_kept_until_they_are_worn(rng: np.random.Generator) -> None:
     kept = [numbered(70 + i) for i in range(10)]
-    pool = Pool(50, 4.0, Queue(), [numbered(i) for i in range(50)], kept=kept, share=0.3)
+    pool = Pool(50, 4.0, Queue(), [numbered(i) for i in range(50)], kept=kept, share=0.3, most=1000)
     values = [int(e.picture[0, 0]) // 10 for e in pool.chosen(rng, 2000)]
     assert 0.25 < np.mean([v >= 70 for v in values]) < 0.35
     assert set(values) == {*range(50), *range(70, 80)}
@@ -60,3 +66,10 @@ def test_a_share_of_the_clips_is_drawn_from_those_kept_until_they_are_worn(rng: 
     while pool.drawn_kept < KEPT_REUSE * len(kept):
         pool.chosen(rng, 100)
     assert all(e.picture[0, 0] < 500 for e in pool.chosen(rng, 50))
+
+
+def test_clips_with_more_objects_than_asked_for_are_not_drawn(rng: np.random.Generator) -> None:
+    pool = Pool(50, 4.0, Queue(), [showing(i % 4 + 1) for i in range(40)], most=2)
+    assert {e.objects for e in pool.chosen(rng, 300)} == {1, 2}
+    pool.most = 6
+    assert {e.objects for e in pool.chosen(rng, 300)} == {1, 2, 3, 4}
