@@ -156,9 +156,9 @@ class _Clip:
         gone = self.travel(body, time + HALF_CENT, max(end, time + HALF_CENT))
         if end > time + 0.02 and gone > 2 * MOVING * (end - time) + 0.002:  # it may rock a little
             faults.append(f"it goes on: {1000 * gone:.1f} mm in {end - time:.2f} s")
-        gone = self.travel(body, time - 0.2, time)
-        if gone < MOVING * 0.1:
-            faults.append(f"it was at rest before: {1000 * gone:.1f} mm in 0.2 s")
+        path = sum(float(each.sum()) for each in self.speeds(body, time - 0.2, time)) / RATE  # it may turn back
+        if path < MOVING * 0.1:
+            faults.append(f"it was at rest before: {1000 * path:.1f} mm in 0.2 s")
         speed, turning = self.speeds(body, time - 0.1 - HALF_CENT, time)
         slips = self.slips(body, time - 0.1 - HALF_CENT, time)
         if not len(slips):
