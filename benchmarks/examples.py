@@ -1,6 +1,6 @@
 """Training clips a second (sample, simulate, exact flow with noise, events, tokens, labels), beside RGB and RAFT.
 
-python -m benchmarks.examples [--workers 2] [--seconds 20]
+Run: python -m benchmarks.examples [--workers 2] [--seconds 20]
 """
 
 from __future__ import annotations

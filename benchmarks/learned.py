@@ -83,7 +83,7 @@ def shown_of(suite: Suite, label: str, clip: int, kind: str, params: Params, bas
     return resize_frames(found, base.layout.width, base.layout.height)
 
 
-def rows_of(name: str, base: Base, suite: Suite, label: str, clip: int, asked: argparse.Namespace, params: Params,
+def rows_of(asked: argparse.Namespace, base: Base, suite: Suite, label: str, clip: int, params: Params,
             tries: Tries) -> Iterator[dict[str, Any]]:  # fmt: skip
     """The scores of the greedy answer to a clip, and of the best of the samples."""
     schedule = Schedule(**params.clip.model_dump())
@@ -99,7 +99,7 @@ def rows_of(name: str, base: Base, suite: Suite, label: str, clip: int, asked: a
     reasoning = not asked.silent
     (scene,), seconds = answers(base, shown, Sampling(reasoning=reasoning, seconds=schedule.seconds), 0, tries)
     head = {"suite": label, "clip": clip}
-    yield {**head, "method": name, "simulations": 0, "seconds": seconds, **scored(scene)}
+    yield {**head, "method": asked.name, "simulations": 0, "seconds": seconds, **scored(scene)}
     if not asked.samples:
         return
     seed = zlib.crc32(f"{params.seed} {label} {clip}".encode())
@@ -109,7 +109,7 @@ def rows_of(name: str, base: Base, suite: Suite, label: str, clip: int, asked: a
     target = make_target(masks, suite["flow"][clip].array("flow"), params.search.width, params.search.height)
     ranking = rank(Evaluator(target, schedule, threads=1), scenes)
     curve = best_of_curve(ranking.rewards.reward, ranking.rewards.iou)
-    yield {**head, "method": f"{name}, best of {asked.samples}", "simulations": asked.samples, "seconds": seconds,
+    yield {**head, "method": f"{asked.name}, best of {asked.samples}", "simulations": asked.samples, "seconds": seconds,
            **scored(scenes[ranking.order[0]]),
            **{f"iou@{k}": float(curve[k - 1]) for k in CURVE if k <= asked.samples}}  # fmt: skip
 
@@ -124,7 +124,7 @@ def ask(asked: argparse.Namespace) -> None:
         suite = open_suite(label, ["render", "flow"])
         todo = [c for c in range(len(suite["flow"])) if (label, c, asked.name) not in done]
         for clip in tqdm(todo[: asked.clips], desc=label, unit="clip"):
-            rows = list(rows_of(asked.name, base, suite, label, clip, asked, params, tries))
+            rows = list(rows_of(asked, base, suite, label, clip, params, tries))
             with ANSWERS.open("a") as file:
                 file.writelines(json.dumps(row) + "\n" for row in rows)
 
@@ -145,9 +145,8 @@ def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[li
 
 
 def summary_text(summary: Summary, differing: list[list[str]]) -> str:
-    curves = Summary({k: v for k, v in summary.estimates.items() if "best of" in k[1]}, *(
-        {k: v for k, v in column.items() if "best of" in k[1]} for column in (summary.simulations, summary.seconds)
-    ))  # fmt: skip
+    columns = (summary.estimates, summary.simulations, summary.seconds)
+    curves = Summary(*({k: v for k, v in column.items() if "best of" in k[1]} for column in columns))  # type: ignore[arg-type]
     header = ["suite", "greedy sequence IoU", "clips", "first", "second", "difference"]
     return "\n".join([
         "# The model's answers before any search\n",

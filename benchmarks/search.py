@@ -18,7 +18,6 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.drawn_scene import drawn_scene
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
 from pipeline.evaluation.overlap_scores import assign, count, pair_iou, sequence_iou
@@ -34,6 +33,7 @@ from pipeline.vision.mujoco_render import Canvas
 from pipeline.vision.render_backend import choose_backend
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
+from training.drawn_scenes import drawn_scenes
 
 OBJECTS = 4
 OBVIOUS_CANDIDATES = 48
@@ -82,7 +82,7 @@ def main() -> None:
     seed = secrets.randbits(32) if arguments.seed is None else arguments.seed
     params = read_params_file(PARAMS_FILE, Params)
     schedule = Schedule(**params.clip.model_dump())
-    scene = drawn_scene(seed, "benchmark", 0, OBJECTS, params, schedule)
+    scene = drawn_scenes(params, seed, "benchmark", range(1), {OBJECTS: 1.0})[0]
     view = pair_view(
         scene, *trace_pairs(simulate(scene, schedule.seconds), schedule), arguments.width, arguments.height
     )

@@ -27,7 +27,6 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.drawn_scene import drawn_scene
 from benchmarks.kept_answers import answers_of, kept_answers
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.intervals import bootstrap_mean
@@ -49,6 +48,7 @@ from pipeline.vision.motion_masks import masks_from_motion
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
 from stages.suite import Suite, greedy_row, open_suite, reference
+from training.drawn_scenes import drawn_scenes
 
 RESULTS = Path("benchmarks/results/starts")
 BUDGETS = (0, 200, 1000, 1280, 3200, 12800)
@@ -82,7 +82,7 @@ def start_of(
     if kind == "bestK":
         return read_scene(suite["best_of_k"][clip].rows()[0]["scene"])
     if kind == "prior":
-        return drawn_scene(params.seed, "prior", clip, max(target.instances, 1), params, schedule)
+        return drawn_scenes(params, params.seed, "prior", range(clip, clip + 1), {max(target.instances, 1): 1.0})[0]
     assert shapes is not None
     return guess_scene(target, shapes, schedule.pairs[:, 0] / schedule.fps)
 

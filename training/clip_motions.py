@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.clips.draw import Filters, draw_clips
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
 from pipeline.physics.simulate import simulate
-from pipeline.scene.sample import Distribution
 from pipeline.vision.camera import pinhole
 from stages.params import Params
 from stages.params_file import read_params_file
+from training.drawn_scenes import drawn_scenes
 from training.motion import Motion
 
 COUNTS = {1: 1.0, 2: 1.0, 3: 1.0, 4: 1.0}
@@ -25,16 +24,10 @@ class ClipMotions:
     """An endless supply of motions, `pairs` from each clip at random times; the clips of a seed are always the same."""
 
     def __init__(self, seed: int, pairs: int = 6) -> None:
-        params = read_params_file(PARAMS_FILE, Params)
+        self.params = read_params_file(PARAMS_FILE, Params)
         self.seed = seed
         self.pairs = pairs
-        self.schedule = Schedule(**params.clip.model_dump())
-        self.rules = (
-            Distribution(**params.sample.distribution.model_dump()),
-            Filters(**params.sample.filters.model_dump()),
-            self.schedule,
-            COUNTS,
-        )
+        self.schedule = Schedule(**self.params.clip.model_dump())
         self.next_clip = 0
         self.ready: list[Motion] = []
 
@@ -46,7 +39,7 @@ class ClipMotions:
         return self.ready.pop()
 
     def of_clip(self, rng: np.random.Generator, clip: int) -> list[Motion]:
-        (scene,) = draw_clips(self.seed, SUITE, range(clip, clip + 1), *self.rules).scenes
+        (scene,) = drawn_scenes(self.params, self.seed, SUITE, range(clip, clip + 1), COUNTS)
         try:
             trace = simulate(scene, self.schedule.seconds)
         except SimulationError:

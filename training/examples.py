@@ -11,7 +11,6 @@ import numpy as np
 import torch
 from torch import multiprocessing
 
-from pipeline.clips.draw import Filters, draw_clips
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import View, areas_px, frame_masks, pair_view, trace_pairs
 from pipeline.language.codec import Codec, Tokens
@@ -21,7 +20,6 @@ from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.patches import PatchLayout, resize_frames
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
-from pipeline.scene.sample import Distribution
 from pipeline.scene.scene import Scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.appearance import apply_sensor, sample_appearance, sample_sensor
@@ -30,6 +28,7 @@ from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from pipeline.vision.raft import RAFT, load_raft
 from pipeline.vision.render import render_rgb
 from stages.params import Params
+from training.drawn_scenes import drawn_scenes
 from training.patch_labels import PatchLabels, patch_labels
 
 LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5), places=0.25)
@@ -105,14 +104,12 @@ def make_examples(
 ) -> list[Example]:  # fmt: skip
     """Training examples of the given clip indices, of `most` objects."""
     schedule = Schedule(**params.clip.model_dump())
-    distribution = Distribution(**params.sample.distribution.model_dump())
-    filters = Filters(**params.sample.filters.model_dump())
-    thresholds = Thresholds(**params.events.model_dump(), visible_px=filters.visible_px)
+    thresholds = Thresholds(**params.events.model_dump(), visible_px=params.sample.filters.visible_px)
     train = params.suites.train
     objects = {n: weight for n, weight in train.objects.items() if n <= most}
-    drawn = draw_clips(params.seed, suite, indices, distribution, filters, schedule, objects, (), train.without)
+    scenes = drawn_scenes(params, params.seed, suite, indices, objects, train.without)
     examples = []
-    for index, scene in zip(indices, drawn.scenes, strict=True):
+    for index, scene in zip(indices, scenes, strict=True):
         trace = simulate(scene, schedule.seconds)
         areas = areas_px(frame_masks(scene, trace, schedule, 120, 80), len(scene.objects))
         events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds) if reasoning else None

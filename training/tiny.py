@@ -41,6 +41,12 @@ from training.muon import Muon
 from training.patch_labels import PatchHead
 
 
+def new_base() -> Base:
+    """The tiny model with random weights, always the same."""
+    tokenizer = build_tokenizer()
+    return Base(build_tiny(tokenizer, TinySize(), seed=0), tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens))
+
+
 @torch.no_grad()
 def validate(base: Base, examples: list[Example], batch_size: int) -> dict[str, float]:
     """Mean loss of free tokens, and of the shapes and numbers among them, nats."""
@@ -121,11 +127,10 @@ def train(args: argparse.Namespace) -> None:
     params = read_params_file(PARAMS_FILE, Params)
     torch.set_num_threads(args.threads)
     torch.set_float32_matmul_precision(args.matmul)
-    tokenizer = build_tokenizer()
-    model = build_tiny(tokenizer, TinySize(), seed=0).to(args.device)
+    base = new_base()
+    model = base.model.to(args.device)
     if args.device == "cpu":
         model.set_attn_implementation("eager")  # faster than the fused kernel, whose products are many and small
-    base = Base(model, tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens))
     head = PatchHead(model.config.text_config.hidden_size, LAYOUT).to(args.device)
     seen: list[torch.Tensor] = []  # the vision tower's tokens in the last forward pass
     model.model.visual.register_forward_hook(lambda module, inputs, output: seen.append(output.pooler_output))
@@ -152,11 +157,12 @@ def train(args: argparse.Namespace) -> None:
               for i in range(args.generators)]  # fmt: skip
     for maker in makers:
         maker.start()
-    held = make_examples(params, base.codec, kind, SUITE + "-held", range(args.validation), args.silent < 1)
     pool = Pool(args.pool, args.reuse, source, [])
     measured = Measured(args.measured) if args.measured else None
     if measured is not None:
         held, pool.share = measured.refresh()[: args.validation], args.measured_share
+    else:
+        held = make_examples(params, base.codec, kind, SUITE + "-held", range(args.validation), args.silent < 1)
     rng = np.random.default_rng(state["step"])
     log = args.work / "log.csv"
     began, last_save, last_log, recent = time.monotonic() - state["seconds"], time.monotonic(), 0.0, []
@@ -223,10 +229,9 @@ def train(args: argparse.Namespace) -> None:
 
 def export(checkpoint: Path, out: Path) -> None:
     """Write the model of a checkpoint as it stands."""
-    tokenizer = build_tokenizer()
-    model = build_tiny(tokenizer, TinySize(), seed=0)
-    model.load_state_dict(torch.load(checkpoint, map_location="cpu", weights_only=True)["model"])
-    Base(model, tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens)).save(out)
+    base = new_base()
+    base.model.load_state_dict(torch.load(checkpoint, map_location="cpu", weights_only=True)["model"])
+    base.save(out)
     print(f"saved to {out}", flush=True)
 
 

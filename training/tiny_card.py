@@ -17,7 +17,6 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from pipeline.clips.draw import Filters, draw_clips
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
 from pipeline.evaluation.intervals import bootstrap_mean
@@ -28,10 +27,10 @@ from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling, generate
 from pipeline.model.walker import Tries
 from pipeline.physics.simulate import simulate
-from pipeline.scene.sample import Distribution
 from pipeline.scene.scene import Scene
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
+from training.drawn_scenes import drawn_scenes
 from training.examples import LAYOUT, Kind, picture
 
 LEARNED = Path("benchmarks/results/learned/learned.csv")
@@ -58,16 +57,14 @@ def shown(params: Params, index: int, scene: Scene) -> np.ndarray:
 def measure(base: Base, params: Params, clips: int) -> list[dict[str, float]]:
     """Scores of the greedy answers on the first `clips` clips of `SUITE`, of 1 to 3 objects."""
     schedule = Schedule(**params.clip.model_dump())
-    distribution = Distribution(**params.sample.distribution.model_dump())
-    filters = Filters(**params.sample.filters.model_dump())
     tries = Tries(base.codec)
     rows = []
     for start in tqdm(range(0, clips, BATCH), desc="clips", unit=f"{BATCH} clips", disable=None):
         indices = range(start, min(start + BATCH, clips))
-        drawn = draw_clips(params.seed, SUITE, indices, distribution, filters, schedule, params.suites.id.objects)
-        pictures = np.stack([shown(params, i, s) for i, s in zip(indices, drawn.scenes, strict=True)])
+        scenes = drawn_scenes(params, params.seed, SUITE, indices, params.suites.id.objects)
+        pictures = np.stack([shown(params, i, s) for i, s in zip(indices, scenes, strict=True)])
         greedy = Sampling(reasoning=True, seconds=schedule.seconds)
-        for scene, (answer,) in zip(drawn.scenes, generate(base, pictures, greedy, list(indices), tries), strict=True):
+        for scene, (answer,) in zip(scenes, generate(base, pictures, greedy, list(indices), tries), strict=True):
             rows.append(score(read_completion(answer.text).scene, true_reference(scene, schedule), schedule))
     return rows
 

@@ -12,9 +12,9 @@ from pipeline.discrepancy.problem import Problem
 
 @dataclass(frozen=True)
 class Candidate:
-    """effects: in the order in which they were added. score: what is compared (fitter.py); bic: of the
-    fitted clips; held_out: chi squared of the held-out ones; all corrected for correlated noise. obstacle: with its
-    price, which score and bic have in them."""
+    """effects: in the order in which they were added. score: what is compared (fitter.py); bic: of the fitted
+    clips; held_out: chi squared of the held-out ones; all corrected for correlated noise. obstacle: with its price,
+    which score and bic have in them."""
 
     effects: tuple[str, ...]
     fit: Fit

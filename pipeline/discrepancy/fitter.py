@@ -15,7 +15,6 @@ import numpy as np
 from pipeline.discrepancy.candidate import Candidate, with_obstacle
 from pipeline.discrepancy.fit import MOST_ITERATIONS, fit, unstuck
 from pipeline.discrepancy.impact import bounces, fit_restitution
-from pipeline.discrepancy.known_scene import KnownScene
 from pipeline.discrepancy.model import Model, known_model, with_effect, without_effect
 from pipeline.discrepancy.obstacle import fit_obstacle
 from pipeline.discrepancy.problem import Problem, split_at_jumps, starts_of
@@ -42,16 +41,14 @@ class Fitter:
     without effects.
     """
 
-    def __init__(
-        self, problem: Problem, known: KnownScene, kinds: Sequence[EffectKind], progress: Callable[[str], None]
-    ) -> None:
-        self.problem, self.known, self.kinds, self.progress = problem, known, kinds, progress
+    def __init__(self, problem: Problem, kinds: Sequence[EffectKind], progress: Callable[[str], None]) -> None:
+        self.problem, self.known, self.kinds, self.progress = problem, problem.known, kinds, progress
         self.sharper = 1.0
         self.restitution = None
         calibrated = self._calibrated()
         clips = frozenset(problem.fitted)
-        self.bounces = bounces(problem.impacts, problem.stacks, calibrated.fit, known, clips)
-        self.restitution = None if "damping" in known.fit else fit_restitution(self.bounces)
+        self.bounces = bounces(problem.impacts, problem.stacks, calibrated.fit, self.known, clips)
+        self.restitution = None if "damping" in self.known.fit else fit_restitution(self.bounces)
         self.none = self.with_bounces(calibrated, False)
 
     def _calibrated(self) -> Candidate:

@@ -66,9 +66,13 @@ class Selector:
         self._pose(problem)
 
     def _pose(self, problem: Problem) -> None:
-        self.problem = problem
-        self.fitter = Fitter(problem, self.known, self.kinds, self.progress)
+        self.fitter = Fitter(problem, self.kinds, self.progress)
         self.none = self.fitter.none
+
+    @property
+    def problem(self) -> Problem:
+        """What is left of the problem, without the arcs that no model explains."""
+        return self.fitter.problem
 
     def select(self) -> Selection:
         """The models that explain the measurements best."""

@@ -12,11 +12,14 @@ from training.examples import Example
 from training.patch_labels import PatchLabels
 
 
+def tokens(length: int) -> Tokens:
+    return Tokens(np.zeros(length, np.int32), 1, np.zeros(length, bool), np.zeros(length, bool))
+
+
 def numbered(value: int) -> Example:
-    tokens = Tokens(np.zeros(9, np.int32), 1, np.zeros(9, bool), np.zeros(9, bool))
     pair = np.arange(3)  # temporal patches of two pictures each
     labels = PatchLabels(*(10 * value + pair[:, None] for _ in range(3)))
-    return Example(tokens, (10 * value + pair.repeat(2))[:, None], labels)
+    return Example(tokens(9), (10 * value + pair.repeat(2))[:, None], labels)
 
 
 def showing(objects: int) -> Example:
@@ -24,15 +27,9 @@ def showing(objects: int) -> Example:
     return replace(numbered(0), patches=PatchLabels(np.ones_like(place), place, place))
 
 
-def example(length: int) -> Example:
-    tokens = Tokens(np.zeros(length, np.int32), 1, np.zeros(length, bool), np.zeros(length, bool))
-    nothing = np.zeros(0)
-    return Example(tokens, nothing, PatchLabels(nothing, nothing, nothing))
-
-
 def test_batches_hold_clips_of_like_length_and_all_clips_come(rng: np.random.Generator) -> None:
     lengths = rng.permutation(np.arange(200, 400))
-    pool = Pool(200, 4.0, Queue(), [example(int(n)) for n in lengths])
+    pool = Pool(200, 4.0, Queue(), [replace(numbered(0), tokens=tokens(int(n))) for n in lengths])
     seen: set[int] = set()
     spans = []
     for _ in range(20 * BATCHES):

@@ -10,7 +10,6 @@ from pipeline.model.patches import PatchLayout
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import BASIC_SHAPES, Camera, Scene, SceneObject
 from training.patch_labels import PatchHead, PatchLabels, patch_labels
-from training.tiny import learning_rate, most_objects, noise_at
 
 LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
 
@@ -65,20 +64,3 @@ def test_the_head_learns_the_labels_in_the_tokens_order(labelled: tuple[Scene, P
     told = head.blocks([labels.numbers, labels.numbers], tokens.device)
     m = LAYOUT.merge
     np.testing.assert_array_equal(told[: m * m].numpy(), labels.numbers[0, :m, :m].reshape(m * m, -1))
-
-
-def test_noise_rises_to_rafts_and_stays() -> None:
-    assert [noise_at(m, 40) for m in (0, 20, 40, 100)] == [0, 0.5, 1, 1] and noise_at(0, 0) == 1
-
-
-def test_the_learning_rate_rises_stays_and_falls_at_the_end() -> None:
-    assert learning_rate(0, 60, 20) == pytest.approx(0.01)
-    assert learning_rate(99, 60, 20) == learning_rate(5000, 20, 20) == 1.0
-    assert learning_rate(5000, 10, 20) == pytest.approx(0.51)
-    assert learning_rate(5000, 0, 20) == pytest.approx(0.02)
-    assert learning_rate(5000, 0, 0) == 1.0
-
-
-def test_the_text_begins_with_clips_of_one_object() -> None:
-    assert [most_objects(m, 40, 30) for m in (0, 39, 40, 49, 50, 60, 69)] == [6, 6, 1, 1, 2, 3, 3]
-    assert most_objects(70, 40, 30) == most_objects(40, 40, 0) == 6
