@@ -69,12 +69,12 @@ def without_ghosts(background: np.ndarray, frames: np.ndarray, rough: np.ndarray
     """The background (H, W, 3), repaired where a body that rests for long had got into it.
 
     rough: (T, H, W) bool, where the frames differ from it. A component whose outline is a stronger edge in the
-    background than in the frame is a ghost; there the background becomes that frame.
+    background than in the frame is a ghost; there the background becomes the median of the frames that show it.
     """
-    repaired = background.copy()
+    ghosts = np.zeros(rough.shape, bool)
     edges = gradient(background)
     least = SMALLEST_SHARE * rough[0].size
-    for frame, away in zip(frames, rough, strict=True):
+    for frame, away, ghost in zip(frames, rough, ghosts, strict=True):
         own = gradient(frame)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(away.astype(np.uint8))
         for k in range(1, count):
@@ -83,15 +83,19 @@ def without_ghosts(background: np.ndarray, frames: np.ndarray, rough: np.ndarray
             part = (labels == k).astype(np.uint8)
             outline = cv2.morphologyEx(part, cv2.MORPH_GRADIENT, OPEN) > 0
             if edges[outline].mean() > 1.5 * own[outline].mean():
-                there = cv2.dilate(part, CLOSE) > 0
-                repaired[there] = frame[there]
+                ghost |= cv2.dilate(part, CLOSE) > 0
+    there = ghosts.any(axis=0)
+    repaired = background.copy()
+    repaired[there] = np.ma.median(
+        np.ma.array(frames[:, there], mask=np.repeat(~ghosts[:, there, None], 3, axis=-1)), axis=0
+    ).astype(np.uint8)
     return repaired
 
 
 def gradient(picture: np.ndarray) -> np.ndarray:
-    """(H, W, 3) uint8 to the length of the luminance's gradient, (H, W)."""
-    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    return np.hypot(cv2.Sobel(grey, -1, 1, 0), cv2.Sobel(grey, -1, 0, 1))
+    """(H, W, 3) uint8 to the length of the gradient of all channels together, (H, W)."""
+    picture = picture.astype(np.float32)
+    return np.linalg.norm(np.concatenate([cv2.Sobel(picture, -1, 1, 0), cv2.Sobel(picture, -1, 0, 1)], -1), axis=-1)
 
 
 def filled(body: np.ndarray) -> np.ndarray:

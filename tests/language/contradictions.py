@@ -192,7 +192,7 @@ class _Clip:
         if end < time + 0.06:
             return []  # hit again too soon to tell
         alone = self.undisturbed(body, time - 0.15, time) == time
-        earlier = self.slips(body, time - 0.1, time - HALF_CENT)
+        earlier = self.slips(body, time - 0.1, time - HALF_CENT - 1 / RATE)
         share = slips.mean() / max(after.mean(), 1e-9)
         faults = []
         if motion == "rolling":
@@ -203,7 +203,7 @@ class _Clip:
             if self.scene.objects[body].shape == "box":
                 faults.append("boxes do not roll")
             moved = self.travel(body, time - 0.1, time - HALF_CENT) > 0.1 * MOVING
-            if self.stands(body, time - 0.1, time - HALF_CENT) and alone and moved and earlier.max() < slips.mean():
+            if self.stands(body, time - 0.1, time - HALF_CENT) and alone and moved and earlier.max(initial=0) < slips.mean():
                 faults.append("it slipped less before")
         else:
             if share < 0.05 or slips.max() < 0.05:
