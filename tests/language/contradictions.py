@@ -203,7 +203,8 @@ class _Clip:
             if self.scene.objects[body].shape == "box":
                 faults.append("boxes do not roll")
             moved = self.travel(body, time - 0.1, time - HALF_CENT) > 0.1 * MOVING
-            if self.stands(body, time - 0.1, time - HALF_CENT) and alone and moved and earlier.max(initial=0) < slips.mean():
+            stood = self.stands(body, time - 0.1, time - HALF_CENT) and len(earlier) > 0
+            if stood and alone and moved and earlier.max() < slips.mean():
                 faults.append("it slipped less before")
         else:
             if share < 0.05 or slips.max() < 0.05:
