@@ -15,59 +15,20 @@ from __future__ import annotations
 
 import argparse
 import csv
-import os
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from torch import multiprocessing
 
-from pipeline.language.codec import Codec
 from pipeline.language.completion import MAX_OBJECTS
-from pipeline.language.tokenizer import build_tokenizer
-from pipeline.model.base import Base
-from pipeline.model.inputs import video_inputs
-from pipeline.model.loss import batch_loss, make_batch
-from pipeline.model.tiny import TinySize, build_tiny
-from pipeline.scene.scene import BASIC_SHAPES
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
 from training.example_pool import Pool
-from training.examples import CHUNK, LAYOUT, SUITE, Example, Kind, generate, make_examples
+from training.examples import CHUNK, SUITE, Example, Kind, generate, make_examples
 from training.measured import Measured
-from training.muon import Muon
-from training.patch_labels import PatchHead
-
-
-def new_base() -> Base:
-    """The tiny model with random weights, always the same."""
-    tokenizer = build_tokenizer()
-    return Base(build_tiny(tokenizer, TinySize(), seed=0), tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens))
-
-
-@torch.no_grad()
-def validate(base: Base, examples: list[Example], batch_size: int) -> dict[str, float]:
-    """Mean loss of free tokens, and of the shapes and numbers among them, nats."""
-    base.model.eval()
-    shape_ids = [base.tokenizer.convert_tokens_to_ids(s) for s in BASIC_SHAPES]
-    sums = {"loss": [0.0, 0], "shape_loss": [0.0, 0], "number_loss": [0.0, 0]}
-    for start in range(0, len(examples), batch_size):
-        chosen = examples[start : start + batch_size]
-        batch = make_batch(base, [e.tokens for e in chosen], np.stack([e.picture for e in chosen]))
-        each = batch_loss(base, batch)[1].float().cpu()
-        prompt = len(base.codec.prompt_ids)
-        labels = batch.labels[:, prompt:]
-        numeric = torch.zeros_like(labels, dtype=torch.bool)
-        for i, e in enumerate(chosen):
-            numeric[i, : len(e.tokens.ids) - prompt] = torch.as_tensor(e.tokens.numeric[prompt:])
-        shapes = torch.isin(labels, torch.tensor(shape_ids))
-        for key, which in (("loss", labels != -100), ("shape_loss", shapes), ("number_loss", numeric)):
-            sums[key][0] += float(each[which].sum())
-            sums[key][1] += int(which.sum())
-    base.model.train()
-    return {key: total / max(count, 1) for key, (total, count) in sums.items()}
+from training.tiny_trainer import Trainer, new_base
 
 
 def learning_rate(step: int, left: float, decay: float) -> float:
@@ -89,139 +50,78 @@ def most_objects(minutes: float, vision: float, few: float) -> int:
     return 1 + int(3 * started / few) if 0 <= started < few else MAX_OBJECTS
 
 
-def see(base: Base, clips: torch.Tensor) -> torch.Tensor:
-    """The vision tower's tokens (B * tokens, hidden) of clips (B, T, H, W, 3) uint8."""
-    patches, grid = video_inputs(base, clips)
-    return base.model.model.visual(patches, grid_thw=grid).pooler_output
-
-
-@torch.no_grad()
-def shapes_right(base: Base, head: PatchHead, examples: list[Example]) -> float:
-    """Share of the patches on objects in which the vision tower sees the right shape."""
-    tokens = see(base, torch.as_tensor(np.stack([e.picture for e in examples])))
-    return head.shapes_right(tokens, [e.patches for e in examples])
-
-
-def make_optimizers(base: Base, head: PatchHead, rate: float, muon_rate: float) -> list[torch.optim.Optimizer]:
-    """Muon for the matrices between hidden features, AdamW for the rest."""
-    visual, language = base.model.model.visual, base.model.model.language_model
-    inner = [*visual.blocks.parameters(), *visual.merger.parameters(), *language.layers.parameters()]
-    hidden = [p for p in inner if p.ndim == 2]
-    chosen = {id(p) for p in hidden}
-    rest = [p for p in [*base.model.parameters(), *head.parameters()] if id(p) not in chosen]
-    return [Muon(hidden, muon_rate, weight_decay=0.05),
-            torch.optim.AdamW(rest, rate, betas=(0.9, 0.95), weight_decay=0.05)]  # fmt: skip
-
-
-def save_checkpoint(
-    path: Path, base: Base, head: PatchHead, optimizers: list[torch.optim.Optimizer], state: dict
-) -> None:
-    temporary = path.with_suffix(".tmp")
-    weights = {"model": base.model.state_dict(), "head": head.state_dict(),
-               "optimizers": [o.state_dict() for o in optimizers]}  # fmt: skip
-    torch.save(weights | state, temporary)
-    os.replace(temporary, path)
+def append_row(path: Path, row: dict[str, float]) -> None:
+    with path.open("a", newline="") as file:
+        writer = csv.DictWriter(file, row)
+        if file.tell() == 0:
+            writer.writeheader()
+        writer.writerow(row)
 
 
 def train(args: argparse.Namespace) -> None:
-    params = read_params_file(PARAMS_FILE, Params)
+    params, kind = read_params_file(PARAMS_FILE, Params), Kind(args.input, args.silent)
     torch.set_num_threads(args.threads)
     torch.set_float32_matmul_precision(args.matmul)
-    base = new_base()
-    model = base.model.to(args.device)
-    if args.device == "cpu":
-        model.set_attn_implementation("eager")  # faster than the fused kernel, whose products are many and small
-    head = PatchHead(model.config.text_config.hidden_size, LAYOUT).to(args.device)
-    seen: list[torch.Tensor] = []  # the vision tower's tokens in the last forward pass
-    model.model.visual.register_forward_hook(lambda module, inputs, output: seen.append(output.pooler_output))
-    weights = [*model.parameters(), *head.parameters()]
-    optimizers = make_optimizers(base, head, args.lr, args.muon_lr)
     args.work.mkdir(parents=True, exist_ok=True)
     checkpoint = args.work / "checkpoint.pt"
-    state: dict[str, Any] = {"step": 0, "seen": 0, "seconds": 0.0, "chunk": 0}  # seen: steps of the vision tower alone
+    trainer = Trainer(args.device, args.lr, args.muon_lr, args.patch_weight)
     if checkpoint.is_file():
-        stored = torch.load(checkpoint, map_location=args.device, weights_only=True)
-        model.load_state_dict(stored.pop("model"))
-        head.load_state_dict(stored.pop("head"))
-        for optimizer, kept in zip(optimizers, stored.pop("optimizers"), strict=True):
-            optimizer.load_state_dict(kept)
-        state = stored
-        print(f"goes on from step {state['step']}, {state['seconds'] / 60:.1f} min", flush=True)
-    kind = Kind(args.input, args.silent)
+        trainer.load(checkpoint)
+        print(f"goes on from step {trainer.progress.step}, {trainer.progress.seconds / 60:.1f} min", flush=True)
+    progress = trainer.progress
+    minutes = progress.seconds / 60
+
     context = multiprocessing.get_context("spawn")
     source = context.Queue(maxsize=2 * args.generators + 2)
-    noise = context.Value("d", noise_at(state["seconds"] / 60, args.quiet))
-    most = context.Value("i", most_objects(state["seconds"] / 60, args.vision, args.few))
+    noise = context.Value("d", noise_at(minutes, args.quiet))
+    most = context.Value("i", most_objects(minutes, args.vision, args.few))
     makers = [context.Process(target=generate, daemon=True,
-                              args=(params, kind, state["chunk"] + i, args.generators, source, noise, most))
+                              args=(params, kind, progress.chunk + i, args.generators, source, noise, most))
               for i in range(args.generators)]  # fmt: skip
     for maker in makers:
         maker.start()
-    pool = Pool(args.pool, args.reuse, source, [])
     measured = Measured(args.measured) if args.measured else None
-    if measured is not None:
-        held, pool.share = measured.refresh()[: args.validation], args.measured_share
+    pool = Pool(args.pool, args.reuse, source, [], share=args.measured_share if measured else 0.0)
+    held: list[Example]
+    if measured:
+        held = measured.refresh()[: args.validation]
     else:
-        held = make_examples(params, base.codec, kind, SUITE + "-held", range(args.validation), args.silent < 1)
-    rng = np.random.default_rng(state["step"])
-    log = args.work / "log.csv"
-    began, last_save, last_log, recent = time.monotonic() - state["seconds"], time.monotonic(), 0.0, []
-    model.train()
+        held = make_examples(params, trainer.base.codec, kind, SUITE + "-held", range(args.validation), kind.silent < 1)
+
+    rng = np.random.default_rng(progress.step)
+    began, last_save, last_log = time.monotonic() - progress.seconds, time.monotonic(), -np.inf
+    recent: list[tuple[float, float]] = []
     while (elapsed := time.monotonic() - began) < 60 * args.minutes:
-        if measured is not None and (not pool.kept or elapsed - last_log > args.log_seconds):
-            pool.kept = measured.refresh()[args.validation :]
-        minutes, before = elapsed / 60, state["seconds"] / 60
+        before, minutes = minutes, elapsed / 60
         if before < args.minutes - args.decay <= minutes:
-            save_checkpoint(args.work / "before_decay.pt", base, head, optimizers, state)
-        pool.fill(least=8 * args.batch)
+            trainer.save(args.work / "before_decay.pt")
+        if measured and elapsed - last_log > args.log_seconds:
+            pool.kept = measured.refresh()[args.validation :]
         noise.value = noise_at(minutes, args.quiet)
         pool.most = most.value = most_objects(minutes, args.vision, args.few)
+        pool.fill(least=8 * args.batch)
         alone = minutes < args.vision
-        step = state["step"] if alone else state["step"] - state["seen"]
+        step = progress.step if alone else progress.step - progress.seen
         share = learning_rate(step, args.minutes - minutes, args.decay)
-        for optimizer, peak in zip(optimizers, (args.muon_lr, args.lr), strict=True):
-            for group in optimizer.param_groups:
-                group["lr"] = share * peak
-        with torch.autocast(args.device, torch.bfloat16, enabled=args.device == "cuda"):
-            seen.clear()
-            if alone:
-                pictures, labels = pool.mosaics(rng, args.batch)
-                tokens, loss = see(base, torch.as_tensor(pictures)), torch.zeros((), device=args.device)
-            else:
-                chosen = pool.draw(rng, args.batch)
-                labels = [e.patches for e in chosen]
-                batch = make_batch(base, [e.tokens for e in chosen], np.stack([e.picture for e in chosen]))
-                loss, _ = batch_loss(base, batch)
-                tokens = seen[-1]
-            patch_loss = head(tokens, labels)
-        for optimizer in optimizers:
-            optimizer.zero_grad()
-        (loss + args.patch_weight * patch_loss).backward()
-        torch.nn.utils.clip_grad_norm_(weights, 1.0)
-        for optimizer in optimizers:
-            optimizer.step()
-        recent.append((loss.item(), patch_loss.item()))
-        state["step"] += 1
-        state["seen"] += alone
-        state["seconds"], state["chunk"] = elapsed, max(state["chunk"], pool.last_chunk + 1)
+        if alone:
+            recent.append(trainer.learn_to_see(*pool.mosaics(rng, args.batch), share))
+        else:
+            recent.append(trainer.learn(pool.draw(rng, args.batch), share))
+        progress.seconds, progress.chunk = elapsed, max(progress.chunk, pool.last_chunk + 1)
         if elapsed - last_log > args.log_seconds:
             last_log = elapsed
-            row = {"step": state["step"], "clips": state["step"] * args.batch, "fresh_clips": state["chunk"] * CHUNK,
-                   "minutes": round(elapsed / 60, 2), "rate": round(share, 4),
-                   **dict(zip(("train_loss", "patch_loss"), np.mean(recent, 0).tolist(), strict=True)),
-                   **validate(base, held, args.batch), "shapes_right": shapes_right(base, head, held)}  # fmt: skip
+            losses = dict(zip(("train_loss", "patch_loss"), np.mean(recent, 0).tolist(), strict=True))
+            row = {"step": progress.step, "clips": progress.step * args.batch, "fresh_clips": progress.chunk * CHUNK,
+                   "minutes": round(minutes, 2), "rate": round(share, 4), **losses}  # fmt: skip
+            row |= trainer.validate(held, args.batch)
             recent = []
             print({k: round(v, 6) for k, v in row.items()}, flush=True)
-            with log.open("a", newline="") as file:
-                writer = csv.DictWriter(file, row)
-                if file.tell() == 0:
-                    writer.writeheader()
-                writer.writerow(row)
+            append_row(args.work / "log.csv", row)
         if time.monotonic() - last_save > args.save_seconds:
             last_save = time.monotonic()
-            save_checkpoint(checkpoint, base, head, optimizers, state)
-    save_checkpoint(checkpoint, base, head, optimizers, state)
-    base.save(args.out)
+            trainer.save(checkpoint)
+    trainer.save(checkpoint)
+    trainer.base.save(args.out)
     print(f"saved to {args.out}", flush=True)
     for maker in makers:
         maker.terminate()

@@ -16,7 +16,7 @@ LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5
 
 @pytest.fixture
 def labelled(rng: np.random.Generator) -> tuple[Scene, PatchLabels]:
-    ball = SceneObject("sphere", (0.22,), 1.0, position=(-0.4, 0.2, 0.22), velocity=(rng.uniform(0.2, 0.5), 0, 0))
+    ball = SceneObject("sphere", (0.22,), 1.0, position=(-0.4, 0.2, 0.22), velocity=(rng.uniform(0.05, 0.15), 0, 0))
     box = SceneObject("box", (0.4, 0.4, 0.4), 1.0, position=(0.45, 0.2, 0.2))
     scene = Scene((ball, box), Camera((0, -2, 1.0), 45.0, -20.0))
     schedule = Schedule()
