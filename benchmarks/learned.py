@@ -9,13 +9,14 @@ Asks one model about the clips of a finished graph. In a clone, on fresh clips:
 The name says which row of the tables the answers are for; other rows stand beside it, and those named in RIVALS are
 compared clip by clip: `--silent` asks without reasoning, `--input noisy` shows exact flow with the noise of training in
 place of RAFT's flow, `--input rgb` the frames. Every answer is kept in benchmarks/results/learned/answers.jsonl as it
-comes (a run that was stopped goes on); learned.csv and learned.md beside it sum them up, and the report shows them.
-With no name it only sums up.
+comes (a run that was stopped goes on); learned.csv, differences.csv and learned.md beside it sum them up, and the
+report shows them. With no name it only sums up.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import time
 import zlib
@@ -32,10 +33,11 @@ from benchmarks.kept_answers import kept_answers
 from benchmarks.starts import shapes_of
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.intervals import bootstrap_mean
+from pipeline.evaluation.learned_tables import SAMPLES, differences_table, estimate_row, samples_table
 from pipeline.evaluation.mean_curves import best_of_curve
 from pipeline.evaluation.scene_scores import METRICS, score
 from pipeline.evaluation.sections import COLUMNS, ERRORS
-from pipeline.evaluation.tables import Summary, as_csv, cell, markdown, summarise, table
+from pipeline.evaluation.tables import Summary, as_csv, markdown, summarise, table
 from pipeline.language.completion import read_completion
 from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling, generate
@@ -57,8 +59,8 @@ RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
 RIVALS = (("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("reasoning", "none"))  # first less second, by clip
-CURVE = (1, 2, 4, 8, 16, 32)
 RESAMPLES = 10_000
+DIFFERENCE = ("suite", "first", "second", "what", "mean", "low", "high", "clips")
 
 
 def answers(base: Base, shown: np.ndarray, sampling: Sampling, seed: int, tries: Tries) -> tuple[list[Scene], float]:
@@ -111,7 +113,7 @@ def rows_of(asked: argparse.Namespace, base: Base, suite: Suite, label: str, cli
     curve = best_of_curve(ranking.rewards.reward, ranking.rewards.iou)
     yield {**head, "method": f"{asked.name}, best of {asked.samples}", "simulations": asked.samples, "seconds": seconds,
            **scored(scenes[ranking.order[0]]),
-           **{f"iou@{k}": float(curve[k - 1]) for k in CURVE if k <= asked.samples}}  # fmt: skip
+           **{f"iou@{k}": float(curve[k - 1]) for k in SAMPLES if k <= asked.samples}}  # fmt: skip
 
 
 def ask(asked: argparse.Namespace) -> None:
@@ -129,7 +131,7 @@ def ask(asked: argparse.Namespace) -> None:
                 file.writelines(json.dumps(row) + "\n" for row in rows)
 
 
-def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[list[str]]:
+def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[dict[str, str]]:
     """Greedy sequence IoU of the pairs in RIVALS, and the difference by clip."""
     found = {(r["method"], r["suite"], r["clip"]): r["iou"] for r in rows}
     out = []
@@ -139,26 +141,24 @@ def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[li
                     if m == first and key[0] == suite and (second, *key) in found]  # fmt: skip
             if both:
                 a, b = np.array(both).T
-                estimates = [bootstrap_mean(x, RESAMPLES, rng) for x in (a, b, a - b)]
-                out.append([suite, f"{first} less {second}", str(len(both)), *map(cell, estimates)])
+                head = {"suite": suite, "first": first, "second": second}
+                out += [{**head, "what": what, **estimate_row(bootstrap_mean(values, RESAMPLES, rng))}
+                        for what, values in (("first", a), ("second", b), ("difference", a - b))]  # fmt: skip
     return out
 
 
-def summary_text(summary: Summary, differing: list[list[str]]) -> str:
-    columns = (summary.estimates, summary.simulations, summary.seconds)
-    curves = Summary(*({k: v for k, v in column.items() if "best of" in k[1]} for column in columns))  # type: ignore[arg-type]
-    header = ["suite", "greedy sequence IoU", "clips", "first", "second", "difference"]
+def summary_text(summary: Summary, differing: list[dict[str, str]]) -> str:
     return "\n".join([
         "# The model's answers before any search\n",
         "`python -m benchmarks.learned`: RAFT's flow; means over clips with 95 % bootstrap intervals. seconds: to "
         "write the answers to one clip.\n",
         markdown(*table(summary, COLUMNS)),
         "Sequence IoU of the best of K samples by replay, at the size of the search (K drawn of all samples):\n",
-        markdown(*table(curves, {f"iou@{k}": f"K = {k}" for k in CURVE})),
+        markdown(*samples_table(summary)),
         "Mean absolute errors of parameters over clips whose composition is right:\n",
         markdown(*table(summary, ERRORS)),
-        "Compared clip by clip:\n",
-        markdown(header, differing),
+        "Greedy sequence IoU, compared clip by clip:\n",
+        markdown(*differences_table(differing)),
     ])  # fmt: skip
 
 
@@ -172,17 +172,23 @@ def main() -> None:
     parser.add_argument("--temperature", type=float, default=read_params_file(PARAMS_FILE, Params).infer.temperature)
     parser.add_argument("--silent", action="store_true", help="without reasoning")
     parser.add_argument("--input", default="flow", choices=("flow", "noisy", "rgb"))
+    parser.add_argument("--threads", type=int, default=2)
     asked = parser.parse_args()
     logging.set_verbosity_error()
-    torch.set_num_threads(2)
+    torch.set_num_threads(asked.threads)
     if asked.name:
         ask(asked)
     rows, rng = kept_answers(ANSWERS), np.random.default_rng(0)
     rows.sort(key=lambda r: (SUITES.index(r["suite"]), r["method"]))
-    metrics = [*METRICS, *ERRORS, *(f"iou@{k}" for k in CURVE)]
+    metrics = [*METRICS, *ERRORS, *(f"iou@{k}" for k in SAMPLES)]
     summary = summarise(rows, metrics, RESAMPLES, rng)
     (RESULTS / "learned.csv").write_text(as_csv(summary))
-    text = summary_text(summary, differences(rows, rng))
+    differing = differences(rows, rng)
+    with (RESULTS / "differences.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, DIFFERENCE, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(differing)
+    text = summary_text(summary, differing)
     (RESULTS / "learned.md").write_text(text, encoding="utf-8")
     print(text)
 

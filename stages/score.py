@@ -1,9 +1,9 @@
 """Score every answer of every suite, and write the report.
 
-Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite>, data/finetune, data/prefer, the benchmarks of
-the model and of starts (learned/learned.csv and starts/starts.csv in benchmarks/results), and with regress.enabled
-data/regress. Writes reports/: scores.json (metrics), scores.csv, scores.md, parameters.md, prediction.md,
-determined.md, clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
+Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite>, data/finetune, data/prefer, with
+regress.enabled data/regress, and the tables of benchmarks/results that BENCHMARKS names. Writes reports/: scores.json
+(metrics), scores.csv, scores.md, parameters.md, prediction.md, determined.md, clips.csv (a row per clip and method),
+plots/*.csv (plots), index.html.
 Clips that preference optimisation has used are summed up apart, as the suite "<suite>, used by prefer".
 Parameters: seed, clip, score, regress.enabled, and for the page's head model, flow.source, infer.shots.
 Run: python -m stages.score
@@ -26,7 +26,7 @@ from pipeline.evaluation.gallery import clip_picture
 from pipeline.evaluation.mean_curves import best_of_curve, mean_curve
 from pipeline.evaluation.report import page, picture
 from pipeline.evaluation.scene_scores import METRICS, score
-from pipeline.evaluation.sections import COLUMNS, ERRORS, PREDICTED, ShownClip, sections
+from pipeline.evaluation.sections import COLUMNS, ERRORS, PREDICTED, Benchmarks, ShownClip, sections
 from pipeline.evaluation.tables import as_csv, as_json, from_csv, markdown, summarise, table
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
@@ -40,8 +40,7 @@ from stages.run_shards import DATA, folder
 from stages.suite import Suite, greedy_row, open_suite, reference
 
 REPORTS = Path("reports")
-LEARNED = Path("benchmarks/results/learned/learned.csv")
-STARTS = Path("benchmarks/results/starts/starts.csv")
+BENCHMARKS = ("learned/learned.csv", "learned/differences.csv", "learned/scaling.csv", "starts/starts.csv")
 PREDICTED_SUITES = ("id", "real")
 PREDICTIONS = {"last mask, moved by the search": "carried", "constant velocity": "velocity", "frozen": "frozen"}
 SUITES = ("id", "held_out", "more", "real")
@@ -195,6 +194,8 @@ def main() -> None:
         "train": read_curve(DATA / "finetune/loss.csv"),
         "validation": read_curve(DATA / "finetune/eval_loss.csv"),
     }
+    learned, *others = (read_rows(Path("benchmarks/results") / name) for name in BENCHMARKS)
+    benchmarks = Benchmarks(from_csv(learned), *others)
     gallery = {
         n: shown_clips(n, s, params.score.gallery, schedule, model) for n, s in suites.items() if len(s["infer"])
     }
@@ -219,8 +220,7 @@ def main() -> None:
         (REPORTS / "parameters.md").write_text(markdown(*table(summary, ERRORS)))
         (REPORTS / "prediction.md").write_text(markdown(*table(prediction, PREDICTED)))
         (REPORTS / "determined.md").write_text(markdown(*determined_table(determined)))
-        parts = sections(summary, best_of_k, searches, training, from_csv(read_rows(LEARNED)), read_rows(STARTS),
-                         determined, prediction, gallery)  # fmt: skip
+        parts = sections(summary, best_of_k, searches, training, benchmarks, determined, prediction, gallery)
         text = page(TITLE, LEAD, facts, parts)
         (REPORTS / "index.html").write_text(text, encoding="utf-8")
     print(markdown(*table(summary, {m: COLUMNS[m] for m in PRINTED})), end="")

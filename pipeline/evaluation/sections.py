@@ -9,6 +9,7 @@ from typing import Any
 from pipeline.evaluation.determined import Kind
 from pipeline.evaluation.determined import table as determined_table
 from pipeline.evaluation.figures import bars, curves
+from pipeline.evaluation.learned_tables import Rows, differences_table, samples_table, scaling_table
 from pipeline.evaluation.report import Section, drawing, folded, html_table
 from pipeline.evaluation.starts_table import starts_table
 from pipeline.evaluation.tables import Summary, table
@@ -57,12 +58,25 @@ _LEARNED = (
     "benchmarks/results/learned): greedy answers, and the best of K samples by replay, with 95 % bootstrap intervals. "
     "real: another engine's clips."
 )
+_SAMPLES = "Of the same run: sequence IoU of the best of K samples by replay, at the search's size."
+_DIFFERENCES = (
+    "Of the same run: greedy sequence IoU, clip by clip. tiny, the shipped model, is shown RAFT's flow and answers "
+    "with reasoning; silent: the same weights asked for the scene at once; noisy: they are shown exact flow with the "
+    "noise of training. Other rows are models that were trained alike, for the comparison."
+)
+_SCALING = (
+    "Of a run of its own (python -m benchmarks.scaling): the shipped model while it was trained, before its learning "
+    "rate fell; greedy, on fresh clips of 1 to 3 objects with exact flow and the noise of training. The last lines go "
+    "on a straight line in the scores' logit against the logarithm of the clips, with the range when any one "
+    "checkpoint is left out; nothing says that scores follow it so far."
+)
 _STARTS = (
     "From a run of its own on more clips (python -m benchmarks.starts; its answers are in benchmarks/results/starts): "
     "sequence IoU after so many simulations, with 95 % bootstrap intervals, by where the search starts. given: the "
     "classical guess with the true shapes; guess: nothing given; motion: nothing given, not even masks. id: sampled "
     "clips; real: another engine's. The last columns are for the largest budget; penetration is the largest of all "
-    "answers."
+    "answers. greedy, best1 and bestK start from answers of the tiny model of commit e0395e7, which the one that ships "
+    "now surpasses."
 )
 _DETERMINED = (
     "Of the scenes that the search found: the spread (standard deviation) of each number by the curvature of the cost "
@@ -76,6 +90,17 @@ _PREDICTION = (
     "and without physics of masks that move on at their last velocity and of masks that stay."
 )
 Curve = tuple[Sequence[float], Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Benchmarks:
+    """What runs of their own found, kept in benchmarks/results: answers of models, pairs of them, a training's
+    checkpoints, and starts of the search."""
+
+    learned: Summary
+    differences: Rows
+    scaling: Rows
+    starts: Rows
 
 
 @dataclass(frozen=True)
@@ -98,15 +123,13 @@ def sections(
     best_of_k: Sequence[Mapping[str, Any]],
     searches: Sequence[Mapping[str, Any]],
     training: Mapping[str, Curve],
-    learned: Summary,
-    starts: Sequence[Mapping[str, Any]],
+    benchmarks: Benchmarks,
     determined: Mapping[str, Kind],
     prediction: Summary,
     gallery: Mapping[str, Sequence[ShownClip]],
 ) -> list[Section]:
     """best_of_k: rows of series, k, iou; searches: rows of series, simulations, reward; training: losses by name;
-    learned, starts: of the benchmarks of the model and of starts; determined: kinds of parameters; prediction: of the
-    unseen half; gallery: the clips shown of each suite."""
+    determined: kinds of parameters; prediction: of the unseen half; gallery: the clips shown of each suite."""
     best, reward = lines(best_of_k, "k", "iou"), lines(searches, "simulations", "reward")
     figures = [
         drawing(bars(summary, "iou", "sequence IoU"), "Sequence IoU by suite and method, with 95 % intervals."),
@@ -118,9 +141,14 @@ def sections(
         Section("Scores", _SCORES, html_table(*table(summary, COLUMNS))),
         Section("Curves", "", f'<div class="row">{"".join(figures)}</div>'),
         Section("Parameter errors", _ERRORS, html_table(*table(summary, ERRORS))),
-        Section("The model before any search", _LEARNED, html_table(*table(learned, COLUMNS))),
-        Section("Parameter errors of the model", _ERRORS, html_table(*table(learned, ERRORS))),
-        Section("Starts and budgets", _STARTS, html_table(*starts_table(starts))),
+        Section("The model before any search", _LEARNED, html_table(*table(benchmarks.learned, COLUMNS))),
+        Section("More samples", _SAMPLES, html_table(*samples_table(benchmarks.learned))),
+        Section("Parameter errors of the model", _ERRORS, html_table(*table(benchmarks.learned, ERRORS))),
+        Section(
+            "Reasoning, frames, and RAFT's flow", _DIFFERENCES, html_table(*differences_table(benchmarks.differences))
+        ),
+        Section("More clips", _SCALING, html_table(*scaling_table(benchmarks.scaling))),
+        Section("Starts and budgets", _STARTS, html_table(*starts_table(benchmarks.starts))),
         Section("What a clip determines", _DETERMINED, html_table(*determined_table(determined))),
         Section("Prediction", _PREDICTION, html_table(*table(prediction, PREDICTED))),
     ]
