@@ -101,8 +101,10 @@ search (`--search`) fits a clip better than any answer.
 PLACES = """ Its third colour channel does not show blue
 but tells each patch its place and time (`places` in clip_layout.json)."""
 CHECKED = 16  # clips that the test scores again
-LIMITS = """It has seen few clips: more than half of its answers have a wrong shape or count, and nearly all to four objects
-or more."""
+LIMITS = (
+    "It has seen few clips: more than half of its answers have a wrong shape or count, and nearly all to four objects\n"
+    "or more."
+)
 
 
 def table_of(learned: Summary) -> str:
