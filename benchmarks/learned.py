@@ -58,7 +58,7 @@ from stages.suite import Suite, open_suite, reference
 RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
-RIVALS = (("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("reasoning", "none"))  # first less second, by clip
+RIVALS = (("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("flow", "none"))  # first less second, by clip
 RESAMPLES = 10_000
 DIFFERENCE = ("suite", "first", "second", "what", "mean", "low", "high", "clips")
 
@@ -124,7 +124,8 @@ def ask(asked: argparse.Namespace) -> None:
     RESULTS.mkdir(parents=True, exist_ok=True)
     for label in asked.suites.split(","):
         suite = open_suite(label, ["render", "flow"])
-        todo = [c for c in range(len(suite["flow"])) if (label, c, asked.name) not in done]
+        todo = [c for c in range(len(suite["flow"])) if (label, c, asked.name) not in done
+                and (asked.objects is None or len(shapes_of(suite, c, params) or ()) <= asked.objects)]  # fmt: skip
         for clip in tqdm(todo[: asked.clips], desc=label, unit="clip"):
             rows = list(rows_of(asked, base, suite, label, clip, params, tries))
             with ANSWERS.open("a") as file:
@@ -168,6 +169,7 @@ def main() -> None:
     parser.add_argument("--model", default="models/tiny", help="a folder, or a hub name in the local cache")
     parser.add_argument("--suites", default=",".join(SUITES))
     parser.add_argument("--clips", type=int, default=None, help="of each suite, at most")
+    parser.add_argument("--objects", type=int, default=None, help="of a clip, at most")
     parser.add_argument("--samples", type=int, default=32, help="K; 0: greedy alone")
     parser.add_argument("--temperature", type=float, default=read_params_file(PARAMS_FILE, Params).infer.temperature)
     parser.add_argument("--silent", action="store_true", help="without reasoning")
