@@ -16,7 +16,6 @@ report shows them. With no name it only sums up.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import time
 import zlib
@@ -32,8 +31,9 @@ from transformers.utils import logging
 from benchmarks.kept_answers import kept_answers
 from benchmarks.starts import shapes_of
 from pipeline.clips.schedule import Schedule
+from pipeline.evaluation.csv_rows import write_rows
 from pipeline.evaluation.intervals import bootstrap_mean
-from pipeline.evaluation.learned_tables import SAMPLES, differences_table, estimate_row, samples_table
+from pipeline.evaluation.learned_tables import SAMPLES, differences_table, samples_table
 from pipeline.evaluation.mean_curves import best_of_curve
 from pipeline.evaluation.scene_scores import METRICS, score
 from pipeline.evaluation.sections import COLUMNS, ERRORS
@@ -60,7 +60,6 @@ ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
 RIVALS = (("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("flow", "none"))  # first less second, by clip
 RESAMPLES = 10_000
-DIFFERENCE = ("suite", "first", "second", "what", "mean", "low", "high", "clips")
 
 
 def answers(base: Base, shown: np.ndarray, sampling: Sampling, seed: int, tries: Tries) -> tuple[list[Scene], float]:
@@ -132,7 +131,7 @@ def ask(asked: argparse.Namespace) -> None:
                 file.writelines(json.dumps(row) + "\n" for row in rows)
 
 
-def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[dict[str, str]]:
+def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[dict[str, Any]]:
     """Greedy sequence IoU of the pairs in RIVALS, and the difference by clip."""
     found = {(r["method"], r["suite"], r["clip"]): r["iou"] for r in rows}
     out = []
@@ -143,12 +142,12 @@ def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[di
             if both:
                 a, b = np.array(both).T
                 head = {"suite": suite, "first": first, "second": second}
-                out += [{**head, "what": what, **estimate_row(bootstrap_mean(values, RESAMPLES, rng))}
+                out += [{**head, "what": what, **bootstrap_mean(values, RESAMPLES, rng).row()}
                         for what, values in (("first", a), ("second", b), ("difference", a - b))]  # fmt: skip
     return out
 
 
-def summary_text(summary: Summary, differing: list[dict[str, str]]) -> str:
+def summary_text(summary: Summary, differing: list[dict[str, Any]]) -> str:
     return "\n".join([
         "# The model's answers before any search\n",
         "`python -m benchmarks.learned`: RAFT's flow; means over clips with 95 % bootstrap intervals. seconds: to "
@@ -186,10 +185,7 @@ def main() -> None:
     summary = summarise(rows, metrics, RESAMPLES, rng)
     (RESULTS / "learned.csv").write_text(as_csv(summary))
     differing = differences(rows, rng)
-    with (RESULTS / "differences.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, DIFFERENCE, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(differing)
+    write_rows(RESULTS / "differences.csv", differing, digits=5)
     text = summary_text(summary, differing)
     (RESULTS / "learned.md").write_text(text, encoding="utf-8")
     print(text)

@@ -10,32 +10,31 @@ forecast for ten and a hundred times the clips.
 from __future__ import annotations
 
 import argparse
-import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from benchmarks.learned import RESAMPLES, RESULTS
+from pipeline.evaluation.csv_rows import write_rows
 from pipeline.evaluation.intervals import bootstrap_mean
-from pipeline.evaluation.learned_tables import CHECKPOINT, estimate_row, scaling_table
+from pipeline.evaluation.learned_tables import CHECKPOINT, scaling_table
 from pipeline.evaluation.tables import markdown
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
 from training.examples import CHUNK
 from training.tiny_card import measure
-from training.tiny_trainer import Trainer
+from training.tiny_trainer import read_checkpoint
 
 
-def checkpoint_rows(path: Path, params: Params, clips: int) -> list[dict[str, str]]:
-    trainer = Trainer("cpu", rate=0.0, muon_rate=0.0, patch_weight=0.0)
-    trainer.load(path)
-    trainer.base.model.eval()
-    scores = measure(trainer.base, params, clips)
-    head = {"clips_seen": str(trainer.progress.chunk * CHUNK), "minutes": f"{trainer.progress.seconds / 60:.1f}"}
+def checkpoint_rows(path: Path, params: Params, clips: int) -> list[dict[str, Any]]:
+    base, progress = read_checkpoint(path)
+    scores = measure(base, params, clips)
+    head = {"clips_seen": progress.chunk * CHUNK, "minutes": f"{progress.seconds / 60:.1f}"}
     rng = np.random.default_rng(0)
     found = {m: bootstrap_mean(np.array([s[m] for s in scores]), RESAMPLES, rng) for m in CHECKPOINT}
-    return [{**head, "metric": m, **estimate_row(e)} for m, e in found.items()]
+    return [{**head, "metric": m, **e.row()} for m, e in found.items()]
 
 
 def main() -> None:
@@ -46,11 +45,7 @@ def main() -> None:
     torch.set_num_threads(2)
     params = read_params_file(PARAMS_FILE, Params)
     rows = [row for path in args.checkpoints for row in checkpoint_rows(path, params, args.clips)]
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    with (RESULTS / "scaling.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_rows(RESULTS / "scaling.csv", rows, digits=5)
     print(markdown(*scaling_table(rows)))
 
 

@@ -17,7 +17,6 @@ from motion). Rivals: plain CMA-ES (128 a generation), from bestK as in the pape
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import warnings
 from collections import defaultdict
@@ -29,6 +28,7 @@ from tqdm import tqdm
 
 from benchmarks.kept_answers import answers_of, kept_answers
 from pipeline.clips.schedule import Schedule
+from pipeline.evaluation.csv_rows import write_rows
 from pipeline.evaluation.intervals import bootstrap_mean
 from pipeline.evaluation.scene_scores import score
 from pipeline.evaluation.starts_table import starts_table
@@ -170,10 +170,7 @@ def summary(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def write_summary(answers: list[dict[str, Any]]) -> str:
     """starts.csv, starts.md; returns the text."""
     rows = summary(answers)
-    with (RESULTS / "starts.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
+    write_rows(RESULTS / "starts.csv", rows, digits=5)
     text = markdown(*starts_table(rows))
     (RESULTS / "starts.md").write_text(text, encoding="utf-8")
     return text

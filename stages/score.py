@@ -19,6 +19,7 @@ import numpy as np
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
+from pipeline.evaluation.csv_rows import read_rows, write_rows
 from pipeline.evaluation.determined import by_kind
 from pipeline.evaluation.determined import table as determined_table
 from pipeline.evaluation.figures import jpeg
@@ -155,20 +156,6 @@ def determined_clips(suite: Suite) -> list[tuple[list[dict[str, Any]], Scene, li
         truth = read_scene(suite["sample"][clip].row()["scene"]) if "sample" in suite else None
         out.append((row["certainty"], read_scene(row["scene"]), row["instance"], truth))
     return out
-
-
-def write_rows(path: Path, rows: list[dict[str, Any]]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    names = list(dict.fromkeys(key for row in rows for key in row))
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, names, restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
-
-
-def read_rows(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def read_curve(path: Path) -> tuple[list[float], list[float]]:

@@ -28,7 +28,7 @@ from stages.params_file import read_params_file
 from training.example_pool import Pool
 from training.examples import CHUNK, SUITE, Example, Kind, generate, make_examples
 from training.measured import Measured
-from training.tiny_trainer import Trainer, new_base
+from training.tiny_trainer import Trainer, read_checkpoint
 
 
 def learning_rate(step: int, left: float, decay: float) -> float:
@@ -129,9 +129,7 @@ def train(args: argparse.Namespace) -> None:
 
 def export(checkpoint: Path, out: Path) -> None:
     """Write the model of a checkpoint as it stands."""
-    base = new_base()
-    base.model.load_state_dict(torch.load(checkpoint, map_location="cpu", weights_only=True)["model"])
-    base.save(out)
+    read_checkpoint(checkpoint)[0].save(out)
     print(f"saved to {out}", flush=True)
 
 

@@ -10,7 +10,6 @@ test scores the shipped weights again on some of them.
 from __future__ import annotations
 
 import argparse
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
+from pipeline.evaluation.csv_rows import read_rows
 from pipeline.evaluation.intervals import bootstrap_mean
 from pipeline.evaluation.scene_scores import score, true_reference
 from pipeline.evaluation.tables import Summary, cell, from_csv, markdown
@@ -134,10 +134,7 @@ def main() -> None:
     params = read_params_file(PARAMS_FILE, Params)
     base = load_base(str(args.model))
     rows = measure(base, params, args.clips)
-    with args.log.open(newline="") as file:
-        log = list(csv.DictReader(file))[-1]
-    with LEARNED.open(newline="") as file:
-        learned = from_csv(list(csv.DictReader(file)))
+    log, learned = read_rows(args.log)[-1], from_csv(read_rows(LEARNED))
     text = CARD.format(
         millions=sum(p.numel() for p in base.model.parameters()) / 1e6,
         places=PLACES if base.layout.places else "",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,15 @@ def new_base() -> Base:
     return Base(build_tiny(tokenizer, TinySize(), seed=0), tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens))
 
 
+def read_checkpoint(path: Path) -> tuple[Base, Progress]:
+    """The model of a checkpoint that a `Trainer` saved, for answering, and how far it had got."""
+    stored = torch.load(path, map_location="cpu", weights_only=True)
+    base = new_base()
+    base.model.load_state_dict(stored["model"])
+    base.model.eval()
+    return base, Progress(**{f.name: stored[f.name] for f in fields(Progress)})
+
+
 class Trainer:
     """A model of random weights until `load`. patch_weight: of the loss on patch labels beside the completion's."""
 
@@ -52,9 +61,7 @@ class Trainer:
         self.optimizers = make_optimizers(self.base, self.head, rate, muon_rate)
         self.peaks = [group["lr"] for optimizer in self.optimizers for group in optimizer.param_groups]
         self.tokens = torch.empty(0)  # the vision tower's, of the last forward pass
-        model.model.visual.register_forward_hook(
-            lambda _, inputs, output: setattr(self, "tokens", output.pooler_output)
-        )
+        model.model.visual.register_forward_hook(self.remember)
         model.train()
 
     def remember(self, module: torch.nn.Module, inputs: Any, output: Any) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +17,14 @@ class Estimate:
     low: float
     high: float
     n: int
+
+    @classmethod
+    def of_row(cls, row: Mapping[str, Any]) -> Estimate:
+        """From a row's mean, low, high and clips, which may be text."""
+        return cls(float(row["mean"]), float(row["low"]), float(row["high"]), int(row["clips"]))
+
+    def row(self) -> dict[str, float]:
+        return {"mean": self.mean, "low": self.low, "high": self.high, "clips": self.n}
 
 
 def bootstrap_mean(values: np.ndarray, resamples: int, rng: np.random.Generator) -> Estimate:

@@ -6,41 +6,33 @@ The rows are those that benchmarks/learned.py and benchmarks/scaling.py write.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from pipeline.evaluation.intervals import Estimate
-from pipeline.evaluation.tables import Summary, cell, table
+from pipeline.evaluation.tables import NOTHING, Summary, cell, table
 
 SAMPLES = (1, 2, 4, 8, 16, 32)
 FURTHER = (10, 100)
 #: Metric -> heading of the table of a training's checkpoints.
 CHECKPOINT = {"composition": "composition", "iou_initial": "IoU, first frame", "iou": "IoU, sequence"}
 Table = tuple[list[str], list[list[str]]]
-Rows = Sequence[Mapping[str, str]]
-
-
-def estimate_row(estimate: Estimate) -> dict[str, str]:
-    return {"mean": f"{estimate.mean:.5g}", "low": f"{estimate.low:.5g}", "high": f"{estimate.high:.5g}",
-            "clips": str(estimate.n)}  # fmt: skip
-
-
-def estimate_of(row: Mapping[str, str]) -> Estimate:
-    return Estimate(float(row["mean"]), float(row["low"]), float(row["high"]), int(row["clips"]))
+Rows = Sequence[Mapping[str, Any]]
 
 
 def samples_table(summary: Summary) -> Table:
     """Sequence IoU of the best of K samples, of the methods that have such."""
-    sampled = {key for key, found in summary.estimates.items() if f"iou@{SAMPLES[0]}" in found}
-    kept = {k: v for k, v in summary.estimates.items() if k in sampled and v[f"iou@{SAMPLES[0]}"].n}
-    return table(Summary(kept, summary.simulations, summary.seconds), {f"iou@{k}": f"K = {k}" for k in SAMPLES})
+    one = f"iou@{SAMPLES[0]}"
+    sampled = {key: found for key, found in summary.estimates.items() if found.get(one, NOTHING).n}
+    return table(Summary(sampled, summary.simulations, summary.seconds), {f"iou@{k}": f"K = {k}" for k in SAMPLES})
 
 
 def differences_table(rows: Rows) -> Table:
     """Rows of suite, first, second, what (first, second or difference) and an estimate: a line for each pair."""
     found: dict[tuple[str, str, str], dict[str, Estimate]] = {}
     for r in rows:
-        found.setdefault((r["suite"], r["first"], r["second"]), {})[r["what"]] = estimate_of(r)
+        found.setdefault((r["suite"], r["first"], r["second"]), {})[r["what"]] = Estimate.of_row(r)
     header = ["suite", "first", "second", "clips", "IoU of the first", "IoU of the second", "difference by clip"]
     return header, [
         [*key, str(e["difference"].n), cell(e["first"]), cell(e["second"]), cell(e["difference"])]
@@ -53,7 +45,7 @@ def scaling_table(rows: Rows) -> Table:
     scores' logit against the logarithm of the clips says for `FURTHER` times as many clips, with the range when any one
     checkpoint is left out. Of fewer than three checkpoints nothing is said."""
     seen = sorted({int(r["clips_seen"]) for r in rows})
-    found = {(int(r["clips_seen"]), r["metric"]): estimate_of(r) for r in rows}
+    found = {(int(r["clips_seen"]), r["metric"]): Estimate.of_row(r) for r in rows}
     minutes = {int(r["clips_seen"]): float(r["minutes"]) for r in rows}
     lines = [[f"{n:,}", f"{minutes[n]:.0f}", *(cell(found[n, m]) for m in CHECKPOINT)] for n in seen]
     if len(seen) > 2:

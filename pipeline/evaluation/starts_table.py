@@ -29,6 +29,4 @@ def starts_table(rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[lis
 
 
 def _cell(row: Mapping[str, Any] | None) -> str:
-    if row is None:
-        return "–"
-    return cell(Estimate(float(row["mean"]), float(row["low"]), float(row["high"]), int(row["clips"])))
+    return "–" if row is None else cell(Estimate.of_row(row))

@@ -70,8 +70,7 @@ def from_csv(rows: Sequence[Mapping[str, str]]) -> Summary:
     for key in simulations:
         estimates[key] = dict.fromkeys(metrics, NOTHING)
     for r in rows:
-        found = Estimate(float(r["mean"]), float(r["low"]), float(r["high"]), int(r["clips"]))
-        estimates[r["suite"], r["method"]][r["metric"]] = found
+        estimates[r["suite"], r["method"]][r["metric"]] = Estimate.of_row(r)
     return Summary(estimates, simulations, dict.fromkeys(simulations, np.nan))
 
 

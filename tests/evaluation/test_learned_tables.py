@@ -7,7 +7,6 @@ from pipeline.evaluation.intervals import Estimate
 from pipeline.evaluation.learned_tables import (
     CHECKPOINT,
     differences_table,
-    estimate_row,
     samples_table,
     scaling_table,
 )
@@ -21,7 +20,7 @@ def law(n: float, slope: float) -> float:
 
 
 def checkpoints(counts: list[int], slope: float) -> list[dict[str, str]]:
-    return [{"clips_seen": str(n), "minutes": "1.5", "metric": m, **estimate_row(Estimate(law(n, slope), 0, 1, 9))}
+    return [{"clips_seen": str(n), "minutes": "1.5", "metric": m, **Estimate(law(n, slope), 0, 1, 9).row()}
             for n in counts for m in CHECKPOINT]  # fmt: skip
 
 
@@ -42,7 +41,7 @@ def test_nothing_is_foretold_from_two_checkpoints() -> None:
 
 
 def test_a_pair_is_one_line() -> None:
-    rows = [{"suite": "id", "first": "a", "second": "b", "what": what, **estimate_row(Estimate(v, v - 0.1, v + 0.1, 7))}
+    rows = [{"suite": "id", "first": "a", "second": "b", "what": what, **Estimate(v, v - 0.1, v + 0.1, 7).row()}
             for what, v in (("first", 0.5), ("second", 0.3), ("difference", 0.2))]  # fmt: skip
     _, (line,) = differences_table(rows)
     assert line == ["id", "a", "b", "7", "0.5 (0.4–0.6)", "0.3 (0.2–0.4)", "0.2 (0.1–0.3)"]
