@@ -7,6 +7,7 @@ encodes H.264. OpenCV's wheel does neither of the last two reliably.
 from __future__ import annotations
 
 import contextlib
+import platform
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -303,6 +304,11 @@ class Decoder:
         self.container.close()
 
 
+# With AVX-512, x264 reads memory that nobody wrote, and the bytes then vary from run to run.
+_NO_AVX512 = {"x264-params": "asm=sse4.2"} if platform.machine() in ("x86_64", "AMD64") else {}
+_X264 = {"crf": "18", "threads": "1"} | _NO_AVX512
+
+
 def write_video(path: Path | str, frames: np.ndarray, fps: float = FPS) -> None:
     """(T, H, W, 3) uint8 RGB to an H.264 mp4 (yuv420p, playable while it loads), renamed when complete.
 
@@ -324,7 +330,7 @@ def write_video(path: Path | str, frames: np.ndarray, fps: float = FPS) -> None:
 
 
 def encode(container: av.container.OutputContainer, frames: np.ndarray, rate: Fraction) -> None:
-    name, options = ("libx264", {"crf": "18", "threads": "1"}) if "libx264" in av.codecs_available else ("mpeg4", {})
+    name, options = ("libx264", _X264) if "libx264" in av.codecs_available else ("mpeg4", {})
     stream = container.add_stream(name, rate=rate, options=options)
     assert isinstance(stream, av.VideoStream)
     stream.width, stream.height, stream.pix_fmt = frames.shape[2], frames.shape[1], "yuv420p"

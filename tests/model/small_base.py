@@ -22,6 +22,13 @@ def small_base(seed: int = 0) -> Base:
     return Base(model, tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens))
 
 
+def exact_base() -> Base:
+    """In float64: rounding, which depends on what else is in the batch, changes no draw (in float32 it may)."""
+    base = small_base()
+    base.model.double()
+    return base
+
+
 def random_clips(rng: np.random.Generator, count: int) -> np.ndarray:
     """(B, T, H, W, 3) uint8."""
     return rng.integers(0, 256, (count, LAYOUT.frames, LAYOUT.height, LAYOUT.width, 3), dtype=np.uint8)

@@ -1,6 +1,9 @@
 """Laws of reading and writing video files, and what bad ones give."""
 
+import os
 import struct
+import subprocess
+import sys
 from fractions import Fraction
 
 import av
@@ -61,6 +64,21 @@ def test_the_same_frames_give_the_same_bytes(tmp_path):
         write_video(tmp_path / name, numbered(8), 30)
     assert (tmp_path / "a.mp4").read_bytes() == (tmp_path / "b.mp4").read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mp4", "b.mp4"]
+
+
+def test_the_bytes_do_not_depend_on_what_memory_held_before(rng, tmp_path):
+    np.save(tmp_path / "noise.npy", rng.integers(0, 256, (4, 224, 336, 3), dtype=np.uint8))
+    program = """
+import sys, numpy
+from pipeline.vision.video import write_video
+write_video(sys.argv[2], numpy.load(sys.argv[1]))
+"""
+    written = []
+    for filling in ("0", "1", "85", "170"):  # glibc fills fresh memory with it
+        command = [sys.executable, "-c", program, "noise.npy", f"{filling}.mp4"]
+        subprocess.run(command, cwd=tmp_path, env=os.environ | {"MALLOC_PERTURB_": filling}, check=True)
+        written.append((tmp_path / f"{filling}.mp4").read_bytes())
+    assert len(set(written)) == 1
 
 
 def test_odd_sizes_are_padded_to_even_ones(tmp_path):
