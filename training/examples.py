@@ -18,7 +18,8 @@ from pipeline.language.completion import MAX_OBJECTS, write_completion
 from pipeline.language.events import Thresholds, find_events
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.patches import PatchLayout, resize_frames
-from pipeline.physics.simulate import simulate
+from pipeline.physics.batch import scene_model
+from pipeline.physics.simulate import simulate_model
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 from pipeline.shards.clip_rng import clip_rng
@@ -110,7 +111,7 @@ def make_examples(
     scenes = drawn_scenes(params, params.seed, suite, indices, objects, train.without)
     examples = []
     for index, scene in zip(indices, scenes, strict=True):
-        trace = simulate(scene, schedule.seconds)
+        trace = simulate_model(scene_model(scene), schedule.seconds)
         areas = areas_px(frame_masks(scene, trace, schedule, 120, 80), len(scene.objects))
         events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds) if reasoning else None
         view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)

@@ -4,16 +4,18 @@ RAFT's errors are of six kinds, and each has its parameters: edges are blurred, 
 flow wavers a little, smoothly over some pixels and more so where it is long; parts of an object are taken for
 background (drop-outs); the motion of objects leaks into the background beside them; shadows move along with their
 objects; and the resting ground flickers, in blotches and in the cells of the coarse grid, most where it is dark or
-plain. `fit_noise` measures most of the parameters on pairs of exact and estimated flow; `raft_noise` draws them as RAFT
-has them.
+plain. `raft_noise` draws the parameters as RAFT has them; most were measured by `pipeline.vision.fit_flow_noise`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
+
+from pipeline.compiled import kernel
 
 NEAR_PX = 6.0  # background within this distance of an object is where leaks are looked for, at 480 px of width
 REFERENCE_WIDTH = 480
@@ -92,49 +94,50 @@ def raft_noise(rng: np.random.Generator) -> FlowNoise:
 def noisy_flow(rng: np.random.Generator, flow_px: np.ndarray, masks: np.ndarray, noise: FlowNoise) -> np.ndarray:
     """flow_px (T, H, W, 2) of objects in masks (T, H, W), 0 is background, with `noise`; the same shape, float32."""
     scale = flow_px.shape[2] / REFERENCE_WIDTH
-    out = np.empty(flow_px.shape, np.float32)
+    out = flow_px.astype(np.float32)
     shadow = shadow_place(rng, flow_px.shape[1:3]) if noise.shadow else None
-    for t, (flow, mask) in enumerate(zip(flow_px, masks, strict=True)):
-        seen, front = flow.astype(np.float32), mask > 0
+    for flow, mask in zip(out, masks, strict=True):
+        front = mask > 0
         if shadow is not None:
-            seen = shadowed(seen, front, shadow, noise.shadow)
-        out[t] = noisy_frame(rng, seen, front, noise, scale)
+            _cast_shadows(flow, front, shadow, noise.shadow)
+        disturb(rng, flow, front, noise, scale)
     return out
 
 
 def shadow_place(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """The affine map (2, 3) from a clip's objects to their shadows: squashed, and cast to a side."""
+    """The affine map (2, 3) from a clip's shadows, pixels (x, y, 1), to the objects that cast them: these are squashed,
+    and cast to a side."""
     height, width = shape
     squash = rng.uniform(0.25, 0.7)
     fall = rng.uniform(0.02, 0.2) * height
-    return np.array([[1, rng.uniform(-0.3, 0.3), rng.uniform(-0.12, 0.12) * width],
-                     [0, squash, (1 - squash) * height / 2 + fall]], np.float32)  # fmt: skip
+    place = np.array([[1, rng.uniform(-0.3, 0.3), rng.uniform(-0.12, 0.12) * width],
+                      [0, squash, (1 - squash) * height / 2 + fall]])  # fmt: skip
+    return cv2.invertAffineTransform(place)
 
 
-def shadowed(flow: np.ndarray, foreground: np.ndarray, place: np.ndarray, strength: float) -> np.ndarray:
-    """The flow with that of the shadows where no object is."""
-    height, width = foreground.shape
-    cast = cv2.warpAffine(flow * foreground[..., None], place, (width, height), flags=cv2.INTER_NEAREST)
-    return np.where(foreground[..., None], flow, flow + np.float32(strength) * cast)
-
-
-def noisy_frame(
-    rng: np.random.Generator, flow: np.ndarray, foreground: np.ndarray, noise: FlowNoise, scale: float
-) -> np.ndarray:
-    """flow: (H, W, 2) float32 px. foreground: (H, W) bool. scale: px here to a px of 480x320."""
-    still = scale * noise.still_px * still_noise(rng, flow.shape, noise, scale)
+def disturb(rng: np.random.Generator, flow: np.ndarray, foreground: np.ndarray, noise: FlowNoise, scale: float) -> None:
+    """Change a flow (H, W, 2) float32 px in place. foreground: (H, W) bool. scale: px here to a px of 480x320."""
+    still = still_noise(rng, flow.shape, noise, scale)
     if not foreground.any():
-        return flow + still
-    measured = leaked(rng, flow, foreground, noise, scale)
+        flow += np.float32(scale * noise.still_px) * still
+        return
+    if noise.leak > 0:
+        nearest = nearest_foreground(foreground, NEAR_PX * scale)
+        near = nearest >= 0
+        field = smooth_noise(rng, foreground.shape, scale * max(noise.dropout_px, 1))
+        _leak(flow, nearest, field, highest(field[near], noise.leak))
     if noise.dropout > 0:
         field = smooth_noise(rng, foreground.shape, scale * noise.dropout_px)
-        lost = field > np.quantile(field[foreground], 1 - noise.dropout)
-        measured = np.where((lost & foreground)[..., None], np.float32(0), measured)
-    measured = blurred(measured, scale * noise.edge_px)
+        _drop_out(flow, foreground, field, highest(field[foreground], noise.dropout))
+    blur(flow, scale * noise.edge_px)
     waver = smooth_noise(rng, flow.shape, scale * noise.correlation_px)
-    length = np.hypot(measured[..., :1], measured[..., 1:])
-    moving = np.maximum(foreground[..., None], length > 0.5 * scale)
-    return measured + np.where(moving, (noise.waver_px * scale + noise.waver_share * length) * waver, still)
+    _waver(flow, foreground, waver, still, scale, noise.waver_px, noise.waver_share, noise.still_px)
+
+
+def highest(values: np.ndarray, share: float) -> float:
+    """The one of values (V,) above which so large a share of them lies; -inf for all."""
+    rank = len(values) - round(share * len(values)) - 1
+    return float(np.partition(values, rank)[rank]) if rank >= 0 else -np.inf
 
 
 def still_noise(rng: np.random.Generator, shape: tuple[int, ...], noise: FlowNoise, scale: float) -> np.ndarray:
@@ -144,44 +147,45 @@ def still_noise(rng: np.random.Generator, shape: tuple[int, ...], noise: FlowNoi
         return smooth_noise(rng, shape, scale * noise.correlation_px)
     rows, columns = -(-shape[0] // cell), -(-shape[1] // cell)
     cells = np.float32(CELL_SHARE**0.5) * rng.standard_normal((rows, columns, 2), dtype=np.float32)
-    size = np.exp(noise.cell_spread * smooth_noise(rng, (rows, columns), 1.5))
-    out, size = (np.repeat(np.repeat(x, cell, 0), cell, 1)[: shape[0], : shape[1]] for x in (cells, size))
+    size = np.exp(np.float32(noise.cell_spread) * smooth_noise(rng, (rows, columns), 1.5))
+    stride = coarseness(scale * BLOTCHES[0][0])
+    coarse = (-(-shape[0] // stride), -(-shape[1] // stride), 2)
+    blotches = np.zeros(coarse, np.float32)
     for sigma, share in BLOTCHES:
-        out = out + np.float32(share**0.5) * smooth_noise(rng, shape, scale * sigma)
-    return size[..., None] * out
-
-
-def leaked(
-    rng: np.random.Generator, flow: np.ndarray, foreground: np.ndarray, noise: FlowNoise, scale: float
-) -> np.ndarray:
-    """The flow with that of the nearest object in a share of the background within NEAR_PX of it."""
-    if noise.leak == 0:
-        return flow
-    near, nearest = nearest_foreground(foreground, NEAR_PX * scale)
-    rows, columns = np.nonzero(near)
-    field = smooth_noise(rng, foreground.shape, scale * max(noise.dropout_px, 1))[rows, columns]
-    if not len(rows):
-        return flow
-    taken = field >= np.quantile(field, 1 - noise.leak)
-    out = flow.copy()
-    out[rows[taken], columns[taken]] = flow[nearest[rows[taken], columns[taken], 0], nearest[rows, columns][taken, 1]]
+        blotches += np.float32(share**0.5) * smooth_noise(rng, coarse, scale * sigma / stride)
+    out = enlarged(blotches, stride, shape)
+    _flicker(out, cells, size, cell)
     return out
 
 
-def nearest_foreground(foreground: np.ndarray, distance_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Background within that distance of the foreground, (H, W) bool, and the foreground pixel nearest to each pixel,
-    (H, W, 2) row and column."""
-    away, labels = cv2.distanceTransformWithLabels(
-        (~foreground).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    place = np.zeros((labels.max() + 1, 2), np.int64)
-    rows, columns = np.nonzero(foreground)
-    place[labels[rows, columns]] = np.stack([rows, columns], axis=1)
-    return ~foreground & (away <= distance_px), place[labels]
+def nearest_foreground(foreground: np.ndarray, distance_px: float) -> np.ndarray:
+    """(H, W) the foreground pixel, as row * W + column, that is nearest to each background pixel within so many px of
+    one, of equal ones the first; -1 elsewhere. foreground: (H, W) bool."""
+    disc, offsets = disc_within(distance_px)
+    return _nearest(foreground, cv2.dilate(foreground.view(np.uint8), disc), offsets)
 
 
-def blurred(field: np.ndarray, sigma: float) -> np.ndarray:
-    return field if sigma < 0.1 else cv2.GaussianBlur(field, (0, 0), sigma)
+@lru_cache(maxsize=8)
+def disc_within(distance_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """The pixels within a distance of one as a mask, and their offsets (K, 2) from it, row and column, near ones first;
+    itself is not among these."""
+    reach = int(distance_px)
+    offsets = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1).T
+    away = np.hypot(*offsets.T)
+    order = np.argsort(away, kind="stable")
+    disc = (away <= distance_px).astype(np.uint8).reshape(2 * reach + 1, -1)
+    return disc, offsets[order[1 : disc.sum()]]
+
+
+def blur(flow: np.ndarray, sigma: float) -> None:
+    """Smooth a field in place by a Gaussian of `sigma` px."""
+    if sigma >= 0.1:
+        cv2.GaussianBlur(flow, (0, 0), sigma, dst=flow)
+
+
+def coarseness(sigma: float) -> int:
+    """Of the grid, in px, on which noise smoothed by `sigma` px is drawn."""
+    return max(1, int(sigma / 1.5))
 
 
 def smooth_noise(rng: np.random.Generator, shape: tuple[int, ...], sigma: float) -> np.ndarray:
@@ -189,103 +193,102 @@ def smooth_noise(rng: np.random.Generator, shape: tuple[int, ...], sigma: float)
 
     Where it is much smoother than a pixel, it is drawn on a coarser grid and interpolated.
     """
-    stride = max(1, int(sigma / 1.5))
+    stride = coarseness(sigma)
     height, width = -(-shape[0] // stride), -(-shape[1] // stride)
     field = rng.standard_normal((height, width, *shape[2:]), dtype=np.float32)
     if sigma < 0.3:
         return field
     # White noise smoothed by a Gaussian keeps 1 / (2 sigma sqrt(pi)) of its standard deviation.
     coarse = sigma / stride
-    gain = np.float32(2 * coarse * np.sqrt(np.pi))
-    field = gain * cv2.GaussianBlur(field, (0, 0), coarse, borderType=cv2.BORDER_REFLECT)
+    field = cv2.GaussianBlur(field, (0, 0), coarse, borderType=cv2.BORDER_REFLECT)
+    field *= np.float32(2 * coarse * np.sqrt(np.pi))
+    return enlarged(field, stride, shape)
+
+
+def enlarged(field: np.ndarray, stride: int, shape: tuple[int, ...]) -> np.ndarray:
+    """A field on a grid `stride` times as coarse, interpolated to `shape`."""
     if stride == 1:
         return field
-    return cv2.resize(field, (stride * width, stride * height), interpolation=cv2.INTER_LINEAR)[: shape[0], : shape[1]]
+    height, width = field.shape[:2]
+    large = cv2.resize(field, (stride * width, stride * height), interpolation=cv2.INTER_LINEAR)
+    return np.ascontiguousarray(large[: shape[0], : shape[1]])
 
 
-def fit_noise(exact_px: np.ndarray, estimated_px: np.ndarray, masks: np.ndarray) -> FlowNoise:
-    """The parameters that give exact flow the errors seen in an estimate, by robust moments.
-
-    exact_px, estimated_px: (T, H, W, 2). masks: (T, H, W), 0 is background. Raises ValueError where no object moves.
-    """
-    scale = exact_px.shape[2] / REFERENCE_WIDTH
-    error = estimated_px.astype(np.float64) - exact_px
-    length = np.linalg.norm(exact_px, axis=-1)
-    foreground = masks > 0
-    moving = foreground & (length > scale)
-    if not moving.any():
-        raise ValueError("no object moves by more than 1 px: nothing to fit the noise of flow to")
-    inside = np.stack([cv2.erode(m.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 for m in foreground])
-    core = moving & inside if (moving & inside).any() else moving
-    near = np.stack([nearest_foreground(m, NEAR_PX * scale)[0] if m.any() else m for m in moving])
-    far = ~foreground & ~near
-
-    # How much of the object's motion each pixel has: 1 in the object, 0 in the background.
-    share = (estimated_px * exact_px).sum(-1)[moving] / length[moving] ** 2
-    kept = core & ((estimated_px * exact_px).sum(-1) > 0.5 * length**2)
-    waver_px, waver_share = spread_by_length(error[kept], length[kept])
-    leaking = (np.linalg.norm(estimated_px, axis=-1) > 0.5 * nearby_length(length, moving)) & near
-    return FlowNoise(
-        edge_px=edge_width(estimated_px, exact_px, moving) / scale,
-        waver_px=waver_px / scale,
-        waver_share=waver_share,
-        correlation_px=correlation_length(error, kept) / scale,
-        still_px=float(robust_deviation(error[far])) / scale if far.any() else 0.0,
-        dropout=float((share < 0.3).mean()),
-        leak=float(leaking.sum() / max(near.sum(), 1)),
-    )
+@kernel
+def _cast_shadows(flow: np.ndarray, foreground: np.ndarray, caster: np.ndarray, strength: float) -> None:
+    """Add a share of the objects' flow to the background that their shadows cover. caster: (2, 3), `shadow_place`."""
+    height, width = foreground.shape
+    for y in range(height):
+        for x in range(width):
+            if foreground[y, x]:
+                continue
+            column = int(np.floor(caster[0, 0] * x + caster[0, 1] * y + caster[0, 2] + 0.5))
+            row = int(np.floor(caster[1, 0] * x + caster[1, 1] * y + caster[1, 2] + 0.5))
+            if 0 <= row < height and 0 <= column < width and foreground[row, column]:
+                for k in range(2):
+                    flow[y, x, k] += np.float32(strength) * flow[row, column, k]
 
 
-def robust_deviation(values: np.ndarray) -> float:
-    """Standard deviation of the values about zero, from their median length: outliers do not count."""
-    return float(np.median(np.abs(values)) / 0.6745)
-
-
-def spread_by_length(error: np.ndarray, length: np.ndarray) -> tuple[float, float]:
-    """Deviation at rest, and what a px of flow adds to it: a line through the robust deviations of five quantiles."""
-    if len(length) < 50:
-        return (robust_deviation(error), 0.0) if len(error) else (0.0, 0.0)
-    bins = np.clip(np.searchsorted(np.quantile(length, [0.2, 0.4, 0.6, 0.8]), length), 0, 4)
-    x = np.array([length[bins == k].mean() for k in range(5) if (bins == k).any()])
-    y = np.array([robust_deviation(error[bins == k]) for k in range(5) if (bins == k).any()])
-    slope = max(float(np.polyfit(x, y, 1)[0]), 0.0) if np.ptp(x) > 1e-3 else 0.0
-    return max(float(y.mean() - slope * x.mean()), 0.0), slope
-
-
-def correlation_length(error: np.ndarray, where: np.ndarray) -> float:
-    """Sigma of the Gaussian whose smoothing gives the errors' correlation between pixels at a distance of 4 px, px.
-
-    White noise smoothed by sigma has the correlation exp(-d² / 4 sigma²) at a distance d.
-    """
-    d = 4
-    both = where[:, :, d:] & where[:, :, :-d]
-    if both.sum() < 20:
-        return 0.0
-    a, b = error[:, :, d:][both], error[:, :, :-d][both]
-    limit = 4 * robust_deviation(np.concatenate([a, b])) + 1e-12
-    a, b = np.clip(a, -limit, limit), np.clip(b, -limit, limit)
-    r = float((a * b).sum() / max(np.sqrt((a**2).sum() * (b**2).sum()), 1e-12))
-    return float(d / (2 * np.sqrt(-np.log(np.clip(r, 0.01, 0.99)))))
-
-
-def nearby_length(length: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """Length of the flow of the nearest moving pixel, (T, H, W) px; inf where nothing moves."""
-    out = np.full(length.shape, np.inf)
-    for t in range(len(length)):
-        if moving[t].any():
-            _, nearest = nearest_foreground(moving[t], 0)
-            out[t] = length[t][nearest[..., 0], nearest[..., 1]]
+@kernel
+def _nearest(foreground: np.ndarray, near: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """`nearest_foreground` where `near` (H, W) is not 0, trying the offsets (K, 2) in order."""
+    height, width = foreground.shape
+    out = np.full((height, width), -1, np.int32)
+    for y in range(height):
+        for x in range(width):
+            if near[y, x] and not foreground[y, x]:
+                for i in range(len(offsets)):
+                    row, column = y + offsets[i, 0], x + offsets[i, 1]
+                    if 0 <= row < height and 0 <= column < width and foreground[row, column]:
+                        out[y, x] = row * width + column
+                        break
     return out
 
 
-def edge_width(estimated_px: np.ndarray, exact_px: np.ndarray, moving: np.ndarray) -> float:
-    """Sigma, px, of the blur that an edge has: among a few, that which brings the exact flow nearest to the estimate
-    in a band about the objects' edges (median of the distance)."""
-    sigmas = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
-    kernel = np.ones((7, 7), np.uint8)
-    band = np.stack([cv2.morphologyEx(m.astype(np.uint8), cv2.MORPH_GRADIENT, kernel) > 0 for m in moving])
-    errors = []
-    for sigma in sigmas:
-        blur = np.stack([blurred(f.astype(np.float32), sigma) for f in exact_px])
-        errors.append(np.linalg.norm(blur - estimated_px, axis=-1)[band].mean())
-    return sigmas[int(np.argmin(errors))]
+@kernel
+def _leak(flow: np.ndarray, nearest: np.ndarray, field: np.ndarray, least: float) -> None:
+    """Give background whose `field` is more than `least` the flow of the object beside it."""
+    height, width = nearest.shape
+    for y in range(height):
+        for x in range(width):
+            if nearest[y, x] >= 0 and field[y, x] > least:
+                row, column = divmod(nearest[y, x], width)
+                for k in range(2):
+                    flow[y, x, k] = flow[row, column, k]
+
+
+@kernel
+def _drop_out(flow: np.ndarray, foreground: np.ndarray, field: np.ndarray, most: float) -> None:
+    """Take away the flow of objects where `field` is more than `most`."""
+    height, width = foreground.shape
+    for y in range(height):
+        for x in range(width):
+            if foreground[y, x] and field[y, x] > most:
+                flow[y, x] = 0
+
+
+@kernel
+def _waver(
+    flow: np.ndarray, foreground: np.ndarray, waver: np.ndarray, still: np.ndarray, scale: float, waver_px: float,
+    waver_share: float, still_px: float,
+) -> None:  # fmt: skip
+    """Add the errors (H, W, 2) of what moves, and of what does not."""
+    height, width = foreground.shape
+    for y in range(height):
+        for x in range(width):
+            length = np.sqrt(flow[y, x, 0] ** 2 + flow[y, x, 1] ** 2)
+            moves = foreground[y, x] or length > 0.5 * scale
+            size = waver_px * scale + waver_share * length if moves else scale * still_px
+            for k in range(2):
+                flow[y, x, k] += np.float32(size) * (waver[y, x, k] if moves else still[y, x, k])
+
+
+@kernel
+def _flicker(blotches: np.ndarray, cells: np.ndarray, size: np.ndarray, cell: int) -> None:
+    """Add to blotches (H, W, 2) the errors of their cells (R, C, 2), and give each cell its size (R, C)."""
+    height, width = blotches.shape[:2]
+    for y in range(height):
+        for x in range(width):
+            row, column = y // cell, x // cell
+            for k in range(2):
+                blotches[y, x, k] = size[row, column] * (blotches[y, x, k] + cells[row, column, k])

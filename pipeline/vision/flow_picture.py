@@ -45,14 +45,15 @@ def flow_picture(flow_px: np.ndarray, kind: str = "channels", max_px: float = MA
     """
     if kind not in KINDS:
         raise ValueError(f"no kind {kind!r} of flow picture: {', '.join(KINDS)}")
-    flow_px = np.nan_to_num(np.asarray(flow_px, np.float32))
-    return encode_wheel(flow_px, max_px) if kind == "wheel" else encode_channels(flow_px, max_px)
+    flow_px = np.asarray(flow_px, np.float32)
+    return encode_wheel(np.nan_to_num(flow_px), max_px) if kind == "wheel" else encode_channels(flow_px, max_px)
 
 
 def encode_channels(flow_px: np.ndarray, max_px: float = MAX_PX) -> np.ndarray:
     """u and v as 128 + 127 sign(u) sqrt(|u| / max_px), and the magnitude as 255 sqrt(|flow| / max_px).
 
     The square root gives slow motion its share of the 127 steps: one step is 0.002 px at rest and 0.5 px at 32 px.
+    NaN counts as no motion.
     """
     flow_px = np.ascontiguousarray(flow_px, np.float32)
     out = np.empty((*flow_px.shape[:-1], 3), np.uint8)
@@ -65,6 +66,7 @@ def _encode_channels(flow_px: np.ndarray, max_px: np.float32, out: np.ndarray) -
     one, middle, half, full = np.float32(1), np.float32(128), np.float32(127), np.float32(255)
     for i in range(len(flow_px)):
         u, v = flow_px[i, 0] / max_px, flow_px[i, 1] / max_px
+        u, v = np.float32(0) if np.isnan(u) else u, np.float32(0) if np.isnan(v) else v
         signed_u, signed_v = np.sqrt(min(abs(u), one)), np.sqrt(min(abs(v), one))
         out[i, 0] = np.uint8(np.rint(middle + half * (signed_u if u >= 0 else -signed_u)))
         out[i, 1] = np.uint8(np.rint(middle + half * (signed_v if v >= 0 else -signed_v)))

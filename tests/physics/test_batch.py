@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from sampled_scenes import draw
 
-from pipeline.physics.batch import BatchSimulator, composition_model, stack_scenes
-from pipeline.physics.simulate import compile_xml, simulate
+from pipeline.physics.batch import BatchSimulator, composition_model, scene_model, stack_scenes
+from pipeline.physics.simulate import compile_xml, simulate, simulate_model
 from pipeline.scene.mjcf import scene_xml
-from pipeline.scene.scene import SIZE_KEYS, Scene, SceneObject
+from pipeline.scene.scene import SIZE_KEYS, Effect, Scene, SceneObject
 
 SHAPES = ("sphere", "box", "cylinder", "capsule", "ellipsoid")
 #: Where bodies and cameras stand before the state is set: what a batch leaves as its composition has it.
@@ -52,11 +52,23 @@ def test_the_fields_of_a_row_are_those_of_the_compiled_scene(rng: np.random.Gene
     shared = model_fields(composition_model(SHAPES, ground is not None))
     for row, scene in enumerate((first, second)):
         compiled = model_fields(compile_xml(scene_xml(scene)))
-        own = model_fields(simulator._batch.get_model(row))
         differing = {name for name in compiled if not np.array_equal(compiled[name], shared[name])} - PLACES
         assert {"geom_size", "body_inertia", "geom_solref", "geom_friction", "body_mass", "geom_rbound"} <= differing
-        for name in compiled.keys() - PLACES:
-            np.testing.assert_allclose(own[name], compiled[name], rtol=1e-9, atol=1e-12, err_msg=name)
+        for model in (simulator._batch.get_model(row), scene_model(scene)):
+            own = model_fields(model)
+            for name in compiled.keys() - PLACES:
+                np.testing.assert_allclose(own[name], compiled[name], rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def test_a_model_without_mjcf_moves_as_the_compiled_one(rng: np.random.Generator) -> None:
+    for shapes in (SHAPES, SHAPES[:1]):
+        scene = random_scene(rng, shapes, float(rng.uniform(-1, 1)))
+        direct, compiled = simulate_model(scene_model(scene), 0.2), simulate(scene, 0.2)
+        np.testing.assert_allclose(direct.position, compiled.position, atol=1e-6)
+        np.testing.assert_allclose(direct.quaternion, compiled.quaternion, atol=1e-6)
+        assert direct.contacts.step.tolist() == compiled.contacts.step.tolist()
+    with pytest.raises(AssertionError, match="effects"):
+        scene_model(replace(scene, effects=(Effect("linear_drag"),)))
 
 
 def test_the_state_of_a_row_is_that_of_the_keyframe(rng: np.random.Generator) -> None:

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
+from pipeline.vision.fit_flow_noise import fit_noise
 from pipeline.vision.flow_noise import (
     CELL_PX,
     NO_NOISE,
     RAFT_RANGES,
     FlowNoise,
-    fit_noise,
     nearest_foreground,
     noisy_flow,
     raft_noise,
@@ -58,11 +58,26 @@ def test_leaks_lie_beside_objects_and_take_their_motion(rng):
     flow, masks = moving_discs(rng)
     noisy = noisy_flow(rng, flow, masks, replace(NO_NOISE, leak=0.4))
     for t in range(len(flow)):
-        near, nearest = nearest_foreground(masks[t] > 0, 3.0)
+        nearest = nearest_foreground(masks[t] > 0, 3.0)
+        near = nearest >= 0
         leaked = (noisy[t] != flow[t]).any(-1)
         assert not (leaked & ~near).any()
         assert leaked.sum() == pytest.approx(0.4 * near.sum(), rel=0.1)
-        assert np.array_equal(noisy[t][leaked], flow[t][nearest[leaked][:, 0], nearest[leaked][:, 1]])
+        assert np.array_equal(noisy[t][leaked], flow[t].reshape(-1, 2)[nearest[leaked]])
+
+
+def test_the_nearest_foreground_is_the_nearest(rng):
+    foreground = rng.random((40, 50)) < 0.05
+    nearest = nearest_foreground(foreground, 4.5)
+    places = np.argwhere(foreground)
+    for y, x in np.ndindex(foreground.shape):
+        away = np.hypot(*(places - (y, x)).T)
+        if foreground[y, x] or away.min(initial=np.inf) > 4.5:
+            assert nearest[y, x] == -1
+        else:
+            row, column = divmod(nearest[y, x], 50)
+            assert foreground[row, column]
+            assert np.hypot(row - y, column - x) == away.min()
 
 
 def test_smooth_noise_keeps_its_deviation(rng):
