@@ -48,7 +48,7 @@ from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.target import make_target
 from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.flow_noise import noisy_flow, raft_noise
+from pipeline.vision.flow_noise import flow_like_rafts
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from stages.clip_pictures import picture_stage, pictures
 from stages.params import PARAMS_FILE, Params
@@ -75,9 +75,8 @@ def shown_of(suite: Suite, label: str, clip: int, kind: str, params: Params, bas
     schedule = params.clip.model_dump()
     if kind == "noisy":
         view, rng = suite["render"][clip], clip_rng(params.seed, label, clip, "flow noise")
-        flow = noisy_flow(
-            rng, view.array("flow"), view.array("mask")[Schedule(**schedule).pairs[:, 0]], raft_noise(rng)
-        )
+        masks = view.array("mask")[Schedule(**schedule).pairs[:, 0]]
+        flow = flow_like_rafts(rng, view.array("flow"), masks)
         found = flow_picture(flow, params.flow.picture, scaled_max_px(flow.shape[2], 1 / params.clip.fps))
     else:
         found = pictures(suite[picture_stage(kind)][clip], kind, schedule)
@@ -123,8 +122,10 @@ def ask(asked: argparse.Namespace) -> None:
     RESULTS.mkdir(parents=True, exist_ok=True)
     for label in asked.suites.split(","):
         suite = open_suite(label, ["render", "flow"])
-        todo = [c for c in range(len(suite["flow"])) if (label, c, asked.name) not in done
-                and (asked.objects is None or len(shapes_of(suite, c, params) or ()) <= asked.objects)]  # fmt: skip
+        todo = [c for c in range(len(suite["flow"])) if (label, c, asked.name) not in done]
+        if asked.objects is not None:  # of clips whose objects are known
+            shapes = {c: shapes_of(suite, c, params) for c in todo}
+            todo = [c for c, known in shapes.items() if known is not None and len(known) <= asked.objects]
         for clip in tqdm(todo[: asked.clips], desc=label, unit="clip"):
             rows = list(rows_of(asked, base, suite, label, clip, params, tries))
             with ANSWERS.open("a") as file:

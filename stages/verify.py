@@ -4,13 +4,14 @@ Reads data/discover/measured, data/hide/truth. Writes reports/discovery.json (me
 discovery.md, discovery.svg (confusion matrix). Run: python -m stages.verify
 """
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pipeline.evaluation.csv_rows import write_rows
+from pipeline.evaluation.tables import markdown
 from pipeline.hidden.confusion_figure import confusion_figure
 from pipeline.hidden.judge import Judgement, confusion, judge, wilson
 from pipeline.shards.dataset import open_shards
@@ -53,13 +54,8 @@ def main() -> None:
     with writing_to(REPORTS):
         REPORTS.mkdir(exist_ok=True)
         (REPORTS / "discovery.svg").write_text(confusion_figure(*confusion(judged)))
-        with (REPORTS / "discovery.csv").open("w", newline="") as file:
-            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-        lines = ["| " + " | ".join(rows[0]) + " |", "| " + " | ".join("---" for _ in rows[0]) + " |"]
-        lines += ["| " + " | ".join(str(v) for v in row.values()) + " |" for row in rows]
-        (REPORTS / "discovery.md").write_text("\n".join(lines) + "\n")
+        write_rows(REPORTS / "discovery.csv", rows)
+        (REPORTS / "discovery.md").write_text(markdown(list(rows[0]), [[str(v) for v in row.values()] for row in rows]))
         (REPORTS / "discovery.json").write_text(json.dumps(summary, indent=1) + "\n")
     print(
         f"verify: {right} of {len(there)} hidden effects named, {sum(j.false for j in judged)} false claims", flush=True

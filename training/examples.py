@@ -24,7 +24,7 @@ from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.appearance import apply_sensor, sample_appearance, sample_sensor
-from pipeline.vision.flow_noise import noisy_flow, raft_noise
+from pipeline.vision.flow_noise import flow_like_rafts
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from pipeline.vision.raft import RAFT, load_raft
 from pipeline.vision.render import render_rgb
@@ -94,7 +94,7 @@ def picture(
         flow = raft(f.raft).flow(first, second, f.iterations)
     else:
         rng = clip_rng(params.seed, suite, index, "flow noise")
-        flow = noisy_flow(rng, view.flow, view.mask, raft_noise(rng).scaled(noise))
+        flow = flow_like_rafts(rng, view.flow, view.mask, noise)
     shown = flow_picture(flow, f.picture, scaled_max_px(flow.shape[2], 1 / params.clip.fps))
     return resize_frames(shown, LAYOUT.width, LAYOUT.height)
 

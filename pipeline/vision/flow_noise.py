@@ -91,6 +91,13 @@ def raft_noise(rng: np.random.Generator) -> FlowNoise:
     return FlowNoise(**drawn, cell_px=CELL_PX, shadow=shadow)
 
 
+def flow_like_rafts(
+    rng: np.random.Generator, flow_px: np.ndarray, masks: np.ndarray, strength: float = 1.0
+) -> np.ndarray:
+    """`noisy_flow` with noise drawn as RAFT has it, `strength` times as strong."""
+    return noisy_flow(rng, flow_px, masks, raft_noise(rng).scaled(strength))
+
+
 def noisy_flow(rng: np.random.Generator, flow_px: np.ndarray, masks: np.ndarray, noise: FlowNoise) -> np.ndarray:
     """flow_px (T, H, W, 2) of objects in masks (T, H, W), 0 is background, with `noise`; the same shape, float32."""
     scale = flow_px.shape[2] / REFERENCE_WIDTH
@@ -200,9 +207,8 @@ def smooth_noise(rng: np.random.Generator, shape: tuple[int, ...], sigma: float)
         return field
     # White noise smoothed by a Gaussian keeps 1 / (2 sigma sqrt(pi)) of its standard deviation.
     coarse = sigma / stride
-    field = cv2.GaussianBlur(field, (0, 0), coarse, borderType=cv2.BORDER_REFLECT)
-    field *= np.float32(2 * coarse * np.sqrt(np.pi))
-    return enlarged(field, stride, shape)
+    smooth = cv2.GaussianBlur(field, (0, 0), coarse, borderType=cv2.BORDER_REFLECT)
+    return enlarged(np.float32(2 * coarse * np.sqrt(np.pi)) * smooth, stride, shape)
 
 
 def enlarged(field: np.ndarray, stride: int, shape: tuple[int, ...]) -> np.ndarray:
