@@ -15,6 +15,7 @@ from torch.nn import functional
 
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import View
+from pipeline.compiled import kernel
 from pipeline.language.completion import MAX_OBJECTS
 from pipeline.model.patches import PatchLayout
 from pipeline.physics.trace import Trace
@@ -48,21 +49,36 @@ def patch_labels(view: View, scene: Scene, trace: Trace, schedule: Schedule, lay
     rows, columns = (np.arange(n) + 0.5 for n in (h, w))
     for k in range(t):
         mask, depth, step = view.mask[k * layout.temporal], view.depth[k * layout.temporal], steps[k * layout.temporal]
-        shares = np.stack([(mask == i + 1).reshape(h, p, w, p).mean((1, 3)) for i in range(len(scene.objects))], -1)
-        best, filled = shares.argmax(-1), shares.max(-1) >= LEAST_SHARE
+        counts, sums = np.zeros((h, w, len(scene.objects))), np.zeros((len(scene.objects), 3))
+        _gather(mask, depth, p, counts, sums)
+        best, filled = counts.argmax(-1), counts.max(-1) >= LEAST_SHARE * p**2
         for i, name in enumerate(scene.shapes):
             where = filled & (best == i)
             if where.any():
-                y, x = np.nonzero(mask == i + 1)
+                mean_depth, x, y = sums[i] / counts[..., i].sum()
                 shape[k][where] = 1 + BASIC_SHAPES.index(name)
                 place[k][where] = i
                 told = numbers[k]
-                told[where, 0] = np.log(depth[y, x].mean())
-                told[where, 1] = np.broadcast_to((x.mean() + 0.5) / p - columns, (h, w))[where]
-                told[where, 2] = np.broadcast_to(((y.mean() + 0.5) / p - rows)[:, None], (h, w))[where]
+                told[where, 0] = np.log(mean_depth)
+                told[where, 1] = np.broadcast_to((x + 0.5) / p - columns, (h, w))[where]
+                told[where, 2] = np.broadcast_to(((y + 0.5) / p - rows)[:, None], (h, w))[where]
                 told[where, 3:] = np.concatenate([sizes[i], trace.position[step, i], trace.velocity[step, i],
                                                   trace.position[0, i], trace.velocity[0, i]])  # fmt: skip
     return PatchLabels(shape, place, numbers)
+
+
+@kernel
+def _gather(mask: np.ndarray, depth: np.ndarray, patch: int, counts: np.ndarray, sums: np.ndarray) -> None:
+    """Of mask and depth (H, W), into counts (h, w, N): pixels of each object in each patch; into sums (N, 3): depth, x
+    and y of each object's pixels."""
+    for y in range(mask.shape[0]):
+        for x in range(mask.shape[1]):
+            if mask[y, x]:
+                i = mask[y, x] - 1
+                counts[y // patch, x // patch, i] += 1
+                sums[i, 0] += depth[y, x]
+                sums[i, 1] += x
+                sums[i, 2] += y
 
 
 class PatchHead(nn.Module):

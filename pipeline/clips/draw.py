@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
+from pipeline.clips.view import areas_px
 from pipeline.errors import DynamicsError
 from pipeline.physics.batch import BatchSimulator, stack_scenes
 from pipeline.physics.overlap import penetration
@@ -127,8 +128,7 @@ def _seen(scene: Scene, position: np.ndarray, quaternion: np.ndarray, filters: F
     """(N,) the first of the frames in which each object is in view, -1 for never."""
     assert scene.camera is not None
     view = rasterise(scene.objects, position, quaternion, pinhole(scene.camera), _WIDTH, _HEIGHT, scene.ground)
-    areas = np.stack([(view.mask == i + 1).sum((1, 2)) for i in range(len(scene.objects))], 1) * _AREA_SCALE
-    visible = areas >= filters.visible_px  # (F, N)
+    visible = areas_px(view.mask, len(scene.objects)) >= filters.visible_px  # (F, N)
     return np.where(visible.any(0), visible.argmax(0), -1)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pipeline.vision.flow_noise import NEAR_PX, REFERENCE_WIDTH, FlowNoise, blur, nearest_foreground
+from pipeline.vision.flow_noise import NEAR_PX, REFERENCE_WIDTH, FlowNoise, nearest_foreground
 
 
 def fit_noise(exact_px: np.ndarray, estimated_px: np.ndarray, masks: np.ndarray) -> FlowNoise:
@@ -86,7 +86,7 @@ def edge_width(estimated_px: np.ndarray, exact_px: np.ndarray, moving: np.ndarra
     errors = []
     for sigma in sigmas:
         soft = exact_px.astype(np.float32)
-        for flow in soft:
-            blur(flow, sigma)
+        if sigma:
+            soft = np.stack([cv2.GaussianBlur(flow, (0, 0), sigma) for flow in soft])
         errors.append(np.linalg.norm(soft - estimated_px, axis=-1)[band].mean())
     return sigmas[int(np.argmin(errors))]

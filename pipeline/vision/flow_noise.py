@@ -9,6 +9,7 @@ plain. `raft_noise` draws the parameters as RAFT has them; most were measured by
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
@@ -125,20 +126,36 @@ def shadow_place(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray
 def disturb(rng: np.random.Generator, flow: np.ndarray, foreground: np.ndarray, noise: FlowNoise, scale: float) -> None:
     """Change a flow (H, W, 2) float32 px in place. foreground: (H, W) bool. scale: px here to a px of 480x320."""
     still = still_noise(rng, flow.shape, noise, scale)
-    if not foreground.any():
-        flow += np.float32(scale * noise.still_px) * still
-        return
+    still *= np.float32(scale * noise.still_px)
+    if foreground.any():
+        part = bounds(foreground | (flow[..., 0] != 0) | (flow[..., 1] != 0), scale * max(NEAR_PX, 3 * noise.edge_px))
+        disturb_motion(rng, flow[part], foreground[part], still[part], noise, scale)
+    flow += still
+
+
+def bounds(where: np.ndarray, margin_px: float) -> tuple[slice, slice]:
+    """Rows and columns about what is True in `where` (H, W), and so many px more where there are."""
+    x, y, width, height = cv2.boundingRect(where.view(np.uint8))
+    margin = math.ceil(margin_px)
+    return slice(max(y - margin, 0), y + height + margin), slice(max(x - margin, 0), x + width + margin)
+
+
+def disturb_motion(
+    rng: np.random.Generator, flow: np.ndarray, foreground: np.ndarray, still: np.ndarray, noise: FlowNoise,
+    scale: float,
+) -> None:  # fmt: skip
+    """The errors at and about objects; `still`, those of the background, become 0 there."""
     if noise.leak > 0:
         nearest = nearest_foreground(foreground, NEAR_PX * scale)
-        near = nearest >= 0
         field = smooth_noise(rng, foreground.shape, scale * max(noise.dropout_px, 1))
-        _leak(flow, nearest, field, highest(field[near], noise.leak))
+        _leak(flow, nearest, field, highest(field[nearest >= 0], noise.leak))
     if noise.dropout > 0:
         field = smooth_noise(rng, foreground.shape, scale * noise.dropout_px)
         _drop_out(flow, foreground, field, highest(field[foreground], noise.dropout))
-    blur(flow, scale * noise.edge_px)
+    if scale * noise.edge_px >= 0.1:
+        flow[:] = cv2.GaussianBlur(flow, (0, 0), scale * noise.edge_px)
     waver = smooth_noise(rng, flow.shape, scale * noise.correlation_px)
-    _waver(flow, foreground, waver, still, scale, noise.waver_px, noise.waver_share, noise.still_px)
+    _waver(flow, foreground, waver, still, scale, noise.waver_px, noise.waver_share)
 
 
 def highest(values: np.ndarray, share: float) -> float:
@@ -184,12 +201,6 @@ def disc_within(distance_px: float) -> tuple[np.ndarray, np.ndarray]:
     return disc, offsets[order[1 : disc.sum()]]
 
 
-def blur(flow: np.ndarray, sigma: float) -> None:
-    """Smooth a field in place by a Gaussian of `sigma` px."""
-    if sigma >= 0.1:
-        cv2.GaussianBlur(flow, (0, 0), sigma, dst=flow)
-
-
 def coarseness(sigma: float) -> int:
     """Of the grid, in px, on which noise smoothed by `sigma` px is drawn."""
     return max(1, int(sigma / 1.5))
@@ -201,14 +212,17 @@ def smooth_noise(rng: np.random.Generator, shape: tuple[int, ...], sigma: float)
     Where it is much smoother than a pixel, it is drawn on a coarser grid and interpolated.
     """
     stride = coarseness(sigma)
-    height, width = -(-shape[0] // stride), -(-shape[1] // stride)
-    field = rng.standard_normal((height, width, *shape[2:]), dtype=np.float32)
-    if sigma < 0.3:
-        return field
-    # White noise smoothed by a Gaussian keeps 1 / (2 sigma sqrt(pi)) of its standard deviation.
     coarse = sigma / stride
-    smooth = cv2.GaussianBlur(field, (0, 0), coarse, borderType=cv2.BORDER_REFLECT)
-    return enlarged(np.float32(2 * coarse * np.sqrt(np.pi)) * smooth, stride, shape)
+    grid = (-(-shape[0] // stride), -(-shape[1] // stride), *shape[2:])
+    # What a wide Gaussian makes of uniform noise, which is drawn faster, is Gaussian as well.
+    draw = rng.standard_normal if coarse < 1 else rng.random
+    white = draw(grid, np.float32)
+    if sigma < 0.3:
+        return white
+    mean, deviation = (0.0, 1.0) if coarse < 1 else (0.5, 12**-0.5)
+    smooth = cv2.GaussianBlur(white, (0, 0), coarse, borderType=cv2.BORDER_REFLECT) - np.float32(mean)
+    # White noise smoothed by a Gaussian keeps 1 / (2 sigma sqrt(pi)) of its standard deviation.
+    return enlarged(np.float32(2 * coarse * np.sqrt(np.pi) / deviation) * smooth, stride, shape)
 
 
 def enlarged(field: np.ndarray, stride: int, shape: tuple[int, ...]) -> np.ndarray:
@@ -276,17 +290,18 @@ def _drop_out(flow: np.ndarray, foreground: np.ndarray, field: np.ndarray, most:
 @kernel
 def _waver(
     flow: np.ndarray, foreground: np.ndarray, waver: np.ndarray, still: np.ndarray, scale: float, waver_px: float,
-    waver_share: float, still_px: float,
+    waver_share: float,
 ) -> None:  # fmt: skip
-    """Add the errors (H, W, 2) of what moves, and of what does not."""
+    """Add the errors (H, W, 2) of what moves, where `still` (H, W, 2) then is 0."""
     height, width = foreground.shape
     for y in range(height):
         for x in range(width):
             length = np.sqrt(flow[y, x, 0] ** 2 + flow[y, x, 1] ** 2)
-            moves = foreground[y, x] or length > 0.5 * scale
-            size = waver_px * scale + waver_share * length if moves else scale * still_px
-            for k in range(2):
-                flow[y, x, k] += np.float32(size) * (waver[y, x, k] if moves else still[y, x, k])
+            if foreground[y, x] or length > 0.5 * scale:
+                size = np.float32(waver_px * scale + waver_share * length)
+                for k in range(2):
+                    flow[y, x, k] += size * waver[y, x, k]
+                    still[y, x, k] = 0
 
 
 @kernel
