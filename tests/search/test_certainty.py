@@ -35,9 +35,9 @@ def test_a_world_that_grows_about_the_camera_looks_the_same(rng: np.random.Gener
     space = search_space(scene)
     grown = space.scene(space.encode() + 0.1 * scale_direction(space))
     assert grown.objects[0].size != scene.objects[0].size
-    ours, theirs = exact_target(scene), exact_target(grown)
-    union = ((ours.masks > 0) | (theirs.masks > 0)).sum()
-    assert (ours.masks != theirs.masks).sum() < 0.1 * union
+    # In the first frames: contacts, whose time constants do not grow, part what collides sooner or later.
+    ours, theirs = (exact_target(s).masks[:3] for s in (scene, grown))
+    assert (ours != theirs).sum() < 0.1 * ((ours > 0) | (theirs > 0)).sum()
 
 
 def test_information_along_a_direction_is_taken_and_no_other(rng: np.random.Generator) -> None:
