@@ -11,8 +11,9 @@ from typing import Any
 
 import pyarrow as pa
 
+from pipeline.clips.areas import areas_px
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import areas_px, frame_masks
+from pipeline.clips.view import frame_masks
 from pipeline.language.completion import think_text
 from pipeline.language.events import Thresholds, find_events
 from pipeline.physics.trace_shards import read_trace

@@ -11,8 +11,9 @@ import numpy as np
 import torch
 from torch import multiprocessing
 
+from pipeline.clips.areas import areas_px
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import View, areas_px, frame_masks, pair_view, trace_pairs
+from pipeline.clips.view import View, frame_masks, pair_view, trace_pairs
 from pipeline.language.codec import Codec, Tokens
 from pipeline.language.completion import MAX_OBJECTS, write_completion
 from pipeline.language.events import Thresholds, find_events

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
-from pipeline.compiled import kernel
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 from pipeline.vision.camera import pinhole
@@ -31,22 +30,6 @@ def frame_masks(scene: Scene, trace: Trace, schedule: Schedule, width: int, heig
     steps = schedule.frame_steps
     return rasterise(scene.objects, trace.position[steps], trace.quaternion[steps], pinhole(scene.camera), width,
                      height, scene.ground).mask  # fmt: skip
-
-
-def areas_px(masks: np.ndarray, objects: int) -> np.ndarray:
-    """(F, N) area of each object in masks (F, H, W), px of 480x320."""
-    counts = np.zeros((len(masks), objects + 1), np.int64)
-    _count(masks.reshape(len(masks), -1), counts)
-    return counts[:, 1:] * (480 * 320 / masks[0].size)
-
-
-@kernel
-def _count(masks: np.ndarray, counts: np.ndarray) -> None:
-    """Into counts (F, N + 1): the pixels of masks (F, P) with each number up to N."""
-    for frame in range(len(masks)):
-        for pixel in range(masks.shape[1]):
-            if masks[frame, pixel] < counts.shape[1]:
-                counts[frame, masks[frame, pixel]] += 1
 
 
 def pair_view(scene: Scene, position: np.ndarray, quaternion: np.ndarray, width: int, height: int) -> View:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.clips.areas import areas_px
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import areas_px, frame_masks, pair_view, trace_pairs
+from pipeline.clips.view import frame_masks, pair_view, trace_pairs
 from pipeline.errors import SceneError
 from pipeline.language.events import Event, Thresholds, find_events
 from pipeline.physics.simulate import simulate

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.clips.areas import areas_px
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import areas_px, frame_masks
+from pipeline.clips.view import frame_masks
 from pipeline.language.events import KINDS, ROLL, SLIDE, Event, Thresholds, find_events, regimes, visibility
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
