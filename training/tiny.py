@@ -5,7 +5,7 @@
 Generator processes stream clips into a pool from which batches are drawn; a clip is drawn a few times before a
 newer one takes its place. Stops at --minutes; the learning rate falls to nothing in the last --decay of them. Writes a
 checkpoint every few minutes and goes on from the last one; `before_decay.pt` is the one to train longer from (copy it
-to `checkpoint.pt` and give more --minutes). `log.csv` in --work has the losses. The vision tower learns what the
+to `checkpoint.pt` and give more --minutes); without it, --start goes on from a finished model. `log.csv` has the losses. The vision tower learns what the
 simulator knows of each patch (training/patch_labels.py): alone in the first --vision minutes, then beside the
 completion, of clips with one, two and three objects first; the noise of the flow rises from nothing to RAFT's in the
 first --quiet minutes.
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import shutil
 import time
 from pathlib import Path
 
@@ -22,13 +23,17 @@ import numpy as np
 import torch
 from torch import multiprocessing
 
+from pipeline.evaluation.csv_rows import read_rows
 from pipeline.language.completion import MAX_OBJECTS
 from stages.params import PARAMS_FILE, Params
 from stages.params_file import read_params_file
 from training.example_pool import Pool
 from training.examples import CHUNK, SUITE, Example, Kind, generate, make_examples
 from training.measured import Measured
-from training.tiny_trainer import Trainer, read_checkpoint
+from training.tiny_trainer import Progress, Trainer, read_checkpoint
+
+LOG = "log.csv"  # in --work, and beside the weights
+HEAD_STEPS = 200  # of batches, for the head on patch labels, which is not saved with a model
 
 
 def learning_rate(step: int, left: float, decay: float) -> float:
@@ -50,6 +55,12 @@ def most_objects(minutes: float, vision: float, few: float) -> int:
     return 1 + int(3 * started / few) if 0 <= started < few else MAX_OBJECTS
 
 
+def progress_of(row: dict[str, str], batch: int) -> Progress:
+    """How far a training had got by a row of its log."""
+    return Progress(step=int(row["clips"]) // batch, seconds=60 * float(row["minutes"]),
+                    chunk=int(row["fresh_clips"]) // CHUNK)  # fmt: skip
+
+
 def append_row(path: Path, row: dict[str, float]) -> None:
     with path.open("a", newline="") as file:
         writer = csv.DictWriter(file, row)
@@ -65,10 +76,15 @@ def train(args: argparse.Namespace) -> None:
     args.work.mkdir(parents=True, exist_ok=True)
     checkpoint = args.work / "checkpoint.pt"
     trainer = Trainer(args.device, args.lr, args.muon_lr, args.patch_weight)
+    starts = bool(args.start) and not checkpoint.is_file()
     if checkpoint.is_file():
         trainer.load(checkpoint)
         print(f"goes on from step {trainer.progress.step}, {trainer.progress.seconds / 60:.1f} min", flush=True)
+    elif starts:
+        shutil.copy(args.start / LOG, args.work / LOG)
+        trainer.progress = progress_of(read_rows(args.work / LOG)[-1], args.batch)
     progress = trainer.progress
+    warm_up_from = progress.step if starts else progress.seen
     minutes = progress.seconds / 60
 
     context = multiprocessing.get_context("spawn")
@@ -89,6 +105,9 @@ def train(args: argparse.Namespace) -> None:
         held = make_examples(params, trainer.base.codec, kind, SUITE + "-held", range(args.validation), kind.silent < 1)
 
     rng = np.random.default_rng(progress.step)
+    if starts:
+        pool.fill(least=8 * args.batch)
+        trainer.start_from(args.start, [pool.mosaics(rng, args.batch) for _ in range(HEAD_STEPS)])
     began, last_save, last_log = time.monotonic() - progress.seconds, time.monotonic(), -np.inf
     recent: list[tuple[float, float]] = []
     while (elapsed := time.monotonic() - began) < 60 * args.minutes:
@@ -101,7 +120,7 @@ def train(args: argparse.Namespace) -> None:
         pool.most = most.value = most_objects(minutes, args.vision, args.few)
         pool.fill(least=8 * args.batch)
         alone = minutes < args.vision
-        step = progress.step if alone else progress.step - progress.seen
+        step = progress.step if alone else progress.step - warm_up_from
         share = learning_rate(step, args.minutes - minutes, args.decay)
         if alone:
             recent.append(trainer.learn_to_see(*pool.mosaics(rng, args.batch), share))
@@ -116,12 +135,13 @@ def train(args: argparse.Namespace) -> None:
             row |= trainer.validate(held, args.batch)
             recent = []
             print({k: round(v, 6) for k, v in row.items()}, flush=True)
-            append_row(args.work / "log.csv", row)
+            append_row(args.work / LOG, row)
         if time.monotonic() - last_save > args.save_seconds:
             last_save = time.monotonic()
             trainer.save(checkpoint)
     trainer.save(checkpoint)
     trainer.base.save(args.out)
+    shutil.copy(args.work / LOG, args.out / LOG)
     print(f"saved to {args.out}", flush=True)
     for maker in makers:
         maker.terminate()
@@ -137,6 +157,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=90, help="whole training time, earlier runs counted in")
     parser.add_argument("--out", type=Path, default=Path("models/tiny"), help="where the model is written at the end")
+    parser.add_argument(
+        "--start", type=Path, help="folder of a trained model to go on from, where --work has no checkpoint"
+    )
     parser.add_argument("--work", type=Path, default=Path(".train/tiny"), help="checkpoint and log")
     parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"))
     parser.add_argument("--threads", type=int, default=1)

@@ -12,7 +12,7 @@ import torch
 
 from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
-from pipeline.model.base import Base
+from pipeline.model.base import Base, load_base
 from pipeline.model.inputs import video_inputs
 from pipeline.model.loss import batch_loss, make_batch
 from pipeline.model.tiny import TinySize, build_tiny
@@ -66,6 +66,18 @@ class Trainer:
 
     def remember(self, module: torch.nn.Module, inputs: Any, output: Any) -> None:
         self.tokens = output.pooler_output
+
+    def start_from(self, folder: Path, clips: list[tuple[np.ndarray, list[PatchLabels]]]) -> None:
+        """Take the weights of a model that was saved for answering. It has no head: that learns, alone, from batches of
+        pictures and labels as `learn_to_see` takes them."""
+        self.base.model.load_state_dict(load_base(str(folder)).model.state_dict())
+        optimizer = torch.optim.AdamW(self.head.parameters(), 3e-3)
+        for pictures, labels in clips:
+            with torch.no_grad():
+                tokens = self.see(torch.as_tensor(pictures))
+            optimizer.zero_grad()
+            self.head(tokens, labels).backward()
+            optimizer.step()
 
     def load(self, path: Path) -> None:
         stored = torch.load(path, map_location=self.device, weights_only=True)
