@@ -199,6 +199,7 @@ class Infer(Section):
     samples: Count
     temperature: Positive
     top_p: Annotated[float, Field(gt=0, le=1)]
+    numbers: Literal["median", "likeliest"]
     batch_size: Count
 
 

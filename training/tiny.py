@@ -5,10 +5,10 @@
 Generator processes stream clips into a pool from which batches are drawn; a clip is drawn a few times before a
 newer one takes its place. Stops at --minutes; the learning rate falls to nothing in the last --decay of them. Writes a
 checkpoint every few minutes and goes on from the last one; `before_decay.pt` is the one to train longer from (copy it
-to `checkpoint.pt` and give more --minutes); without it, --start goes on from a finished model. `log.csv` has the losses. The vision tower learns what the
-simulator knows of each patch (training/patch_labels.py): alone in the first --vision minutes, then beside the
-completion, of clips with one, two and three objects first; the noise of the flow rises from nothing to RAFT's in the
-first --quiet minutes.
+to `checkpoint.pt` and give more --minutes); without it, --start goes on from a finished model. `log.csv` in --work has
+the losses. The vision tower learns what the simulator knows of each patch (training/patch_labels.py): alone in the
+first --vision minutes, then beside the completion, of clips with one, two and three objects first; the noise of the
+flow rises from nothing to RAFT's in the first --quiet minutes.
 """
 
 from __future__ import annotations

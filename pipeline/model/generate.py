@@ -1,5 +1,8 @@
 """Completions of clips, greedy or sampled, in batches with a key-value cache, under the grammar: all of them parse.
 
+A greedy answer has the likeliest words, and of each number the median of the model's distribution: the likeliest first
+token of a number is a poor guess at it where the model is not sure (docs/decisions.md).
+
 The prompt of a clip is run once; its samples share the cache. Rows advance together: what the grammar forces is
 fed in one go, as far as it reaches in every row, so that most forward passes end in a choice.
 """
@@ -22,13 +25,15 @@ from pipeline.model.walker import Tries, Walker
 
 @dataclass(frozen=True)
 class Sampling:
-    """samples a clip; temperature 0 is greedy (one sample); top_p: nucleus; reasoning; seconds of the clip."""
+    """samples a clip; temperature 0 is greedy (one sample); top_p: nucleus; reasoning; seconds of the clip; numbers: of
+    a greedy answer, "median" (of what the model thinks of each) or "likeliest" (token by token)."""
 
     samples: int = 1
     temperature: float = 0.0
     top_p: float = 0.9
     reasoning: bool = True
     seconds: float = 1.0
+    numbers: str = "median"
     most_tokens: int = 4000  # more than the longest text has letters, whatever the tokenizer
 
 
@@ -67,8 +72,15 @@ def generate(
     while True:
         for i, walker in enumerate(walkers):
             if not waiting[i] and not walker.finished:
-                token, log_p = _choose(logits[i], walker.allowed, sampling, rngs[i])
-                log_probability[i] += log_p
+                log_p = _log_softmax(logits[i][walker.allowed])
+                if sampling.temperature:
+                    pick = _drawn(log_p, sampling, rngs[i])
+                elif walker.numeric and sampling.numbers == "median":
+                    pick, walker.quantile = at_quantile(np.exp(log_p), walker.quantile)
+                else:
+                    pick = int(np.argmax(log_p))
+                log_probability[i] += log_p[pick]
+                token = walker.allowed[pick]
                 walker.take(token)
                 waiting[i] = [token, *walker.forced()]
         if not any(waiting):
@@ -100,22 +112,28 @@ def _prefill(base: Base, prompt: Prompt, where: torch.Tensor, clips: np.ndarray)
     return cache, out.logits[:, -1].float().cpu()
 
 
-def _choose(
-    logits: torch.Tensor, allowed: list[int], sampling: Sampling, rng: np.random.Generator
-) -> tuple[int, float]:
-    """A token among the allowed ones and its log-probability among them."""
-    scores = logits[allowed].double().numpy()
-    log_p = scores - scores.max()
-    log_p -= np.log(np.exp(log_p).sum())
-    if sampling.temperature == 0:
-        best = int(np.argmax(log_p))
-        return allowed[best], float(log_p[best])
-    p = np.exp((scores - scores.max()) / sampling.temperature)
+def at_quantile(p: np.ndarray, quantile: float) -> tuple[int, float]:
+    """Of probabilities (N,) of intervals in ascending order, the one in which a quantile of the whole lies, and which
+    quantile of that interval it is. Followed from the first token of a number to its last, this leads to the number's
+    quantile past no other number."""
+    reached = np.cumsum(p)
+    pick = min(int(np.searchsorted(reached, quantile)), len(p) - 1)
+    return pick, float(np.clip((quantile - reached[pick]) / p[pick] + 1, 0, 1))
+
+
+def _log_softmax(scores: torch.Tensor) -> np.ndarray:
+    log_p = scores.double().numpy()
+    log_p = log_p - log_p.max()
+    return log_p - np.log(np.exp(log_p).sum())
+
+
+def _drawn(log_p: np.ndarray, sampling: Sampling, rng: np.random.Generator) -> int:
+    """An index at random, of the nucleus."""
+    p = np.exp((log_p - log_p.max()) / sampling.temperature)
     p /= p.sum()
     order = np.argsort(-p, kind="stable")
     kept = order[: int(np.searchsorted(np.cumsum(p[order]), sampling.top_p)) + 1]
-    pick = int(rng.choice(kept, p=p[kept] / p[kept].sum()))
-    return allowed[pick], float(log_p[pick])
+    return int(rng.choice(kept, p=p[kept] / p[kept].sum()))
 
 
 def batches(clips: int, samples: int, batch_size: int) -> Iterator[range]:

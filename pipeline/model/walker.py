@@ -7,11 +7,13 @@ import functools
 from pipeline.language.codec import Codec
 from pipeline.language.grammar import Element, Grammar, Literal, Number
 
+MEDIAN = 0.5
 Trie = dict[int, "Trie | str"]  # token -> what may follow, or the whole text where the element ends
 
 
 class Tries:
-    """For each choice and number of the grammar, its texts as a tree of token ids; built once and kept."""
+    """For each choice and number of the grammar, its texts as a tree of token ids, those of numbers in ascending order;
+    built once and kept."""
 
     def __init__(self, codec: Codec) -> None:
         self._codec = codec
@@ -28,12 +30,23 @@ class Tries:
                 assert isinstance(child, dict), "no option's tokens begin another's"
                 node = child
             node[last] = text
-        return root
+        return ascending(root) if isinstance(element, Number) else root
+
+
+def ascending(trie: Trie) -> Trie:
+    """With the tokens of a number in the order of the numbers that they begin. Where these are not next to each other
+    (1.5 and 15, of a tokenizer that cuts numbers into digits), the one nearest to zero counts."""
+    children = {token: node if isinstance(node, str) else ascending(node) for token, node in trie.items()}
+    return dict(sorted(children.items(), key=lambda item: _nearest_to_zero(item[1])))
+
+
+def _nearest_to_zero(node: Trie | str) -> float:
+    return float(node) if isinstance(node, str) else min(map(_nearest_to_zero, node.values()), key=abs)
 
 
 class Walker:
     """Steers one sequence. `forced()` gives tokens to append unasked; `allowed` the tokens among which the model then
-    chooses; `take(token)` appends its choice. `text` is what has been written."""
+    chooses, those of a number in ascending order; `take(token)` appends its choice. `text` is what has been written."""
 
     def __init__(self, grammar: Grammar, codec: Codec, tries: Tries) -> None:
         self._grammar, self._codec, self._tries = grammar, codec, tries
@@ -41,6 +54,7 @@ class Walker:
         self._node: Trie = {}
         self.text = ""
         self.numeric = False
+        self.quantile = MEDIAN  # of what may follow, at which the median of a number lies; whoever chooses keeps it
         self._enter()
 
     @property
@@ -84,5 +98,6 @@ class Walker:
 
     def _enter(self) -> None:
         self.numeric = isinstance(self._element, Number)
+        self.quantile = MEDIAN
         if self._element is not None and not isinstance(self._element, Literal):
             self._node = self._tries.of(self._element)

@@ -153,6 +153,15 @@ def test_a_walker_on_random_choices_writes_what_encode_cuts_alike(
         assert ids == tokens.ids[tokens.prompt_length : -1].tolist()
 
 
+def test_a_numbers_tokens_stand_in_ascending_order(codec: Codec) -> None:
+    walker = Walker(completion_grammar(False, 1.0), codec, Tries(codec))
+    walker.forced()
+    assert walker.numeric  # the camera's height, below 10
+    begun = [float(text) for text in map(codec.decode, ([t] for t in walker.allowed)) if text.strip(".").isdigit()]
+    assert begun == sorted(begun)
+    assert len(begun) > 9
+
+
 def test_a_walker_can_write_every_completion(rng: np.random.Generator, codec: Codec) -> None:
     tries = Tries(codec)
     for _ in range(5):

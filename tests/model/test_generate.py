@@ -2,15 +2,16 @@ import numpy as np
 import pytest
 import torch
 from random_walk import random_walk
+from scipy.special import softmax
 from small_base import LAYOUT, SIZE, exact_base, random_clips, small_base
 
 from pipeline.language.completion import completion_grammar, read_completion
-from pipeline.language.grammar import GrammarError, split
+from pipeline.language.grammar import GrammarError, Number, split
 from pipeline.model.base import Base
-from pipeline.model.generate import Completed, Sampling, batches, generate
+from pipeline.model.generate import Completed, Sampling, at_quantile, batches, generate
 from pipeline.model.inputs import positions
 from pipeline.model.patches import pack_video
-from pipeline.model.walker import Tries, Walker
+from pipeline.model.walker import Trie, Tries, Walker
 
 BASE = small_base()
 EXACT = exact_base()
@@ -54,10 +55,64 @@ def recomputed(clip: np.ndarray, answer: Completed, reasoning: bool) -> list[tup
 @pytest.mark.parametrize("reasoning", [True, False])
 def test_greedy_takes_the_likeliest_allowed_token_as_without_a_cache(rng: np.random.Generator, reasoning: bool) -> None:
     clips = random_clips(rng, 2)
-    answers = generate(BASE, clips, Sampling(reasoning=reasoning), [1, 2], TRIES)
+    answers = generate(BASE, clips, Sampling(reasoning=reasoning, numbers="likeliest"), [1, 2], TRIES)
     for clip, (answer,) in zip(clips, answers, strict=True):
         for _, taken, log_p in recomputed(clip, answer, reasoning):
             assert log_p[taken] >= log_p.max() - 1e-4
+
+
+def test_greedy_numbers_are_medians_as_without_a_cache(rng: np.random.Generator) -> None:
+    clips, numbers = random_clips(rng, 2), 0
+    for clip, (answer,) in zip(clips, generate(EXACT, clips, Sampling(), [1, 2], TRIES), strict=True):
+        tokens = EXACT.codec.encode(answer.text, True, 1.0)
+        logits = logits_of(EXACT, clip, tokens.ids)
+        walker = Walker(completion_grammar(True, 1.0), EXACT.codec, TRIES)
+        at = tokens.prompt_length + len(walker.forced())
+        below, share = 0.0, 1.0  # probability of what is less than the tokens so far, and of what they begin
+        while not walker.finished:
+            p = softmax(logits[at - 1][walker.allowed])
+            token = int(tokens.ids[at])
+            taken, numeric, written = walker.allowed.index(token), walker.numeric, walker.text
+            walker.take(token)
+            at += 1 + len(walker.forced())
+            if not numeric:
+                assert taken == p.argmax()
+                continue
+            below, share = below + share * p[:taken].sum(), share * p[taken]
+            if walker.text != written:  # the number is whole
+                assert below - 1e-9 <= 0.5 <= below + share + 1e-9
+                below, share, numbers = 0.0, 1.0, numbers + 1
+    assert numbers > 20
+
+
+Weighed = list[tuple[float, "Weighed | float"]]
+
+
+def weighed(trie: Trie, rng: np.random.Generator) -> Weighed:
+    """The tree of a number's tokens, each with a probability at random among those that stand beside it."""
+    shares = softmax(rng.normal(0, 3, len(trie)))
+    nodes = [float(n) if isinstance(n, str) else weighed(n, rng) for n in trie.values()]
+    return list(zip(shares.tolist(), nodes, strict=True))
+
+
+def leaves(tree: Weighed, p: float = 1.0) -> list[tuple[float, float]]:
+    """(number, its probability), in the tree's order."""
+    below = [[(node, p * q)] if isinstance(node, float) else leaves(node, p * q) for q, node in tree]
+    return [leaf for part in below for leaf in part]
+
+
+@pytest.mark.parametrize("number", [Number(3, -9.999, 9.999), Number(2, 0.05, 9.99), Number(2, -89, 89)])
+def test_a_quantile_token_by_token_is_that_of_the_number(rng: np.random.Generator, number: Number) -> None:
+    for wanted in rng.uniform(0, 1, 10):
+        tree = weighed(TRIES.of(number), rng)
+        numbers, p = np.array(leaves(tree)).T
+        assert (np.diff(numbers) > 0).all()
+        node: Weighed | float = tree
+        quantile = float(wanted)
+        while not isinstance(node, float):
+            pick, quantile = at_quantile(np.array([q for q, _ in node]), quantile)
+            node = node[pick][1]
+        assert p[numbers < node].sum() - 1e-9 <= wanted <= p[numbers <= node].sum() + 1e-9
 
 
 @pytest.mark.parametrize("temperature", [0.0, 1.5])
