@@ -7,7 +7,8 @@ Asks one model about the clips of a finished graph. In a clone, on fresh clips:
     python -m benchmarks.learned tiny [--model models/tiny] [--samples 32] [--suites id,held_out,more,real]
 
 The name says which row of the tables the answers are for; other rows stand beside it, and those named in RIVALS are
-compared clip by clip: `--silent` asks without reasoning, `--input noisy` shows exact flow with the noise of training in
+compared clip by clip: `--numbers likeliest` takes the likeliest token of each number in place of the median,
+`--silent` asks without reasoning, `--input noisy` shows exact flow with the noise of training in
 place of RAFT's flow, `--input rgb` the frames. Every answer is kept in benchmarks/results/learned/answers.jsonl as it
 comes (a run that was stopped goes on); learned.csv, differences.csv and learned.md beside it sum them up, and the
 report shows them. With no name it only sums up.
@@ -58,7 +59,7 @@ from stages.suite import Suite, open_suite, reference
 RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
-RIVALS = (("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("flow", "none"))  # first less second, by clip
+RIVALS = (("tiny", "likeliest"), ("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("flow", "none"))  # first less second, by clip
 RESAMPLES = 10_000
 
 
@@ -97,7 +98,8 @@ def rows_of(asked: argparse.Namespace, base: Base, suite: Suite, label: str, cli
         return found
 
     reasoning = not asked.silent
-    (scene,), seconds = answers(base, shown, Sampling(reasoning=reasoning, seconds=schedule.seconds), 0, tries)
+    greedy = Sampling(reasoning=reasoning, seconds=schedule.seconds, numbers=asked.numbers)
+    (scene,), seconds = answers(base, shown, greedy, 0, tries)
     head = {"suite": label, "clip": clip}
     yield {**head, "method": asked.name, "simulations": 0, "seconds": seconds, **scored(scene)}
     if not asked.samples:
@@ -173,6 +175,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=32, help="K; 0: greedy alone")
     parser.add_argument("--temperature", type=float, default=read_params_file(PARAMS_FILE, Params).infer.temperature)
     parser.add_argument("--silent", action="store_true", help="without reasoning")
+    parser.add_argument("--numbers", default="median", choices=("median", "likeliest"), help="of greedy answers")
     parser.add_argument("--input", default="flow", choices=("flow", "noisy", "rgb"))
     parser.add_argument("--threads", type=int, default=2)
     asked = parser.parse_args()

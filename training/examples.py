@@ -32,6 +32,7 @@ from pipeline.vision.render import render_rgb
 from stages.params import Params
 from training.drawn_scenes import drawn_scenes
 from training.patch_labels import PatchLabels, patch_labels
+from training.soft_numbers import SoftTargets, soft_targets
 
 LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5), places=0.25)
 SUITE = "tiny-training"
@@ -40,9 +41,11 @@ CHUNK = 16  # clips drawn together
 
 @dataclass(frozen=True)
 class Example:
-    """A clip's tokens, its pictures (T, H, W, 3) uint8, and what is known of its patches."""
+    """A clip's tokens and the targets of its numbers, its pictures (T, H, W, 3) uint8, and what is known of its
+    patches."""
 
     tokens: Tokens
+    soft: SoftTargets
     picture: np.ndarray
     patches: PatchLabels
 
@@ -116,9 +119,11 @@ def make_examples(
         areas = areas_px(frame_masks(scene, trace, schedule, 120, 80), len(scene.objects))
         events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds) if reasoning else None
         view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)
-        tokens = codec.encode(write_completion(scene, events, schedule.seconds), reasoning, schedule.seconds)
+        completion = write_completion(scene, events, schedule.seconds)
+        tokens = codec.encode(completion, reasoning, schedule.seconds)
+        soft = soft_targets(codec, completion, reasoning, schedule.seconds)
         labels = patch_labels(view, scene, trace, schedule, LAYOUT)
-        examples.append(Example(tokens, picture(params, kind, suite, index, scene, trace, view, noise), labels))
+        examples.append(Example(tokens, soft, picture(params, kind, suite, index, scene, trace, view, noise), labels))
     return examples
 
 

@@ -13,6 +13,7 @@ import torch
 from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import Base, load_base
+from pipeline.model.forward import hidden_states
 from pipeline.model.inputs import video_inputs
 from pipeline.model.loss import batch_loss, make_batch
 from pipeline.model.tiny import TinySize, build_tiny
@@ -20,6 +21,7 @@ from pipeline.scene.scene import BASIC_SHAPES
 from training.examples import LAYOUT, Example
 from training.muon import Muon
 from training.patch_labels import PatchHead, PatchLabels
+from training.soft_numbers import soft_loss
 
 
 @dataclass
@@ -112,7 +114,9 @@ class Trainer:
         """One step of the whole model. Returns the losses of the completions and of the patches, nats."""
         with self.precision():
             batch = make_batch(self.base, [e.tokens for e in examples], np.stack([e.picture for e in examples]))
-            loss, _ = batch_loss(self.base, batch)
+            hidden, prompt = hidden_states(self.base, batch.ids, batch.clips), len(self.base.codec.prompt_ids)
+            log_p = self.base.model.lm_head(hidden[:, prompt - 1 : -1]).float().log_softmax(-1)
+            loss = soft_loss(log_p, batch.labels[:, prompt:], [e.soft for e in examples], prompt)
             patch_loss = self.head(self.tokens, [e.patches for e in examples])
         return self.step(loss, patch_loss, share)
 

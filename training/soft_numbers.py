@@ -1,0 +1,106 @@
+"""Targets of a training text's numbers that have their neighbours in them: what is a little off is nearly right.
+
+With one token right and all others wrong alike, that 0.53 m lies beside 0.54 m must be learned from examples of each of
+them. The median, which a greedy answer takes, stays where it was, since a target is as wide on both sides. Exact zeros
+stay as they are: they are said of what rests.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from pipeline.language.codec import Codec
+from pipeline.language.completion import (
+    FOV,
+    GRAVITY,
+    HEIGHT,
+    IMAGINARY_PART,
+    MATERIAL,
+    PITCH,
+    REAL_PART,
+    SIZE,
+    VECTORS,
+    completion_grammar,
+)
+from pipeline.language.grammar import Element, Number, pieces, split
+
+#: Standard deviation of the targets, in a number's own unit: about half of the error that the model makes today.
+SPREAD: dict[Element, float] = {
+    HEIGHT: 0.05, PITCH: 1.5, FOV: 1.5, GRAVITY: 0.6, SIZE: 0.015, MATERIAL["mass"]: 0.3,
+    MATERIAL["sliding_friction"]: 0.1, MATERIAL["rolling_friction"]: 0.005, MATERIAL["damping"]: 0.1, VECTORS["position"]: 0.05, VECTORS["velocity"]: 0.12, VECTORS["angular_velocity"]: 0.8,
+    REAL_PART: 0.04, IMAGINARY_PART: 0.08,
+}  # fmt: skip
+REACH = 3  # standard deviations
+
+
+@dataclass(frozen=True)
+class SoftTargets:
+    """Entries of a sparse matrix: at (M,), the place in a text's ids; ids (M,), a token; share (M,) of the target that
+    the token has, float32. Shares of a place add up to 1."""
+
+    at: np.ndarray
+    ids: np.ndarray
+    share: np.ndarray
+
+
+def soft_targets(codec: Codec, completion: str, reasoning: bool, seconds: float) -> SoftTargets:
+    """Of the numbers in `SPREAD`. Raises `GrammarError` for a text that the grammar does not generate, and asks for a
+    tokenizer that has numbers in two tokens, as ours."""
+    parts: list[tuple[int, np.ndarray, np.ndarray]] = []
+    place, positions = len(codec.prompt_ids), 0
+    for element, text in split(completion_grammar(reasoning, seconds), completion):
+        length = len(codec.segment_ids(element, text))
+        positions += element == VECTORS["position"]
+        height = element == VECTORS["position"] and positions % 3 == 0  # what lies on the ground has that of its size
+        if element in SPREAD and not height:
+            assert isinstance(element, Number)
+            assert length == 2
+            parts += [(place + k, *found) for k, found in enumerate(_of_number(codec, element, text))]
+        place += length
+    at = np.repeat([p for p, *_ in parts], [len(ids) for _, ids, _ in parts]).astype(np.int64)
+    return SoftTargets(at, *(np.concatenate([p[k] for p in parts]) for k in (1, 2)))
+
+
+def _of_number(codec: Codec, number: Number, text: str) -> list[tuple[np.ndarray, np.ndarray]]:
+    """(ids, shares) of the first token, over all numbers, and of the second, among those that begin like `text`."""
+    heads, tails = _tokens(codec, number)
+    scale, value = 10**number.decimals, float(text)
+    lowest, at = round(number.low * scale), round(value * scale)
+    reach = round(REACH * SPREAD[number] * scale) if value else 0  # what rests, rests
+    first, last = max(at - reach - lowest, 0), min(at + reach - lowest + 1, len(heads))
+    near = np.exp(-0.5 * ((np.arange(first, last) + lowest - at) / (SPREAD[number] * scale)) ** 2)
+    alike = heads[first:last] == heads[at - lowest]
+    return [_shares(heads[first:last], near), _shares(tails[first:last][alike], near[alike])]
+
+
+def _shares(ids: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Each of the ids once, with its share of the weight."""
+    found, which = np.unique(ids, return_inverse=True)
+    return found, (np.bincount(which, weight) / weight.sum()).astype(np.float32)
+
+
+@functools.lru_cache(maxsize=64)
+def _tokens(codec: Codec, number: Number) -> tuple[np.ndarray, np.ndarray]:
+    """First and second token of all numbers that can stand there, in ascending order."""
+    scale = 10**number.decimals
+    values = np.arange(round(number.low * scale), round(number.high * scale) + 1) / scale
+    cut = [pieces(number, number.text(v)) for v in values.tolist()]
+    heads, tails = ([id_ for (id_,) in map(codec.piece_ids, part)] for part in zip(*cut, strict=True))
+    return np.array(heads), np.array(tails)
+
+
+def soft_loss(log_p: torch.Tensor, labels: torch.Tensor, soft: list[SoftTargets], prompt: int) -> torch.Tensor:
+    """Mean cross-entropy over the places with a label, nats, of log-probabilities (B, L, V) and labels (B, L), -100
+    where nothing is learned, of the places from `prompt` on: with the soft target where a place has one."""
+    learned = labels != -100
+    hard = learned.clone()
+    row = torch.as_tensor(np.repeat(np.arange(len(soft)), [len(s.at) for s in soft]))
+    at, ids, share = (torch.as_tensor(np.concatenate([getattr(s, k) for s in soft])) for k in ("at", "ids", "share"))
+    hard[row, at - prompt] = False
+    where = hard.nonzero(as_tuple=True)
+    total = (log_p[(row, at - prompt, ids)] * share).sum() + log_p[(*where, labels[where])].sum()
+    return -total / learned.sum()
