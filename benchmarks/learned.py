@@ -8,10 +8,10 @@ Asks one model about the clips of a finished graph. In a clone, on fresh clips:
 
 The name says which row of the tables the answers are for; other rows stand beside it, and those named in RIVALS are
 compared clip by clip: `--numbers likeliest` takes the likeliest token of each number in place of the median,
-`--silent` asks without reasoning, `--input noisy` shows exact flow with the noise of training in
-place of RAFT's flow, `--input rgb` the frames. Every answer is kept in benchmarks/results/learned/answers.jsonl as it
-comes (a run that was stopped goes on); learned.csv, differences.csv and learned.md beside it sum them up, and the
-report shows them. With no name it only sums up.
+`--silent` asks without reasoning, `--input noisy` shows exact flow with the noise of training in place of RAFT's flow,
+`--input rgb` the frames. Every answer is kept in benchmarks/results/learned/answers.jsonl as it comes (a run that was
+stopped goes on); learned.csv, differences.csv and learned.md beside it sum them up, and the report shows them. With no
+name it only sums up.
 """
 
 from __future__ import annotations
@@ -59,7 +59,9 @@ from stages.suite import Suite, open_suite, reference
 RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
-RIVALS = (("tiny", "likeliest"), ("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("flow", "none"))  # first less second, by clip
+RIVALS = (  # first less second, by clip
+    ("tiny", "likeliest"), ("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("flow", "none"),
+)  # fmt: skip
 RESAMPLES = 10_000
 
 

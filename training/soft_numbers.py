@@ -30,10 +30,21 @@ from pipeline.language.grammar import Element, Number, pieces, split
 
 #: Standard deviation of the targets, in a number's own unit: about half of the error that the model makes today.
 SPREAD: dict[Element, float] = {
-    HEIGHT: 0.05, PITCH: 1.5, FOV: 1.5, GRAVITY: 0.6, SIZE: 0.015, MATERIAL["mass"]: 0.3,
-    MATERIAL["sliding_friction"]: 0.1, MATERIAL["rolling_friction"]: 0.005, MATERIAL["damping"]: 0.1, VECTORS["position"]: 0.05, VECTORS["velocity"]: 0.12, VECTORS["angular_velocity"]: 0.8,
-    REAL_PART: 0.04, IMAGINARY_PART: 0.08,
-}  # fmt: skip
+    HEIGHT: 0.05,
+    PITCH: 1.5,
+    FOV: 1.5,
+    GRAVITY: 0.6,
+    SIZE: 0.015,
+    MATERIAL["mass"]: 0.3,
+    MATERIAL["sliding_friction"]: 0.1,
+    MATERIAL["rolling_friction"]: 0.005,
+    MATERIAL["damping"]: 0.1,
+    VECTORS["position"]: 0.05,
+    VECTORS["velocity"]: 0.12,
+    VECTORS["angular_velocity"]: 0.8,
+    REAL_PART: 0.04,
+    IMAGINARY_PART: 0.08,
+}
 REACH = 3  # standard deviations
 
 

@@ -10,6 +10,9 @@ from pipeline.language.codec import Tokens
 from training.example_pool import BATCHES, KEPT_REUSE, Pool
 from training.examples import Example
 from training.patch_labels import PatchLabels
+from training.soft_numbers import SoftTargets
+
+NO_TARGETS = SoftTargets(*(np.zeros(0, t) for t in (np.int64, np.int64, np.float32)))
 
 
 def tokens(length: int) -> Tokens:
@@ -19,7 +22,7 @@ def tokens(length: int) -> Tokens:
 def numbered(value: int) -> Example:
     pair = np.arange(3)  # temporal patches of two pictures each
     labels = PatchLabels(*(10 * value + pair[:, None] for _ in range(3)))
-    return Example(tokens(9), (10 * value + pair.repeat(2))[:, None], labels)
+    return Example(tokens(9), NO_TARGETS, (10 * value + pair.repeat(2))[:, None], labels)
 
 
 def showing(objects: int) -> Example:
