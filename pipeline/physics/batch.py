@@ -197,7 +197,7 @@ class BatchSimulator:
     """
 
     def __init__(self, shapes: tuple[str, ...], ground: bool, size: int, threads: int) -> None:
-        self.shapes, self.ground, self.size = shapes, ground, size
+        self.shapes, self.size = shapes, size
         self._model = composition_model(shapes, ground)
         self._batch = mjbatch.Batch(self._model, nsim=size, nthread=threads)
         self._fields = {name: self._batch.expand(name) for name in MODEL_FIELDS}

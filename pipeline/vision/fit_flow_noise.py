@@ -30,9 +30,7 @@ def fit_noise(exact_px: np.ndarray, estimated_px: np.ndarray, masks: np.ndarray)
     share = (estimated_px * exact_px).sum(-1)[moving] / length[moving] ** 2
     kept = core & ((estimated_px * exact_px).sum(-1) > 0.5 * length**2)
     waver_px, waver_share = spread_by_length(error[kept], length[kept])
-    beside = np.take_along_axis(length.reshape(len(length), -1), nearest.reshape(len(length), -1), 1).reshape(
-        near.shape
-    )
+    beside = np.stack([of_frame.ravel()[index] for of_frame, index in zip(length, nearest, strict=True)])
     leaking = near & (np.linalg.norm(estimated_px, axis=-1) > 0.5 * beside)
     return FlowNoise(
         edge_px=edge_width(estimated_px, exact_px, moving) / scale,

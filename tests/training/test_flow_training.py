@@ -52,7 +52,7 @@ def test_a_mirrored_pair_moves_the_other_way(rng):
 
 def test_the_second_frame_of_a_warped_pair_pulled_back_along_the_flow_is_the_first(rng):
     errors = []
-    for _ in range(12):
+    for _ in range(24):
         pair = warped_pair(rng, 96, 64)
         y, x = np.mgrid[:64, :96].astype(np.float32)
         at = np.stack([x, y], axis=-1) + pair.flow_px
@@ -60,7 +60,7 @@ def test_the_second_frame_of_a_warped_pair_pulled_back_along_the_flow_is_the_fir
         inside = (at[..., 0] > 1) & (at[..., 0] < 94) & (at[..., 1] > 1) & (at[..., 1] < 62)
         errors.append(np.abs(back.astype(int) - pair.frame_a).max(-1)[inside])
         assert pair.foreground.all()
-    assert np.mean(np.concatenate(errors) <= 3) > 0.75  # the others are hidden in the second frame, or on an edge
+    assert np.mean(np.concatenate(errors) <= 3) > 0.8  # the others are hidden in the second frame, or on an edge
 
 
 def test_augmentation_leaves_the_flow_alone_but_for_mirroring(rng):
