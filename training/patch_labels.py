@@ -19,13 +19,16 @@ from pipeline.compiled import kernel
 from pipeline.language.completion import MAX_OBJECTS
 from pipeline.model.patches import PatchLayout
 from pipeline.physics.trace import Trace
-from pipeline.scene.scene import BASIC_SHAPES, Scene
+from pipeline.scene.rotation import matrix_from_quaternion
+from pipeline.scene.scene import BASIC_SHAPES, Scene, half_extents
+from pipeline.scene.solid import support
 
 LEAST_SHARE = 0.2  # of a patch's pixels, below which it is background
 SHAPES = len(BASIC_SHAPES) + 1
-#: Log depth; way to the middle of the object's picture (2), patches; log sizes (3); the position and velocity of that
-#: moment (3 + 3), and of the clip's beginning (3 + 3).
-NUMBERS = 18
+#: Log depth; way to the middle of the object's picture (2), patches; log sizes (3); of that moment, logs of how far the
+#: object reaches along the world's axes (3), position and velocity (3 + 3); of the clip's beginning, position, velocity
+#: (3 + 3) and the orientation's imaginary parts (3).
+NUMBERS = 24
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,7 @@ def patch_labels(view: View, scene: Scene, trace: Trace, schedule: Schedule, lay
     shape, place = np.zeros((t, h, w), np.int64), np.zeros((t, h, w), np.int64)
     numbers = np.zeros((t, h, w, NUMBERS), np.float32)
     sizes = np.array([np.log([*o.size, *[1.0] * (3 - len(o.size))]) for o in scene.objects])
+    halves = [half_extents(o) for o in scene.objects]
     rows, columns = (np.arange(n) + 0.5 for n in (h, w))
     for k in range(t):
         mask, depth, step = view.mask[k * layout.temporal], view.depth[k * layout.temporal], steps[k * layout.temporal]
@@ -62,8 +66,10 @@ def patch_labels(view: View, scene: Scene, trace: Trace, schedule: Schedule, lay
                 told[where, 0] = np.log(mean_depth)
                 told[where, 1] = np.broadcast_to((x + 0.5) / p - columns, (h, w))[where]
                 told[where, 2] = np.broadcast_to(((y + 0.5) / p - rows)[:, None], (h, w))[where]
-                told[where, 3:] = np.concatenate([sizes[i], trace.position[step, i], trace.velocity[step, i],
-                                                  trace.position[0, i], trace.velocity[0, i]])  # fmt: skip
+                reach = support(name, halves[i][None].repeat(3, 0), matrix_from_quaternion(trace.quaternion[step, i]))
+                told[where, 3:] = np.concatenate([sizes[i], np.log(reach), trace.position[step, i],
+                                                  trace.velocity[step, i], trace.position[0, i], trace.velocity[0, i],
+                                                  scene.objects[i].orientation[1:]])  # fmt: skip
     return PatchLabels(shape, place, numbers)
 
 

@@ -53,8 +53,14 @@ def reach_below(obj: SceneObject) -> float:
 
 
 def reaches_below(shape: str, half: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    """The same (B,) of one shape's half extents (B, 3) m and orientations (B, 4): the support function along -z."""
-    along = np.abs(matrix_from_quaternion(quaternion)[:, 2])  # |z components| of the body's axes
+    """The same (B,) of one shape's half extents (B, 3) m and orientations (B, 4)."""
+    return support(shape, half, matrix_from_quaternion(quaternion)[:, 2])
+
+
+def support(shape: str, half: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """How far one shape with half extents (B, 3) m reaches from its centre in directions (B, 3) of its own frame, unit
+    vectors; (B,) m."""
+    along = np.abs(direction)
     if shape == "sphere":
         return half[:, 0]
     if shape == "box":

@@ -36,8 +36,9 @@ def test_patches_know_their_object(labelled: tuple[Scene, PatchLabels]) -> None:
         assert (labels.place[side][mine] == place).all()
         numbers = labels.numbers[side][mine]
         np.testing.assert_allclose(
-            numbers[:, 12:15], np.tile(scene.objects[place].position, (len(numbers), 1)), atol=1e-6
+            numbers[:, 15:18], np.tile(scene.objects[place].position, (len(numbers), 1)), atol=1e-6
         )
+        np.testing.assert_allclose(np.exp(numbers[:, 6:9]), (0.22, 0.2)[place], rtol=0.05)  # as they lie, they reach
         np.testing.assert_allclose(np.exp(numbers[:, 3]), scene.objects[place].size[0], rtol=1e-6)
     assert (labels.numbers[labels.shape == 0] == 0).all()
 
