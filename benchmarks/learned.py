@@ -7,7 +7,7 @@ Asks one model about the clips of a finished graph. In a clone, on fresh clips:
     python -m benchmarks.learned tiny [--model models/tiny] [--samples 32] [--suites id,held_out,more,real]
 
 The name says which row of the tables the answers are for; other rows stand beside it, and those named in RIVALS are
-compared clip by clip: `--numbers likeliest` takes the likeliest token of each number in place of the median,
+compared clip by clip: `--numbers tokens` chooses numbers token by token, as words,
 `--silent` asks without reasoning, `--input noisy` shows exact flow with the noise of training in place of RAFT's flow,
 `--input rgb` the frames. Every answer is kept in benchmarks/results/learned/answers.jsonl as it comes (a run that was
 stopped goes on); learned.csv, differences.csv and learned.md beside it sum them up, and the report shows them. With no
@@ -60,7 +60,7 @@ RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
 RIVALS = (  # first less second, by clip
-    ("tiny", "likeliest"), ("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("flow", "none"),
+    ("tiny", "tokens"), ("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("flow", "none"),
 )  # fmt: skip
 RESAMPLES = 10_000
 
@@ -99,15 +99,15 @@ def rows_of(asked: argparse.Namespace, base: Base, suite: Suite, label: str, cli
             found["composition"] = float(sorted(scene.shapes) == sorted(shapes))
         return found
 
-    reasoning = not asked.silent
-    greedy = Sampling(reasoning=reasoning, seconds=schedule.seconds, numbers=asked.numbers)
-    (scene,), seconds = answers(base, shown, greedy, 0, tries)
+    how = {"reasoning": not asked.silent, "seconds": schedule.seconds, "numbers": asked.numbers,
+           "middle": params.infer.middle}  # fmt: skip
+    (scene,), seconds = answers(base, shown, Sampling(**how), 0, tries)
     head = {"suite": label, "clip": clip}
     yield {**head, "method": asked.name, "simulations": 0, "seconds": seconds, **scored(scene)}
     if not asked.samples:
         return
     seed = zlib.crc32(f"{params.seed} {label} {clip}".encode())
-    sampling = Sampling(asked.samples, asked.temperature, params.infer.top_p, reasoning, schedule.seconds)
+    sampling = Sampling(asked.samples, asked.temperature, params.infer.top_p, **how)
     scenes, seconds = answers(base, shown, sampling, seed, tries)
     masks = suite["render"][clip].array("mask")[schedule.pairs[:, 0]]
     target = make_target(masks, suite["flow"][clip].array("flow"), params.search.width, params.search.height)
@@ -177,7 +177,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=32, help="K; 0: greedy alone")
     parser.add_argument("--temperature", type=float, default=read_params_file(PARAMS_FILE, Params).infer.temperature)
     parser.add_argument("--silent", action="store_true", help="without reasoning")
-    parser.add_argument("--numbers", default="median", choices=("median", "likeliest"), help="of greedy answers")
+    parser.add_argument("--numbers", default="quantiles", choices=("quantiles", "tokens"), help="how they are chosen")
     parser.add_argument("--input", default="flow", choices=("flow", "noisy", "rgb"))
     parser.add_argument("--threads", type=int, default=2)
     asked = parser.parse_args()

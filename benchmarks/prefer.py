@@ -146,7 +146,7 @@ def main() -> None:
     began = time.perf_counter()
     clips = read_clips(folder, params, schedule, (base.layout.width, base.layout.height), a.work)
     everything = range(len(clips))
-    sampling = Sampling(a.samples, a.temperature, a.top_p, params.model.reasoning, schedule.seconds)
+    sampling = Sampling(a.samples, a.temperature, a.top_p, params.model.reasoning, schedule.seconds, "tokens")
 
     def note(text: str) -> None:
         print(f"{time.perf_counter() - began:6.0f} s  {text}", flush=True)

@@ -74,8 +74,8 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
     (source,) = inputs
     base, tries = model(p["model"], p["width"], p["height"], p["clip"]["model_frames"], p["dtype"])
     asked = prompt(base, p)
-    greedy = Sampling(reasoning=p["reasoning"], seconds=p["clip"]["seconds"], numbers=p["numbers"])
-    sampled = Sampling(p["samples"], p["temperature"], p["top_p"], p["reasoning"], p["clip"]["seconds"])
+    how = {"reasoning": p["reasoning"], "seconds": p["clip"]["seconds"], "numbers": p["numbers"], "middle": p["middle"]}
+    greedy, sampled = Sampling(**how), Sampling(p["samples"], p["temperature"], p["top_p"], **how)
     rows: list[dict[str, Any]] = []
     for sampling in (greedy, sampled):
         for part in batches(len(shard), sampling.samples, p["batch_size"]):
@@ -100,7 +100,7 @@ def main(suite: str) -> None:
     parameters = {"seed": params.seed, "clip": params.clip.model_dump(), "model": str(checkpoint),
                   "input": m.input, "reasoning": m.reasoning, "dtype": m.dtype, "width": m.width, "height": m.height,
                   "picture": params.flow.picture, "samples": own.samples, "temperature": own.temperature,
-                  "top_p": own.top_p, "numbers": own.numbers, "batch_size": own.batch_size,
+                  "top_p": own.top_p, "numbers": own.numbers, "middle": own.middle, "batch_size": own.batch_size,
                   "examples": [asdict(e) for e in examples]}  # fmt: skip
     run_shards("infer", suite, compute, parameters, [picture_stage(m.input)], files={**files, "prompt": TEMPLATE},
                versions=["torch", "transformers"])  # fmt: skip

@@ -199,7 +199,8 @@ class Infer(Section):
     samples: Count
     temperature: Positive
     top_p: Annotated[float, Field(gt=0, le=1)]
-    numbers: Literal["median", "likeliest"]
+    numbers: Literal["quantiles", "tokens"]
+    middle: Annotated[float, Field(gt=0, le=1)]
     batch_size: Count
 
 

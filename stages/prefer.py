@@ -60,7 +60,7 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
     source = {"flow": flow, "render": rendered}[picture_stage(p["input"])]
     size = base.layout.width, base.layout.height
     shown = {c: resize_frames(pictures(source[c], p["input"], p["clip"]), *size) for c in p["used"]}
-    sampling = Sampling(p["samples"], p["temperature"], p["top_p"], p["reasoning"], p["clip"]["seconds"])
+    sampling = Sampling(p["samples"], p["temperature"], p["top_p"], p["reasoning"], p["clip"]["seconds"], "tokens")
 
     def judge(clip: int, scenes: "Sequence[Scene]") -> np.ndarray:
         target = search_target(rendered[clip].shard, flow[clip].shard, clip, p)

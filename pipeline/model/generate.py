@@ -1,7 +1,8 @@
 """Completions of clips, greedy or sampled, in batches with a key-value cache, under the grammar: all of them parse.
 
-A greedy answer has the likeliest words, and of each number the median of the model's distribution: the likeliest first
-token of a number is a poor guess at it where the model is not sure (docs/decisions.md).
+Words are chosen token by token. Of a number, a greedy answer has the median of the model's distribution, and a sample a
+quantile from its middle part, the same for all of its tokens: the likeliest first token is a poor guess at a number
+where the model is not sure, and tokens drawn one by one are often far out (docs/decisions.md).
 
 The prompt of a clip is run once; its samples share the cache. Rows advance together: what the grammar forces is
 fed in one go, as far as it reaches in every row, so that most forward passes end in a choice.
@@ -25,15 +26,16 @@ from pipeline.model.walker import Tries, Walker
 
 @dataclass(frozen=True)
 class Sampling:
-    """samples a clip; temperature 0 is greedy (one sample); top_p: nucleus; reasoning; seconds of the clip; numbers: of
-    a greedy answer, "median" (of what the model thinks of each) or "likeliest" (token by token)."""
+    """samples a clip; temperature 0 is greedy (one sample); top_p: nucleus; reasoning; seconds of the clip; numbers: by
+    "quantiles", in samples from the `middle` share of the distribution, or by "tokens", as words."""
 
     samples: int = 1
     temperature: float = 0.0
     top_p: float = 0.9
     reasoning: bool = True
     seconds: float = 1.0
-    numbers: str = "median"
+    numbers: str = "quantiles"
+    middle: float = 0.5
     most_tokens: int = 4000  # more than the longest text has letters, whatever the tokenizer
 
 
@@ -73,12 +75,12 @@ def generate(
         for i, walker in enumerate(walkers):
             if not waiting[i] and not walker.finished:
                 log_p = _log_softmax(logits[i][walker.allowed])
-                if sampling.temperature:
-                    pick = _drawn(log_p, sampling, rngs[i])
-                elif walker.numeric and sampling.numbers == "median":
+                if walker.numeric and sampling.numbers == "quantiles":
+                    if walker.quantile is None:
+                        walker.quantile = _any_quantile(sampling, rngs[i])
                     pick, walker.quantile = at_quantile(np.exp(log_p), walker.quantile)
                 else:
-                    pick = int(np.argmax(log_p))
+                    pick = _drawn(log_p, sampling, rngs[i]) if sampling.temperature else int(np.argmax(log_p))
                 log_probability[i] += log_p[pick]
                 token = walker.allowed[pick]
                 walker.take(token)
@@ -125,6 +127,10 @@ def _log_softmax(scores: torch.Tensor) -> np.ndarray:
     log_p = scores.double().numpy()
     log_p = log_p - log_p.max()
     return log_p - np.log(np.exp(log_p).sum())
+
+
+def _any_quantile(sampling: Sampling, rng: np.random.Generator) -> float:
+    return 0.5 + sampling.middle * (rng.random() - 0.5) if sampling.temperature else 0.5
 
 
 def _drawn(log_p: np.ndarray, sampling: Sampling, rng: np.random.Generator) -> int:

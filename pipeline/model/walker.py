@@ -7,7 +7,6 @@ import functools
 from pipeline.language.codec import Codec
 from pipeline.language.grammar import Element, Grammar, Literal, Number
 
-MEDIAN = 0.5
 Trie = dict[int, "Trie | str"]  # token -> what may follow, or the whole text where the element ends
 
 
@@ -54,7 +53,7 @@ class Walker:
         self._node: Trie = {}
         self.text = ""
         self.numeric = False
-        self.quantile = MEDIAN  # of what may follow, at which the median of a number lies; whoever chooses keeps it
+        self.quantile: float | None = None  # of what may follow, for who chooses a number by one; None when it begins
         self._enter()
 
     @property
@@ -98,6 +97,6 @@ class Walker:
 
     def _enter(self) -> None:
         self.numeric = isinstance(self._element, Number)
-        self.quantile = MEDIAN
+        self.quantile = None
         if self._element is not None and not isinstance(self._element, Literal):
             self._node = self._tries.of(self._element)

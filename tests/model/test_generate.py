@@ -1,3 +1,5 @@
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 import torch
@@ -55,34 +57,47 @@ def recomputed(clip: np.ndarray, answer: Completed, reasoning: bool) -> list[tup
 @pytest.mark.parametrize("reasoning", [True, False])
 def test_greedy_takes_the_likeliest_allowed_token_as_without_a_cache(rng: np.random.Generator, reasoning: bool) -> None:
     clips = random_clips(rng, 2)
-    answers = generate(BASE, clips, Sampling(reasoning=reasoning, numbers="likeliest"), [1, 2], TRIES)
+    answers = generate(BASE, clips, Sampling(reasoning=reasoning, numbers="tokens"), [1, 2], TRIES)
     for clip, (answer,) in zip(clips, answers, strict=True):
         for _, taken, log_p in recomputed(clip, answer, reasoning):
             assert log_p[taken] >= log_p.max() - 1e-4
 
 
-def test_greedy_numbers_are_medians_as_without_a_cache(rng: np.random.Generator) -> None:
-    clips, numbers = random_clips(rng, 2), 0
-    for clip, (answer,) in zip(clips, generate(EXACT, clips, Sampling(), [1, 2], TRIES), strict=True):
-        tokens = EXACT.codec.encode(answer.text, True, 1.0)
-        logits = logits_of(EXACT, clip, tokens.ids)
-        walker = Walker(completion_grammar(True, 1.0), EXACT.codec, TRIES)
-        at = tokens.prompt_length + len(walker.forced())
-        below, share = 0.0, 1.0  # probability of what is less than the tokens so far, and of what they begin
-        while not walker.finished:
-            p = softmax(logits[at - 1][walker.allowed])
-            token = int(tokens.ids[at])
-            taken, numeric, written = walker.allowed.index(token), walker.numeric, walker.text
-            walker.take(token)
-            at += 1 + len(walker.forced())
-            if not numeric:
-                assert taken == p.argmax()
-                continue
+def quantiles_of_numbers(clip: np.ndarray, text: str) -> Iterator[tuple[float, float]]:
+    """For each number of a completion, the probabilities of less and of no more than it, without a cache."""
+    tokens = EXACT.codec.encode(text, True, 1.0)
+    logits = logits_of(EXACT, clip, tokens.ids)
+    walker = Walker(completion_grammar(True, 1.0), EXACT.codec, TRIES)
+    at = tokens.prompt_length + len(walker.forced())
+    below, share = 0.0, 1.0  # of what is less than the tokens so far, and of what they begin
+    while not walker.finished:
+        p = softmax(logits[at - 1][walker.allowed])
+        token, numeric, written = int(tokens.ids[at]), walker.numeric, walker.text
+        taken = walker.allowed.index(token)
+        walker.take(token)
+        at += 1 + len(walker.forced())
+        if numeric:
             below, share = below + share * p[:taken].sum(), share * p[taken]
             if walker.text != written:  # the number is whole
-                assert below - 1e-9 <= 0.5 <= below + share + 1e-9
-                below, share, numbers = 0.0, 1.0, numbers + 1
-    assert numbers > 20
+                yield below, below + share
+                below, share = 0.0, 1.0
+
+
+@pytest.mark.parametrize(("sampling", "low", "high"), [
+    (Sampling(), 0.5, 0.5), (Sampling(3, 1.0, middle=0.4), 0.3, 0.7), (Sampling(3, 1.0, middle=1.0), 0.0, 1.0),
+])  # fmt: skip
+def test_numbers_are_medians_or_in_the_middle(
+    rng: np.random.Generator, sampling: Sampling, low: float, high: float
+) -> None:
+    clips, found = random_clips(rng, 2), []
+    for clip, answers in zip(clips, generate(EXACT, clips, sampling, [1, 2], TRIES), strict=True):
+        found += [numbers for answer in answers for numbers in quantiles_of_numbers(clip, answer.text)]
+    below, up_to = np.array(found).T
+    assert len(found) > 20
+    assert (below <= high + 1e-9).all() and (up_to >= low - 1e-9).all()
+    if high > low:  # and all over it
+        middle = (below + up_to) / 2
+        assert (middle < low + 0.3 * (high - low)).any() and (middle > high - 0.3 * (high - low)).any()
 
 
 Weighed = list[tuple[float, "Weighed | float"]]
@@ -129,7 +144,7 @@ def test_the_log_probability_is_that_of_its_choices_without_a_cache(
 
 def test_samples_are_among_the_nucleus(rng: np.random.Generator) -> None:
     clips = random_clips(rng, 1)
-    sampling = Sampling(samples=4, temperature=1.0, top_p=0.5, reasoning=False)
+    sampling = Sampling(samples=4, temperature=1.0, top_p=0.5, reasoning=False, numbers="tokens")
     for answer in generate(BASE, clips, sampling, [7], TRIES)[0]:
         for _, taken, log_p in recomputed(clips[0], answer, False):
             p = np.exp(log_p)

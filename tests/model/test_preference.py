@@ -25,7 +25,7 @@ from pipeline.model.walker import Tries
 
 BASE = small_base()
 TRIES = Tries(BASE.codec)
-DRAWN = Sampling(4, 1.0, 1.0, reasoning=True)
+DRAWN = Sampling(4, 1.0, 1.0, reasoning=True, numbers="tokens")
 
 
 def log_p(base: Base, text: str, clip: np.ndarray, reasoning: bool = True) -> float:
@@ -42,7 +42,7 @@ def test_the_probability_of_an_answer_is_that_with_which_it_was_drawn(
     rng: np.random.Generator, reasoning: bool
 ) -> None:
     clips = random_clips(rng, 2)
-    drawn = Sampling(2, 1.0, 1.0, reasoning)
+    drawn = Sampling(2, 1.0, 1.0, reasoning, numbers="tokens")
     for clip, answers in zip(clips, generate(BASE, clips, drawn, [1, 2], TRIES), strict=True):
         for answer in answers:
             assert log_p(BASE, answer.text, clip, reasoning) == pytest.approx(answer.log_probability, abs=0.02)
