@@ -1,8 +1,8 @@
 """Targets of a training text's numbers that have their neighbours in them: what is a little off is nearly right.
 
 With one token right and all others wrong alike, that 0.53 m lies beside 0.54 m must be learned from examples of each of
-them. The median, which a greedy answer takes, stays where it was, since a target is as wide on both sides. Exact zeros
-stay as they are: they are said of what rests.
+them. The median, which a greedy answer takes, stays where it was, since a target is as wide on both sides. Zeros stay as
+they are, and real parts of 1: they are said of what rests and of what is not turned.
 """
 
 from __future__ import annotations
@@ -81,7 +81,8 @@ def _of_number(codec: Codec, number: Number, text: str) -> list[tuple[np.ndarray
     heads, tails = _tokens(codec, number)
     scale, value = 10**number.decimals, float(text)
     lowest, at = round(number.low * scale), round(value * scale)
-    reach = round(REACH * SPREAD[number] * scale) if value else 0  # what rests, rests
+    exact = value == (1 if number == REAL_PART else 0)
+    reach = 0 if exact else round(REACH * SPREAD[number] * scale)
     first, last = max(at - reach - lowest, 0), min(at + reach - lowest + 1, len(heads))
     near = np.exp(-0.5 * ((np.arange(first, last) + lowest - at) / (SPREAD[number] * scale)) ** 2)
     alike = heads[first:last] == heads[at - lowest]
