@@ -1,8 +1,8 @@
 """Targets of a training text's numbers that have their neighbours in them: what is a little off is nearly right.
 
 With one token right and all others wrong alike, that 0.53 m lies beside 0.54 m must be learned from examples of each of
-them. The median, which a greedy answer takes, stays where it was, since a target is as wide on both sides. Zeros stay as
-they are, and real parts of 1: they are said of what rests and of what is not turned.
+them. The median, which a greedy answer takes, stays where it was, since a target is as wide on both sides. Zeros stay
+as they are, and real parts of 1: they are said of what rests and of what is not turned.
 """
 
 from __future__ import annotations
