@@ -61,16 +61,17 @@ _LEARNED = (
 _SAMPLES = "Of the same run: sequence IoU of the best of K samples by replay, at the search's size."
 _DIFFERENCES = (
     "Of the same run: greedy sequence IoU, clip by clip. tiny, the shipped model, is shown RAFT's flow and answers "
-    "with reasoning; silent: the same weights asked for the scene at once; noisy: they are shown exact flow with the "
-    "noise of training. flow, rgb, none: models that were trained alike for 56 minutes of one core, on clips of one "
-    "object, and are asked about such: shown flow, frames, and flow with answers without reasoning. Frames tell the "
-    "camera's pitch better and motion no worse; without words all of a short training goes into the scene."
+    "with reasoning; silent: the same weights asked for the scene at once; tokens: their numbers chosen token by "
+    "token, as words, not by medians; noisy: they are shown exact flow with the noise of training. flow, rgb, none: "
+    "models that were trained alike for 56 minutes of one core, on clips of one object, and are asked about such, "
+    "numbers token by token: shown flow, frames, and flow with answers without reasoning. Frames tell the camera's "
+    "pitch better and motion no worse; without words all of a short training goes into the scene."
 )
 _SCALING = (
-    "Of a run of its own (python -m benchmarks.scaling): the shipped model while it was trained, before its learning "
-    "rate fell; greedy, on fresh clips of 1 to 3 objects with exact flow and the noise of training. The last lines go "
-    "on a straight line in the scores' logit against the logarithm of the clips, with the range when any one "
-    "checkpoint is left out; nothing says that scores follow it so far."
+    "Of a run of its own (python -m benchmarks.scaling): the shipped model in its first training, before the learning "
+    "rate fell; greedy, numbers token by token, on fresh clips of 1 to 3 objects with exact flow and the noise of "
+    "training. The last lines go on a straight line in the scores' logit against the logarithm of the clips, with the "
+    "range when any one checkpoint is left out; nothing says that scores follow it so far."
 )
 _STARTS = (
     "From a run of its own on more clips (python -m benchmarks.starts; its answers are in benchmarks/results/starts): "
