@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,20 +37,17 @@ def model_pictures(flow: np.ndarray, frames: np.ndarray, kind: str, interval: fl
     return resize_frames(shown, base.layout.width, base.layout.height)
 
 
-def ask(
-    base: Base, shown: np.ndarray, samples: int, seconds: float, reasoning: bool, temperature: float, top_p: float,
-    seed: int,
-) -> list[Answer]:  # fmt: skip
-    """The greedy answer and `samples` sampled ones, under the grammar: all of them parse."""
+def ask(base: Base, shown: np.ndarray, sampling: Sampling, seed: int) -> list[Answer]:
+    """The greedy answer and the sampled ones, under the grammar: all of them parse."""
     tries = Tries(base.codec)
     answers = []
-    greedy = Sampling(reasoning=reasoning, seconds=seconds)
+    greedy = replace(sampling, samples=1, temperature=0.0)
     for done in generate(base, shown[None], greedy, [seed], tries)[0]:
         answers.append(Answer(-1, done.text, read_completion(done.text), done.log_probability))
-    for part in batches(samples, 1, BATCH):
-        sampling = Sampling(len(part), temperature, top_p, reasoning, seconds)
+    for part in batches(sampling.samples, 1, BATCH):
         own = zlib.crc32(f"{seed} {part.start}".encode())
-        for k, done in zip(part, generate(base, shown[None], sampling, [own], tries)[0], strict=True):
+        of_part = replace(sampling, samples=len(part))
+        for k, done in zip(part, generate(base, shown[None], of_part, [own], tries)[0], strict=True):
             answers.append(Answer(k, done.text, read_completion(done.text), done.log_probability))
     return answers
 

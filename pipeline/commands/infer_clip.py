@@ -20,6 +20,7 @@ from pipeline.commands.scoring import Overlap, evaluator_of, overlap, ranked
 from pipeline.commands.table import Row, aligned
 from pipeline.errors import ParamsError
 from pipeline.model.base import load_base
+from pipeline.model.generate import Sampling
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking
 from pipeline.search.certainty import Certainty, certainties, hardly
@@ -52,16 +53,13 @@ class Request:
     seconds: float
     fps: float | None
     masks: Path | None
-    samples: int
     search: int
     incline: bool
     model: str
     flow: str
     raft: Path
     shown: str
-    reasoning: bool
-    temperature: float
-    top_p: float
+    sampling: Sampling
     seed: int
     force: bool
 
@@ -133,8 +131,7 @@ def _answers(request: Request, clip: ClipInput) -> list[Answer]:
     base = load_base(request.model, frames=clip.schedule.model_frames)
     first = clip.schedule.pairs[:, 0]
     shown = model_pictures(clip.flow, clip.taken.clip.frames[first], request.shown, 1 / clip.schedule.fps, base)
-    return ask(base, shown, request.samples, request.seconds, request.reasoning, request.temperature, request.top_p,
-               request.seed)  # fmt: skip
+    return ask(base, shown, request.sampling, request.seed)
 
 
 def _searched(
@@ -198,7 +195,7 @@ def _result(
     doubt: list[str], found: Found | None, known: list[Certainty], renderer: str, events: list[str],
     seconds: dict[str, float],
 ) -> dict[str, Any]:  # fmt: skip
-    taken = clip.taken.clip
+    taken, sampling = clip.taken.clip, request.sampling
     return {
         "clip": str(request.clip),
         "assumed": {
@@ -220,8 +217,8 @@ def _result(
         "flow": {"by": request.flow, "weights": str(request.raft) if request.flow == "raft" else None,
                  "size_px": list(FLOW_SIZE)},
         "model": {"name": request.model, "sha256": _hash(request.model), "shown": request.shown,
-                  "reasoning": request.reasoning, "samples": request.samples, "temperature": request.temperature,
-                  "top_p": request.top_p, "seed": request.seed},
+                  "reasoning": sampling.reasoning, "samples": sampling.samples, "temperature": sampling.temperature,
+                  "top_p": sampling.top_p, "middle": sampling.middle, "seed": request.seed},
         "answer": {"from": best.name, "composition": best.scene.composition, "think": best.answer.parsed.think,
                    "events_of_replay": events, "doubts": doubt},
         "methods": [

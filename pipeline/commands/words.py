@@ -17,6 +17,14 @@ def positive(text: str) -> float:
     return value
 
 
+def share(text: str) -> float:
+    """A number greater than 0 and at most 1."""
+    value = positive(text)
+    if value > 1:
+        raise argparse.ArgumentTypeError(f"{text} is greater than 1")
+    return value
+
+
 def count(text: str) -> int:
     """A whole number, 0 or more."""
     if not text.isdecimal():

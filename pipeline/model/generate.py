@@ -35,7 +35,7 @@ class Sampling:
     reasoning: bool = True
     seconds: float = 1.0
     numbers: str = "quantiles"
-    middle: float = 0.5
+    middle: float = 0.4
     most_tokens: int = 4000  # more than the longest text has letters, whatever the tokenizer
 
 

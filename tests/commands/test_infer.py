@@ -49,7 +49,8 @@ def test_a_clip_becomes_a_folder_of_results(run: Run, shelf: Path, out: Path) ->
 
     methods = {m["method"]: m for m in result["methods"]}
     assert list(methods) == ["greedy", "best of K", "search"]
-    assert methods["greedy"]["reward"] <= methods["best of K"]["reward"] <= methods["search"]["reward"]
+    assert methods["greedy"]["reward"] <= methods["best of K"]["reward"]  # the search parts bodies first, and may lose
+    assert result["answer"]["from"] == max(methods, key=lambda name: methods[name]["reward"])
     assert methods["search"]["simulations"] <= 3 + 210
     assert all(0 <= m["sequence_iou"] <= 1 for m in methods.values())
     for name, method in methods.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pipeline.commands.words import count, existing_or_shipped, positive
+from pipeline.commands.words import count, existing_or_shipped, positive, share
 
 SUMMARY = "find the scene that a clip shows: shapes, sizes, masses, frictions, motion, camera"
 DESCRIPTION = """\
@@ -48,18 +48,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--flow", choices=("raft", "dis"), default="raft", help="flow by RAFT, or by OpenCV's DIS (raft)")
     add("--input", choices=("flow", "rgb"), default="flow", help="what the model was trained to look at (flow)")
     add("--no-reasoning", action="store_true", help="for a model that was trained to answer without <think>")
-    add("--temperature", type=positive, default=0.1, help="of sampling (0.1)")
-    add("--top-p", type=positive, default=0.9, help="of sampling (0.9)")
+    add("--temperature", type=positive, default=1.0, help="of sampling words (1)")
+    add("--top-p", type=share, default=0.9, help="of sampling words (0.9)")
+    add("--middle", type=share, default=0.4, help="share of what the model thinks of a number, about its median, from "
+        "which samples are drawn (0.4)")  # fmt: skip
     add("--seed", type=count, default=0, help="of sampling and search (0)")
     add("--force", action="store_true", help="replace OUT where `dynamics` wrote it and nothing else is in it")
 
 
 def run(arguments: argparse.Namespace) -> None:
     from pipeline.commands.infer_clip import Request, infer_clip
+    from pipeline.model.generate import Sampling
 
     a = arguments
+    sampling = Sampling(a.samples, a.temperature, a.top_p, not a.no_reasoning, a.seconds, middle=a.middle)
     infer_clip(Request(
-        a.clip, a.out, a.start, a.seconds, a.fps, a.masks, a.samples, a.search, a.incline,
-        existing_or_shipped(a.model), a.flow, Path(existing_or_shipped(str(a.raft))), a.input, not a.no_reasoning,
-        a.temperature, a.top_p, a.seed, a.force,
+        a.clip, a.out, a.start, a.seconds, a.fps, a.masks, a.search, a.incline, existing_or_shipped(a.model), a.flow,
+        Path(existing_or_shipped(str(a.raft))), a.input, sampling, a.seed, a.force,
     ))  # fmt: skip
