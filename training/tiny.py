@@ -32,6 +32,7 @@ from training.examples import CHUNK, SUITE, Example, Kind, generate, make_exampl
 from training.measured import Measured
 from training.tiny_trainer import Progress, Trainer, read_checkpoint
 
+CHECKPOINT = "checkpoint.pt"  # in --work
 LOG = "log.csv"  # in --work, and beside the weights
 HEAD_STEPS = 200  # of batches, for the head on patch labels, which is not saved with a model
 
@@ -71,10 +72,10 @@ def append_row(path: Path, row: dict[str, float]) -> None:
 
 def train(args: argparse.Namespace) -> None:
     params, kind = read_params_file(PARAMS_FILE, Params), Kind(args.input, args.silent)
+    checkpoint = args.work / CHECKPOINT
     torch.set_num_threads(args.threads)
     torch.set_float32_matmul_precision(args.matmul)
     args.work.mkdir(parents=True, exist_ok=True)
-    checkpoint = args.work / "checkpoint.pt"
     trainer = Trainer(args.device, args.lr, args.muon_lr, args.patch_weight)
     starts = bool(args.start) and not checkpoint.is_file()
     if checkpoint.is_file():
@@ -110,6 +111,15 @@ def train(args: argparse.Namespace) -> None:
         trainer.start_from(args.start, [pool.mosaics(rng, args.batch) for _ in range(HEAD_STEPS)])
     began, last_save, last_log = time.monotonic() - progress.seconds, time.monotonic(), -np.inf
     recent: list[tuple[float, float]] = []
+
+    def log(share: float) -> None:
+        losses = dict(zip(("train_loss", "patch_loss"), np.mean(recent or [(np.nan,) * 2], 0).tolist(), strict=True))
+        row = {"step": progress.step, "clips": progress.step * args.batch, "fresh_clips": progress.chunk * CHUNK,
+               "minutes": round(progress.seconds / 60, 2), "rate": round(share, 4), **losses}  # fmt: skip
+        row |= trainer.validate(held, args.batch)
+        print({k: round(v, 6) for k, v in row.items()}, flush=True)
+        append_row(args.work / LOG, row)
+
     while (elapsed := time.monotonic() - began) < 60 * args.minutes:
         before, minutes = minutes, elapsed / 60
         if before < args.minutes - args.decay <= minutes:
@@ -129,16 +139,12 @@ def train(args: argparse.Namespace) -> None:
         progress.seconds, progress.chunk = elapsed, max(progress.chunk, pool.last_chunk + 1)
         if elapsed - last_log > args.log_seconds:
             last_log = elapsed
-            losses = dict(zip(("train_loss", "patch_loss"), np.mean(recent, 0).tolist(), strict=True))
-            row = {"step": progress.step, "clips": progress.step * args.batch, "fresh_clips": progress.chunk * CHUNK,
-                   "minutes": round(minutes, 2), "rate": round(share, 4), **losses}  # fmt: skip
-            row |= trainer.validate(held, args.batch)
-            recent = []
-            print({k: round(v, 6) for k, v in row.items()}, flush=True)
-            append_row(args.work / LOG, row)
+            log(share)
+            recent.clear()
         if time.monotonic() - last_save > args.save_seconds:
             last_save = time.monotonic()
             trainer.save(checkpoint)
+    log(0.0)
     trainer.save(checkpoint)
     trainer.base.save(args.out)
     shutil.copy(args.work / LOG, args.out / LOG)
@@ -147,9 +153,10 @@ def train(args: argparse.Namespace) -> None:
         maker.terminate()
 
 
-def export(checkpoint: Path, out: Path) -> None:
-    """Write the model of a checkpoint as it stands."""
-    read_checkpoint(checkpoint)[0].save(out)
+def export(work: Path, out: Path) -> None:
+    """Write the model of the last checkpoint as it stands, and the log."""
+    read_checkpoint(work / CHECKPOINT)[0].save(out)
+    shutil.copy(work / LOG, out / LOG)
     print(f"saved to {out}", flush=True)
 
 
@@ -188,7 +195,7 @@ def main() -> None:
     parser.add_argument("--export", action="store_true", help="write the last checkpoint to --out and train nothing")
     args = parser.parse_args()
     if args.export:
-        export(args.work / "checkpoint.pt", args.out)
+        export(args.work, args.out)
     else:
         train(args)
 
