@@ -110,8 +110,9 @@ def soft_loss(log_p: torch.Tensor, labels: torch.Tensor, soft: list[SoftTargets]
     where nothing is learned, of the places from `prompt` on: with the soft target where a place has one."""
     learned = labels != -100
     hard = learned.clone()
-    row = torch.as_tensor(np.repeat(np.arange(len(soft)), [len(s.at) for s in soft]))
-    at, ids, share = (torch.as_tensor(np.concatenate([getattr(s, k) for s in soft])) for k in ("at", "ids", "share"))
+    columns = [np.repeat(np.arange(len(soft)), [len(s.at) for s in soft])]
+    columns += [np.concatenate([getattr(s, key) for s in soft]) for key in ("at", "ids", "share")]
+    row, at, ids, share = (torch.as_tensor(column, device=log_p.device) for column in columns)
     hard[row, at - prompt] = False
     where = hard.nonzero(as_tuple=True)
     total = (log_p[(row, at - prompt, ids)] * share).sum() + log_p[(*where, labels[where])].sum()

@@ -108,7 +108,7 @@ def train(args: argparse.Namespace) -> None:
     rng = np.random.default_rng(progress.step)
     if starts:
         pool.fill(least=8 * args.batch)
-        trainer.start_from(args.start, [pool.mosaics(rng, args.batch) for _ in range(HEAD_STEPS)])
+        trainer.start_from(args.start, (pool.mosaics(rng, args.batch) for _ in range(HEAD_STEPS)))
     began, last_save, last_log = time.monotonic() - progress.seconds, time.monotonic(), -np.inf
     recent: list[tuple[float, float]] = []
 

@@ -84,8 +84,9 @@ one-second clip and writes the scene. It ships so that the whole graph runs on a
 **Training.** `python -m training.tiny`, from random weights, on clips that are sampled, simulated and rasterised on the
 way (the distribution of params.yaml, 1 to 4 objects, exact flow with noise like RAFT's): {clips:,} clips shown,
 {fresh_clips:,} of them different, {minutes:.0f} minutes of one shared CPU core (`log.csv`). Of the first 92,000 clips a
-quarter was without reasoning, then three quarters, and the targets of numbers had their neighbours in them; of the last
-8,700 half had RAFT's own flow (`python -m training.measured`, 620 different ones). Loss on held-out clips with RAFT's
+quarter was without reasoning, of the next 33,000 three quarters, of the last 8,700 about half; in the last 33,000 the
+targets of numbers had their neighbours in them, and half of the last 8,700 had RAFT's own flow (`python -m
+training.measured`, 620 different ones). Loss on held-out clips with RAFT's
 flow, hard targets: {loss:.3f} nats a free token.
 
 **Scores** before any search, with RAFT's flow, on fresh clips (`python -m benchmarks.learned tiny`), means with 95 %

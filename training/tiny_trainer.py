@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,8 @@ import torch
 from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import Base, load_base
-from pipeline.model.forward import hidden_states
 from pipeline.model.inputs import video_inputs
-from pipeline.model.loss import batch_loss, make_batch
+from pipeline.model.loss import batch_loss, completion_logits, make_batch
 from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.scene.scene import BASIC_SHAPES
 from training.examples import LAYOUT, Example
@@ -69,7 +69,7 @@ class Trainer:
     def remember(self, module: torch.nn.Module, inputs: Any, output: Any) -> None:
         self.tokens = output.pooler_output
 
-    def start_from(self, folder: Path, clips: list[tuple[np.ndarray, list[PatchLabels]]]) -> None:
+    def start_from(self, folder: Path, clips: Iterable[tuple[np.ndarray, list[PatchLabels]]]) -> None:
         """Take the weights of a model that was saved for answering. It has no head: that learns, alone, from batches of
         pictures and labels as `learn_to_see` takes them."""
         self.base.model.load_state_dict(load_base(str(folder)).model.state_dict())
@@ -114,9 +114,9 @@ class Trainer:
         """One step of the whole model. Returns the losses of the completions and of the patches, nats."""
         with self.precision():
             batch = make_batch(self.base, [e.tokens for e in examples], np.stack([e.picture for e in examples]))
-            hidden, prompt = hidden_states(self.base, batch.ids, batch.clips), len(self.base.codec.prompt_ids)
-            log_p = self.base.model.lm_head(hidden[:, prompt - 1 : -1]).float().log_softmax(-1)
-            loss = soft_loss(log_p, batch.labels[:, prompt:], [e.soft for e in examples], prompt)
+            logits, labels = completion_logits(self.base, batch)
+            prompt = len(self.base.codec.prompt_ids)
+            loss = soft_loss(logits.log_softmax(-1), labels, [e.soft for e in examples], prompt)
             patch_loss = self.head(self.tokens, [e.patches for e in examples])
         return self.step(loss, patch_loss, share)
 

@@ -32,15 +32,16 @@ def make_batch(base: Base, tokens: list[Tokens], clips: np.ndarray) -> Batch:
     return Batch(ids, labels, torch.as_tensor(clips))
 
 
-def batch_loss(base: Base, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
-    """Mean loss of a batch and the loss of every token (B, L - P), nats, 0 where there is no label.
-
-    Logits are computed for the completion alone.
-    """
-    labels, prompt = batch.labels.to(base.model.device), len(base.codec.prompt_ids)
+def completion_logits(base: Base, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+    """Logits (B, L - P, V) and labels (B, L - P) of the tokens after the prompt; of the prompt's none are computed."""
+    prompt = len(base.codec.prompt_ids)
     hidden = hidden_states(base, batch.ids, batch.clips)
-    logits = base.model.lm_head(hidden[:, prompt - 1 : -1]).float()
-    targets = labels[:, prompt:]
+    return base.model.lm_head(hidden[:, prompt - 1 : -1]).float(), batch.labels.to(base.model.device)[:, prompt:]
+
+
+def batch_loss(base: Base, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+    """Mean loss of a batch and the loss of every token (B, L - P), nats, 0 where there is no label."""
+    logits, targets = completion_logits(base, batch)
     each = functional.cross_entropy(logits.flatten(0, 1), targets.flatten(), ignore_index=-100, reduction="none")
     each = each.view_as(targets)
     return each.sum() / (targets != -100).sum(), each.detach()

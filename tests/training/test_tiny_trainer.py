@@ -49,7 +49,7 @@ def test_a_training_starts_from_a_model_without_a_head(examples: list[Example], 
     assert told < untold - 0.5
 
 
-def test_how_far_a_training_was_is_read_from_its_log(tmp_path: Path) -> None:
+def test_how_far_a_training_was_is_read_from_its_log() -> None:
     progress = progress_of({"clips": "800", "minutes": "1.5", "fresh_clips": "640"}, 8)
     assert (progress.step, progress.seconds, progress.chunk, progress.seen) == (100, 90.0, 40, 0)
 
