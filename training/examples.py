@@ -15,8 +15,9 @@ from pipeline.clips.areas import areas_px
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import View, frame_masks, pair_view, trace_pairs
 from pipeline.language.codec import Codec, Tokens
-from pipeline.language.completion import MAX_OBJECTS, write_completion
+from pipeline.language.completion import MAX_OBJECTS, completion_grammar, write_completion
 from pipeline.language.events import Thresholds, find_events
+from pipeline.language.grammar import split
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.patches import PatchLayout, resize_frames
 from pipeline.physics.batch import scene_model
@@ -120,8 +121,8 @@ def make_examples(
         events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds) if reasoning else None
         view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)
         completion = write_completion(scene, events, schedule.seconds)
-        tokens = codec.encode(completion, reasoning, schedule.seconds)
-        soft = soft_targets(codec, completion, reasoning, schedule.seconds)
+        segments = split(completion_grammar(reasoning, schedule.seconds), completion)
+        tokens, soft = codec.encode_segments(segments), soft_targets(codec, segments)
         labels = patch_labels(view, scene, trace, schedule, LAYOUT)
         examples.append(Example(tokens, soft, picture(params, kind, suite, index, scene, trace, view, noise), labels))
     return examples

@@ -8,6 +8,7 @@ as they are, and real parts of 1: they are said of what rests and of what is not
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,9 +25,8 @@ from pipeline.language.completion import (
     REAL_PART,
     SIZE,
     VECTORS,
-    completion_grammar,
 )
-from pipeline.language.grammar import Element, Number, pieces, split
+from pipeline.language.grammar import Element, Number, pieces
 
 #: Standard deviation of the targets, in a number's own unit: about half of the error that the model makes today.
 SPREAD: dict[Element, float] = {
@@ -58,12 +58,12 @@ class SoftTargets:
     share: np.ndarray
 
 
-def soft_targets(codec: Codec, completion: str, reasoning: bool, seconds: float) -> SoftTargets:
-    """Of the numbers in `SPREAD`. Raises `GrammarError` for a text that the grammar does not generate, and asks for a
-    tokenizer that has numbers in two tokens, as ours."""
+def soft_targets(codec: Codec, segments: Sequence[tuple[Element, str]]) -> SoftTargets:
+    """Of the numbers in `SPREAD`, in a completion that `split` has cut. Asks for a tokenizer that has numbers in two
+    tokens, as ours."""
     parts: list[tuple[int, np.ndarray, np.ndarray]] = []
     place, positions = len(codec.prompt_ids), 0
-    for element, text in split(completion_grammar(reasoning, seconds), completion):
+    for element, text in segments:
         length = len(codec.segment_ids(element, text))
         positions += element == VECTORS["position"]
         height = element == VECTORS["position"] and positions % 3 == 0  # what lies on the ground has that of its size
@@ -76,6 +76,7 @@ def soft_targets(codec: Codec, completion: str, reasoning: bool, seconds: float)
     return SoftTargets(at, *(np.concatenate([p[k] for p in parts]) for k in (1, 2)))
 
 
+@functools.lru_cache(maxsize=1 << 14)
 def _of_number(codec: Codec, number: Number, text: str) -> list[tuple[np.ndarray, np.ndarray]]:
     """(ids, shares) of the first token, over all numbers, and of the second, among those that begin like `text`."""
     heads, tails = _tokens(codec, number)

@@ -74,9 +74,13 @@ class Codec:
 
     def encode(self, completion: str, reasoning: bool, seconds: float) -> Tokens:
         """Ids of the prompt and a completion. Raises `GrammarError` for a text that the grammar does not generate."""
+        return self.encode_segments(split(completion_grammar(reasoning, seconds), completion))
+
+    def encode_segments(self, segments: Sequence[tuple[Element, str]]) -> Tokens:
+        """Ids of the prompt and of a completion that `split` has cut."""
         ids = list(self.prompt_ids)
         free, numeric = [False] * len(ids), [False] * len(ids)
-        for element, text in split(completion_grammar(reasoning, seconds), completion):
+        for element, text in segments:
             new = self.segment_ids(element, text)
             ids += new
             free += [not isinstance(element, Literal)] * len(new)

@@ -126,7 +126,7 @@ def unstack(batch: SceneBatch, index: int, like: Scene) -> Scene:
     return replace(like, objects=objects, camera=camera, gravity=tuple(batch.gravity[b]))
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=512)
 def composition_model(shapes: tuple[str, ...], ground: bool) -> mujoco.MjModel:
     """The compiled model of a composition; its numbers are placeholders."""
     objects = tuple(SceneObject(s, (0.2,) * len(SIZE_KEYS[s]) if s != "capsule" else (0.1, 0.3), 1.0,

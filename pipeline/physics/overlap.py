@@ -79,7 +79,7 @@ def separated(scene: Scene) -> Scene:
     return scene
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=512)
 def _scratch(shapes: tuple[str, ...]) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """A model and data of the composition, of our own, to write sizes and poses into."""
     model = copy.copy(composition_model(shapes, False))

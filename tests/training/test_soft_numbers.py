@@ -33,7 +33,7 @@ def test_a_target_is_a_bell_about_the_number_and_zeros_and_heights_stay(rng: np.
     bells = 0
     for scene in draw(int(rng.integers(2**31)), range(6)).scenes:
         text = write_completion(scene, None, 1.0)
-        soft = soft_targets(CODEC, text, False, 1.0)
+        soft = soft_targets(CODEC, split(completion_grammar(False, 1.0), text))
         positions = 0
         for number, written, place in places(text):
             first, second = target(soft, place), target(soft, place + 1)
