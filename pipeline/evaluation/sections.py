@@ -78,8 +78,7 @@ _STARTS = (
     "sequence IoU after so many simulations, with 95 % bootstrap intervals, by where the search starts. given: the "
     "classical guess with the true shapes; guess: nothing given; motion: nothing given, not even masks. id: sampled "
     "clips; real: another engine's. The last columns are for the largest budget; penetration is the largest of all "
-    "answers. greedy, best1 and bestK start from answers of the tiny model of commit e0395e7, which the one that ships "
-    "now surpasses."
+    "answers. greedy, best1, bestK: the shipped model's answer, its first sample, and the best of 32 by replay."
 )
 _DETERMINED = (
     "Of the scenes that the search found: the spread (standard deviation) of each number by the curvature of the cost "
