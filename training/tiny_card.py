@@ -84,10 +84,10 @@ one-second clip and writes the scene. It ships so that the whole graph runs on a
 **Training.** `python -m training.tiny`, from random weights, on clips that are sampled, simulated and rasterised on the
 way (the distribution of params.yaml, 1 to 4 objects, exact flow with noise like RAFT's): {clips:,} clips shown in
 {minutes:.0f} minutes (`log.csv`), on one shared CPU core but for the last 32 minutes, on two. {fresh_clips:,} of the
-clips were different, and 4,672 more with RAFT's own flow (`python -m training.measured`), which were half of those shown
-from clip 125,000 on and three fifths from 134,000 on. Without reasoning was a quarter of the first 92,000, three quarters
-of the next 33,000, three eighths of the rest. From clip 101,000 on the targets of numbers had their neighbours in them.
-Loss on held-out clips with RAFT's flow, hard targets: {loss:.3f} nats a free token.
+clips were different, and 4,672 more with RAFT's own flow (`python -m training.measured`), which were half of those
+shown from clip 125,000 on and three fifths from 134,000 on. Without reasoning was a quarter of the first 92,000, three
+quarters of the next 33,000, three eighths of the rest. From clip 101,000 on the targets of numbers had their neighbours
+in them. Loss on held-out clips with RAFT's flow, hard targets: {loss:.3f} nats a free token.
 
 **Scores** before any search, with RAFT's flow, on fresh clips (`python -m benchmarks.learned tiny`), means with 95 %
 bootstrap intervals:
