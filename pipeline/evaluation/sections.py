@@ -78,8 +78,8 @@ _STARTS = (
     "sequence IoU after so many simulations, with 95 % bootstrap intervals, by where the search starts. given: the "
     "classical guess with the true shapes; guess: nothing given; motion: nothing given, not even masks. id: sampled "
     "clips; real: another engine's. The last columns are for the largest budget; penetration is the largest of all "
-    "answers. greedy, best1, bestK: what the shipped model answers after the graph's fine-tuning, its first sample, and "
-    "the best of 32 by replay; some of these were searched with 3,200 simulations only."
+    "answers. greedy, best1, bestK: what the shipped model answers after the graph's fine-tuning, its first sample, "
+    "and the best of 32 by replay; some of these were searched with 3,200 simulations only."
 )
 _DETERMINED = (
     "Of the scenes that the search found: the spread (standard deviation) of each number by the curvature of the cost "
