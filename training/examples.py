@@ -117,8 +117,10 @@ def make_examples(
     examples = []
     for index, scene in zip(indices, scenes, strict=True):
         trace = simulate_model(scene_model(scene), schedule.seconds)
-        areas = areas_px(frame_masks(scene, trace, schedule, 120, 80), len(scene.objects))
-        events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds) if reasoning else None
+        events = None
+        if reasoning:
+            areas = areas_px(frame_masks(scene, trace, schedule, 120, 80), len(scene.objects))
+            events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds)
         view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)
         completion = write_completion(scene, events, schedule.seconds)
         segments = split(completion_grammar(reasoning, schedule.seconds), completion)
