@@ -14,8 +14,8 @@ import torch
 from pipeline.evaluation.tables import markdown
 from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
 from training.examples import CHUNK, LAYOUT, Kind, make_examples
 
 KINDS = {"flow": "exact flow with noise", "rgb": "RGB", "raft": "RGB, then RAFT's flow"}

@@ -33,13 +33,13 @@ from benchmarks.kept_answers import kept_answers
 from benchmarks.starts import shapes_of
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.csv_rows import write_rows
-from pipeline.evaluation.intervals import bootstrap_mean
 from pipeline.evaluation.learned_tables import SAMPLES, differences_table, samples_table
 from pipeline.evaluation.mean_curves import best_of_curve
 from pipeline.evaluation.scene_scores import METRICS, score
 from pipeline.evaluation.sections import COLUMNS, ERRORS
 from pipeline.evaluation.tables import Summary, as_csv, markdown, summarise, table
 from pipeline.language.completion import read_completion
+from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling, generate
 from pipeline.model.patches import resize_frames
@@ -51,10 +51,10 @@ from pipeline.search.target import make_target
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.flow_noise import flow_like_rafts
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
-from stages.clip_pictures import picture_stage, pictures
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
-from stages.suite import Suite, open_suite, reference
+from stages.graph.clip_pictures import picture_stage, pictures
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
+from stages.graph.suite import Suite, open_suite, reference
 
 RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.evaluation.intervals import bootstrap_mean
 from pipeline.evaluation.tables import cell, markdown
+from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.shards.dataset import open_shards
-from stages.run_shards import folder
+from stages.graph.run_shards import folder
 
 OUT = Path("benchmarks/results/prediction.md")
 SUITES = ("id", "real")

@@ -25,12 +25,12 @@ import numpy as np
 import torch
 from transformers.utils import logging
 
+from benchmarks.published.published_set import ROOT
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.intervals import Estimate, bootstrap_mean
 from pipeline.evaluation.scene_scores import measured_reference, score
 from pipeline.evaluation.tables import cell, markdown
-from pipeline.external.place import ROOT
 from pipeline.language.completion import read_completion
+from pipeline.metrics.intervals import Estimate, bootstrap_mean
 from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling
 from pipeline.model.patches import resize_frames
@@ -44,8 +44,8 @@ from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from pipeline.vision.measured_flow import measured_flow
 from pipeline.vision.raft import load_raft
 from pipeline.vision.user_clip import find_clips, read_user_clip
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
 
 METRICS = {"iou": "IoU, sequence", "iou_initial": "IoU, first frame", "epe_frame": "EPE, whole frame",
            "composition": "composition"}  # fmt: skip

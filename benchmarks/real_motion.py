@@ -18,6 +18,10 @@ import numpy as np
 import pyarrow.parquet as pq
 from ruamel.yaml import YAML
 
+from benchmarks.published.ball_drops import read_ball_drops
+from benchmarks.published.cube_tosses import read_cube_tosses
+from benchmarks.published.published_set import RealSet, real_motion_folder
+from benchmarks.published.table_tennis import read_table_tennis
 from pipeline.discrepancy.arc import Arc
 from pipeline.discrepancy.discover import Discovery, discover
 from pipeline.discrepancy.fit import first_starts, fit, run
@@ -25,10 +29,6 @@ from pipeline.discrepancy.known_scene import known_scene
 from pipeline.discrepancy.model import known_model, with_effect
 from pipeline.discrepancy.stack import stack_arcs
 from pipeline.discrepancy.track import tracks_table
-from pipeline.external.ball_drops import read_ball_drops
-from pipeline.external.cube_tosses import read_cube_tosses
-from pipeline.external.place import RealSet, real_motion_folder
-from pipeline.external.table_tennis import read_table_tennis
 from pipeline.scene.effects.registry import effect_kinds
 
 SEEN = 0.4  # of the second drop

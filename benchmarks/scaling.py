@@ -18,11 +18,11 @@ import torch
 
 from benchmarks.learned import RESAMPLES, RESULTS
 from pipeline.evaluation.csv_rows import write_rows
-from pipeline.evaluation.intervals import bootstrap_mean
 from pipeline.evaluation.learned_tables import CHECKPOINT, scaling_table
 from pipeline.evaluation.tables import markdown
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
+from pipeline.metrics.intervals import bootstrap_mean
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
 from training.examples import CHUNK
 from training.tiny_card import measure
 from training.tiny_trainer import read_checkpoint

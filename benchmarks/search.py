@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
-from pipeline.evaluation.overlap_scores import assign, count, pair_iou, sequence_iou
+from pipeline.metrics.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.physics.batch import BatchSimulator, SceneBatch, unstack
 from pipeline.physics.simulate import simulate
 from pipeline.scene.mjcf import scene_xml
@@ -31,8 +31,8 @@ from pipeline.search.parameters import search_space
 from pipeline.search.target import Target, make_target
 from pipeline.vision.mujoco_render import Canvas
 from pipeline.vision.render_backend import choose_backend
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes
 
 OBJECTS = 4

@@ -29,10 +29,10 @@ from tqdm import tqdm
 from benchmarks.kept_answers import answers_of, kept_answers
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.csv_rows import write_rows
-from pipeline.evaluation.intervals import bootstrap_mean
 from pipeline.evaluation.scene_scores import score
 from pipeline.evaluation.starts_table import starts_table
 from pipeline.evaluation.tables import markdown
+from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
 from pipeline.search.cmaes import Budget, search
@@ -45,9 +45,9 @@ from pipeline.search.target import Target, make_target
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.dis import DIS
 from pipeline.vision.motion_masks import masks_from_motion
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
-from stages.suite import Suite, greedy_row, open_suite, reference
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
+from stages.graph.suite import Suite, greedy_row, open_suite, reference
 from training.drawn_scenes import drawn_scenes
 
 RESULTS = Path("benchmarks/results/starts")

@@ -17,10 +17,10 @@ from pipeline.search.evaluator import Evaluator
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.main import run
-from stages.params import load
-from stages.run_shards import run_shards
-from stages.search_target import search_target
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import run_shards
+from stages.graph.search_target import search_target
 
 SCHEMA = pa.schema(
     {

@@ -18,11 +18,11 @@ from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.found_row import FOUND, found_row
-from stages.main import run
-from stages.params import load
-from stages.run_shards import run_shards
-from stages.search_target import distinct_starts, search_target
+from stages.graph.found_row import FOUND, found_row
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import run_shards
+from stages.graph.search_target import distinct_starts, search_target
 
 SCHEMA = pa.schema([("clip", pa.int64()), *FOUND])
 

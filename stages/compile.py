@@ -14,8 +14,8 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.main import run
-from stages.run_shards import run_shards
+from stages.graph.main import run
+from stages.graph.run_shards import run_shards
 
 SCHEMA = pa.schema({"clip": pa.int64(), "xml": pa.string()})
 

@@ -21,9 +21,9 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.main import run
-from stages.params import load
-from stages.run_shards import run_shards
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import run_shards
 
 EVENT_SCHEMA = pa.schema(
     {"clip": pa.int64(), "time": pa.float64(), "kind": pa.string(), "first": pa.int8(), "second": pa.int8()}

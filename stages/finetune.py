@@ -22,10 +22,10 @@ from pipeline.model.patches import resize_frames
 from pipeline.model.trainer import TrainingPlan
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
-from stages.clip_pictures import picture_stage, pictures
-from stages.main import run
-from stages.params import load
-from stages.run_shards import DATA, folder
+from stages.graph.clip_pictures import picture_stage, pictures
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import DATA, folder
 
 
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:

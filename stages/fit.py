@@ -23,11 +23,11 @@ from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.found_row import FOUND, found_row
-from stages.main import run
-from stages.params import load
-from stages.run_shards import run_shards
-from stages.search_target import distinct_starts, search_target
+from stages.graph.found_row import FOUND, found_row
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import run_shards
+from stages.graph.search_target import distinct_starts, search_target
 
 CERTAINTY = pa.struct({"place": pa.string(), "kind": pa.string(), "value": pa.float64(), "spread": pa.float64(),
                        "unit": pa.string(), "share": pa.float64()})  # fmt: skip

@@ -24,9 +24,9 @@ from pipeline.vision.flow_noise import flow_like_rafts
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from pipeline.vision.measured_flow import measured_flow
 from pipeline.vision.raft import RAFT, load_raft
-from stages.main import run
-from stages.params import load
-from stages.run_shards import run_shards
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import run_shards
 
 
 @lru_cache(maxsize=1)

@@ -19,9 +19,9 @@ from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.main import run
-from stages.params import load
-from stages.run_shards import run_shards
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import run_shards
 
 WORLDS = pa.schema({"clip": pa.int64(), "scene": pa.string()})
 TRUTH = pa.schema({"clip": pa.int64(), "truth": pa.string()})

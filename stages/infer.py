@@ -30,12 +30,12 @@ from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from pipeline.vision.flow_picture import scaled_max_px
-from stages.answering_model import answering_model
-from stages.clip_pictures import picture_stage, pictures
-from stages.examples import Example, choose_examples, example_clip
-from stages.main import run
-from stages.params import load
-from stages.run_shards import run_shards
+from stages.graph.answering_model import answering_model
+from stages.graph.clip_pictures import picture_stage, pictures
+from stages.graph.examples import Example, choose_examples, example_clip
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import run_shards
 
 SCHEMA = pa.schema(
     {

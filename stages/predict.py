@@ -25,9 +25,9 @@ from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.main import run
-from stages.params import load
-from stages.run_shards import run_shards
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import run_shards
 
 SCORES = ("search", "carried", "velocity", "frozen", "seen")
 SCHEMA = pa.schema({"clip": pa.int64(), "scene": pa.string(), **dict.fromkeys(SCORES, pa.float64()),

@@ -19,10 +19,10 @@ import numpy as np
 from pipeline.errors import ParamsError
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keep_folder import keep_folder
-from stages.answering_model import CURVE, FINETUNED, FOLDER, AnsweringModel, split_clips
-from stages.main import run
-from stages.params import load
-from stages.run_shards import folder
+from stages.graph.answering_model import CURVE, FINETUNED, FOLDER, AnsweringModel, split_clips
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import folder
 
 if TYPE_CHECKING:
     from pipeline.model.preference import Pair
@@ -51,8 +51,8 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
     from pipeline.model.walker import Tries
     from pipeline.search.best_of_k import rank
     from pipeline.search.evaluator import Evaluator
-    from stages.clip_pictures import picture_stage, pictures
-    from stages.search_target import search_target
+    from stages.graph.clip_pictures import picture_stage, pictures
+    from stages.graph.search_target import search_target
 
     rendered, flow = inputs
     base = load_base(p["model"], frames=p["clip"]["model_frames"], dtype=p["dtype"])

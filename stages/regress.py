@@ -20,10 +20,10 @@ from pipeline.shards.keep_folder import keep_folder
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.clip_pictures import picture_stage, pictures
-from stages.main import run
-from stages.params import load
-from stages.run_shards import DATA, folder, run_shards
+from stages.graph.clip_pictures import picture_stage, pictures
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import DATA, folder, run_shards
 
 if TYPE_CHECKING:
     from pipeline.model.scene_vector import SceneVector

@@ -21,9 +21,9 @@ from pipeline.shards.shard import Shard, ShardResult
 from pipeline.vision.appearance import apply_sensor, sample_appearance, sample_sensor
 from pipeline.vision.render import render_rgb
 from pipeline.vision.render_backend import choose_backend
-from stages.main import run
-from stages.params import load
-from stages.run_shards import run_shards
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import run_shards
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:

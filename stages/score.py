@@ -34,11 +34,11 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.cost import compute_seconds
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
-from stages.answering_model import CURVE, FOLDER, AnsweringModel, answering_model
-from stages.main import run
-from stages.params import load
-from stages.run_shards import DATA, folder
-from stages.suite import Suite, greedy_row, open_suite, reference
+from stages.graph.answering_model import CURVE, FOLDER, AnsweringModel, answering_model
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import DATA, folder
+from stages.graph.suite import Suite, greedy_row, open_suite, reference
 
 REPORTS = Path("reports")
 BENCHMARKS = ("learned/learned.csv", "learned/differences.csv", "learned/scaling.csv", "starts/starts.csv")

@@ -16,9 +16,9 @@ from pipeline.physics.simulate import compile_xml, simulate_model
 from pipeline.physics.trace_shards import contact_table, trace_arrays
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
-from stages.main import run
-from stages.params import load
-from stages.run_shards import run_shards
+from stages.graph.main import run
+from stages.graph.params import load
+from stages.graph.run_shards import run_shards
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:

@@ -15,8 +15,8 @@ from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.sample import Distribution
 from pipeline.scene.scene import Scene
-from stages.params import Params
-from stages.params_file import read_params_file
+from stages.graph.params import Params
+from stages.graph.params_file import read_params_file
 
 COUNTS = {1: 1.0, 2: 1.0, 3: 1.0, 4: 1.0}
 SCHEDULE = Schedule()

@@ -10,8 +10,8 @@ from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
 from pipeline.physics.simulate import simulate
 from pipeline.vision.camera import pinhole
-from stages.params import Params
-from stages.params_file import read_params_file
+from stages.graph.params import Params
+from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes
 from training.motion import Motion
 

@@ -8,7 +8,7 @@ from pipeline.clips.draw import Filters, draw_clips
 from pipeline.clips.schedule import Schedule
 from pipeline.scene.sample import Distribution
 from pipeline.scene.scene import Scene
-from stages.params import Params
+from stages.graph.params import Params
 
 
 def drawn_scenes(

@@ -30,7 +30,7 @@ from pipeline.vision.flow_noise import flow_like_rafts
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from pipeline.vision.raft import RAFT, load_raft
 from pipeline.vision.render import render_rgb
-from stages.params import Params
+from stages.graph.params import Params
 from training.drawn_scenes import drawn_scenes
 from training.patch_labels import PatchLabels, patch_labels
 from training.soft_numbers import SoftTargets, soft_targets

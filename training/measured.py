@@ -19,8 +19,8 @@ from tqdm import tqdm
 
 from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
 from training.examples import CHUNK, LAYOUT, Example, Kind, make_examples
 
 SUITE = "tiny-measured"

@@ -25,8 +25,8 @@ from torch import multiprocessing
 
 from pipeline.evaluation.csv_rows import read_rows
 from pipeline.language.completion import MAX_OBJECTS
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
 from training.example_pool import Pool
 from training.examples import CHUNK, SUITE, Example, Kind, generate, make_examples
 from training.measured import Measured

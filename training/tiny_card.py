@@ -19,17 +19,17 @@ from tqdm import tqdm
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
 from pipeline.evaluation.csv_rows import read_rows
-from pipeline.evaluation.intervals import bootstrap_mean
 from pipeline.evaluation.scene_scores import score, true_reference
 from pipeline.evaluation.tables import Summary, cell, from_csv, markdown
 from pipeline.language.completion import read_completion
+from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling, generate
 from pipeline.model.walker import Tries
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes
 from training.examples import LAYOUT, Kind, picture
 from training.tiny import LOG

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.commands.clip_input import ClipInput
 from pipeline.errors import SimulationError
-from pipeline.evaluation.overlap_scores import assign, count, first_frame, foreground_iou, pair_iou, sequence_iou
+from pipeline.metrics.overlap import assign, count, first_frame, foreground_iou, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
 from pipeline.search.evaluator import Evaluator

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.evaluation.intervals import Estimate
 from pipeline.evaluation.tables import NOTHING, Summary, cell, table
+from pipeline.metrics.intervals import Estimate
 
 SAMPLES = (1, 2, 4, 8, 16, 32)
 FURTHER = (10, 100)

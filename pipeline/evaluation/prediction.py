@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.overlap_scores import Counts, assign, count, pair_iou, sequence_iou
 from pipeline.evaluation.scene_scores import replay
+from pipeline.metrics.overlap import Counts, assign, count, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
 
 TRACK_SECONDS = 0.2  # before the last frame seen, over which an instance's velocity is measured

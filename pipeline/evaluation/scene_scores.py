@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
-from pipeline.evaluation.overlap_scores import assign, count, first_frame, foreground_iou, pair_iou, sequence_iou
+from pipeline.metrics.overlap import assign, count, first_frame, foreground_iou, pair_iou, sequence_iou
 from pipeline.physics.batch import BatchSimulator, stack_scenes
 from pipeline.physics.overlap import penetration
 from pipeline.scene.rotation import quaternion_conjugate, quaternion_multiply

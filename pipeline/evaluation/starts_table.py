@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pipeline.evaluation.intervals import Estimate
 from pipeline.evaluation.tables import cell
+from pipeline.metrics.intervals import Estimate
 
 LAST = {"epe": "EPE, foreground", "epe_frame": "EPE, whole frame", "composition": "composition"}
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.evaluation.intervals import Estimate, bootstrap_mean
+from pipeline.metrics.intervals import Estimate, bootstrap_mean
 
 NOTHING = Estimate(np.nan, np.nan, np.nan, 0)
 COSTS = ("simulations", "seconds")

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.overlap_scores import assign, pair_iou, sequence_iou
+from pipeline.metrics.overlap import assign, pair_iou, sequence_iou
 from pipeline.physics.batch import BatchSimulator, SceneBatch, States, stack_scenes
 from pipeline.scene.scene import Scene
 from pipeline.search.pooling import Pooling, Residuals

@@ -12,7 +12,7 @@ import numpy as np
 from numba import prange
 
 from pipeline.compiled import parallel_kernel
-from pipeline.evaluation.overlap_scores import Counts
+from pipeline.metrics.overlap import Counts
 from pipeline.search.pooling import pool_frame
 from pipeline.search.target import Target
 from pipeline.vision.exact_flow import exact_flow_frame

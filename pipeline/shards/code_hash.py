@@ -14,9 +14,9 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("pipeline", "stages", "training")
 
-PLUMBING = ("pipeline.shards", "pipeline.errors", "stages.main", "stages.params", "stages.run_shards")
+PLUMBING = ("pipeline.shards", "pipeline.errors", "stages.graph.main", "stages.graph.params", "stages.graph.run_shards")
 """Modules that decide when and where something is computed, not what. They are in no key and no stage's deps:
-else a new section in stages/params.py would train the model again. The exceptions are in CONTENT."""
+else a new section in stages/graph/params.py would train the model again. The exceptions are in CONTENT."""
 
 CONTENT = ("pipeline.shards.tables", "pipeline.shards.arrays", "pipeline.shards.clip_rng")
 """Plumbing that decides bytes: in every key."""

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.published.ball_drops import read_ball_drops
+from benchmarks.published.cube_tosses import read_cube_tosses
+from benchmarks.published.published_set import real_motion_folder
+from benchmarks.published.table_tennis import read_table_tennis
 from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.known_scene import known_scene
-from pipeline.external.ball_drops import read_ball_drops
-from pipeline.external.cube_tosses import read_cube_tosses
-from pipeline.external.place import real_motion_folder
-from pipeline.external.table_tennis import read_table_tennis
 from pipeline.scene.effects.registry import effect_kinds
 
 

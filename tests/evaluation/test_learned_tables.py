@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pipeline.evaluation.intervals import Estimate
 from pipeline.evaluation.learned_tables import (
     CHECKPOINT,
     differences_table,
@@ -11,6 +10,7 @@ from pipeline.evaluation.learned_tables import (
     scaling_table,
 )
 from pipeline.evaluation.tables import Summary
+from pipeline.metrics.intervals import Estimate
 
 
 def law(n: float, slope: float) -> float:

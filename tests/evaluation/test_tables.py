@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from pipeline.evaluation.figures import bars, curves, jpeg, painted, tiled
-from pipeline.evaluation.intervals import bootstrap_mean
 from pipeline.evaluation.mean_curves import best_of_curve, mean_curve
 from pipeline.evaluation.report import Section, folded, html_table, page
 from pipeline.evaluation.tables import Summary, as_csv, as_json, from_csv, markdown, summarise, table
+from pipeline.metrics.intervals import bootstrap_mean
 
 
 @pytest.fixture

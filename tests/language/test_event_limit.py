@@ -6,7 +6,7 @@ from pipeline.language.completion import MAX_EVENTS, completion_grammar, write_c
 from pipeline.language.events import Event
 from pipeline.language.grammar import GrammarError, split
 from pipeline.scene.scene import Camera, Scene, SceneObject
-from stages.params import Events
+from stages.graph.params import Events
 
 SCENE = Scene((SceneObject("sphere", (0.1,), 1.0, position=(0, 0, 0.1)),), Camera((0, -2, 1), 40, -20.0))
 

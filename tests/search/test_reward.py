@@ -6,7 +6,7 @@ from sampled_scenes import SCHEDULE
 from targets import HEIGHT, WIDTH, evaluator, exact_target, sampled
 
 from pipeline.clips.view import pair_view, trace_pairs
-from pipeline.evaluation.overlap_scores import assign, count, pair_iou, sequence_iou
+from pipeline.metrics.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.physics.batch import stack_scenes
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene, SceneObject

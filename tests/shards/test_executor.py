@@ -118,7 +118,7 @@ def test_the_slices_of_a_batch_job_and_a_last_call_give_what_one_call_gives(
 
 
 def test_every_executor_of_the_table_has_a_name_that_params_allows() -> None:
-    from stages.params import ExecutorSettings
+    from stages.graph.params import ExecutorSettings
 
     for name in EXECUTORS:
         assert ExecutorSettings(name=name, workers=None).name == name

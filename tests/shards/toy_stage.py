@@ -19,7 +19,7 @@ from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.store import Store
 from pipeline.shards.tables import table_from_rows
-from stages.main import run
+from stages.graph.main import run
 
 BALLS = pa.schema([("clip", pa.int64()), ("mass", pa.float64()), ("tags", pa.list_(pa.string()))])
 EVENTS = pa.schema([("clip", pa.int64()), ("time", pa.float32())])

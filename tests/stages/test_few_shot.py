@@ -20,8 +20,8 @@ from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from stages import finetune, infer, prefer
-from stages.examples import choose_examples
-from stages.main import run
+from stages.graph.examples import choose_examples
+from stages.graph.main import run
 from stages.tokenize import SCHEMA
 
 TRAIN = 4

@@ -6,7 +6,7 @@ import pytest
 from pydantic import BaseModel
 
 from pipeline.shards.code_hash import ROOT
-from stages.params import READS, Params, declared_keys, load, load_executor
+from stages.graph.params import READS, Params, declared_keys, load, load_executor
 
 PARAMS = ROOT / "params.yaml"
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from pipeline.errors import ParamsError
-from stages.params_file import Section, read_params_file
-from stages.params_view import ParamsView, keys_read
+from stages.graph.params_file import Section, read_params_file
+from stages.graph.params_view import ParamsView, keys_read
 
 
 class ToySuite(Section):

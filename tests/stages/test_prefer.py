@@ -17,7 +17,7 @@ from pipeline.shards.map_shards import map_shards
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from stages import prefer
-from stages.answering_model import FINETUNED, PREFERRED, AnsweringModel, answering_model, split_clips
+from stages.graph.answering_model import FINETUNED, PREFERRED, AnsweringModel, answering_model, split_clips
 from stages.score import told_apart
 
 CLIPS = 4

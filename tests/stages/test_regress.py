@@ -19,7 +19,7 @@ from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from stages import regress
-from stages.params import load
+from stages.graph.params import load
 from stages.score import answers
 
 FRAMES = 4

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pipeline.model.base import load_base
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
 from training.tiny_card import CHECKED, LEARNED, SHOWN, measure
 
 CARD = Path("models/tiny/README.md").read_text(encoding="utf-8")

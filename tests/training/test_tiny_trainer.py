@@ -8,8 +8,8 @@ import torch
 
 from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
 from training.examples import LAYOUT, Example, Kind, make_examples
 from training.tiny import progress_of
 from training.tiny_trainer import Trainer, read_checkpoint

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from pipeline.errors import ParamsError
 from pipeline.shards.dataset import Clip, open_shards
-from stages.clip_pictures import picture_stage
-from stages.run_shards import folder
+from stages.graph.clip_pictures import picture_stage
+from stages.graph.run_shards import folder
 
 SUITE = "train"
 

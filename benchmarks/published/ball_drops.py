@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.published.published_set import RealSet
 from pipeline.discrepancy.track import Track
-from pipeline.external.place import RealSet
 
 OUNCE = 0.0283495  # kg
 USUAL = {"volleyball": (9.5, 66.0)}  # ounces, cm around

@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from stages.params_file import Section, read_params_file
-from stages.params_view import ParamsView
+from stages.graph.params_file import Section, read_params_file
+from stages.graph.params_view import ParamsView
 
 PARAMS_FILE = Path("params.yaml")
 

@@ -50,7 +50,9 @@ class ParamsView:
             return _children(self._value)[name]
         if any(key.startswith(f"{path}.") for key in self._declared):
             return ParamsView(_children(self._value)[name], path, self._declared, self._read)
-        raise AssertionError(f"`{path}` is read but not declared; add it to READS in stages/params.py and to dvc.yaml")
+        raise AssertionError(
+            f"`{path}` is read but not declared; add it to READS (stages/graph/params.py) and dvc.yaml"
+        )
 
 
 def keys_read(view: Any) -> frozenset[str]:

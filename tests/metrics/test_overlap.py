@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.evaluation.overlap_scores import (
+from pipeline.metrics.overlap import (
     Counts,
     assign,
     count,

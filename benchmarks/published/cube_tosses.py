@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.published.published_set import RealSet
 from pipeline.discrepancy.track import Track
-from pipeline.external.place import RealSet
 from pipeline.scene.rotation import matrix_from_quaternion
 
 HALF_SIDE, MASS, STEP = 0.0524, 0.37, 1 / 148

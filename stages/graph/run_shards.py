@@ -8,7 +8,7 @@ from typing import Any
 
 from pipeline.shards.manifest import Manifest
 from pipeline.shards.map_shards import Compute, map_shards
-from stages.params import load_executor
+from stages.graph.params import load_executor
 
 DATA = Path("data")
 

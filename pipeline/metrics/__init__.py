@@ -1,0 +1,1 @@
+"""Intersection over union, and intervals of means and shares. Below everything that searches or evaluates."""

@@ -1,0 +1,1 @@
+"""What the stages share: their parameters, how they run, and where their shards lie."""
