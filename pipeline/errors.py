@@ -3,6 +3,9 @@
 Commands and stages catch `DynamicsError`, print its message and exit with code 2.
 """
 
+import difflib
+from collections.abc import Iterable
+
 
 class DynamicsError(Exception):
     """Base of all errors that come from the user's data, files or settings."""
@@ -38,3 +41,9 @@ class MeasurementError(DynamicsError):
 
 class OutputError(DynamicsError):
     """A place that cannot be written to."""
+
+
+def did_you_mean(word: object, valid: Iterable[object]) -> str:
+    """` (did you mean 'mass'?)` where one of the valid words is close to the one that was given, else an empty text."""
+    close = difflib.get_close_matches(str(word), [str(v) for v in valid], n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""
