@@ -1,4 +1,4 @@
-"""How fast the rasteriser is, against `mj_multiRay` and MuJoCo's segmentation renderer, in one run.
+"""Times of the rasteriser, of `mj_multiRay` and of MuJoCo's segmentation renderer, in one run.
 
     python -m benchmarks.rasteriser [--scenes 20] [--frames 10] [--width 120] [--height 80]
 

@@ -6,7 +6,6 @@ infer.shots the base answers as it is: nothing is trained, and there is no model
 Parameters: seed, clip, model, finetune, infer.shots. Run: python -m stages.finetune
 """
 
-import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 from transformers.utils import logging
 
+from pipeline.csv_rows import write_rows
 from pipeline.language.codec import Tokens
 from pipeline.model.base import load_base
 from pipeline.model.clip_dataset import ClipDataset
@@ -26,6 +26,8 @@ from stages.graph.clip_pictures import picture_stage, pictures
 from stages.graph.main import run
 from stages.graph.params import load
 from stages.graph.run_shards import DATA, folder
+
+CURVES = ("loss", "eval_loss")
 
 
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
@@ -47,24 +49,17 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
     logging.set_verbosity_error()
     finetune(base, dataset(train_tokens, train_pictures), dataset(val_tokens, val_pictures), plan, scratch, rows.append)
     base.save(output / "model")
-    write_curve(output / "loss.csv", rows, "loss")
-    write_curve(output / "eval_loss.csv", rows, "eval_loss")
+    for column in CURVES:
+        write_rows(output / f"{column}.csv", [row for row in rows if column in row], ("step", column))
     losses = [row["eval_loss"] for row in rows if "eval_loss" in row]
     return {"steps": rows[-1]["step"], "validation loss before": round(losses[0], 4), "after": round(losses[-1], 4)}
 
 
 def keep(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
     """With infer.shots: no model, empty curves."""
-    write_curve(output / "loss.csv", [], "loss")
-    write_curve(output / "eval_loss.csv", [], "eval_loss")
+    for column in CURVES:
+        write_rows(output / f"{column}.csv", [], ("step", column))
     return {}
-
-
-def write_curve(path: Path, rows: list[dict], column: str) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["step", column])
-        writer.writerows([row["step"], round(row[column], 6)] for row in rows if column in row)
 
 
 def main() -> None:

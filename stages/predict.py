@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
-from pipeline.evaluation.prediction import predict
+from pipeline.evaluation.prediction import forecast_scores
 from pipeline.evaluation.scene_scores import HEIGHT, WIDTH
 from pipeline.scene.text import write_scene
 from pipeline.search.evaluator import Evaluator
@@ -29,7 +29,7 @@ from stages.graph.main import run
 from stages.graph.params import load
 from stages.graph.run_shards import run_shards
 
-SCORES = ("search", "carried", "velocity", "frozen", "seen")
+SCORES = ("search", "moved_with_replay", "constant_velocity", "frozen", "seen")
 SCHEMA = pa.schema({"clip": pa.int64(), "scene": pa.string(), **dict.fromkeys(SCORES, pa.float64()),
                     "simulations": pa.int32()})  # fmt: skip
 
@@ -45,7 +45,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
         target = make_target(masks[part.pairs[:, 0]], flow.array(clip, "flow")[:pairs], p["width"], p["height"])
         rng = clip_rng(p["seed"], shard.suite, clip, "predict")
         found = solve(Evaluator(target, part, threads=1), [], p["simulations"], rng).found
-        said = predict(found.scene, resize_masks(masks, WIDTH, HEIGHT), part.frames, whole)
+        said = forecast_scores(found.scene, resize_masks(masks, WIDTH, HEIGHT), part.frames, whole)
         rows.append({"clip": clip, "scene": write_scene(found.scene), **{k: getattr(said, k) for k in SCORES},
                      "simulations": found.simulations})  # fmt: skip
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)})

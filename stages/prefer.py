@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pipeline.csv_rows import write_rows
 from pipeline.errors import ParamsError
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keep_folder import keep_folder
@@ -33,7 +34,7 @@ COLUMNS = ("step", "loss", "accuracy", "margin")
 
 def keep(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
     """Not enabled: the fine-tuned model answers."""
-    write_curve(output, [])
+    write_rows(output / CURVE, [], COLUMNS)
     AnsweringModel(False).write(output)
     return {}
 
@@ -80,14 +81,9 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
         prefer(base, pairs, shown, p["beta"], sampling, plan, scratch, rows.append, tries)
     base.save(output / "model")
     write_pairs(output / "pairs.json", pairs)
-    write_curve(output, rows)
+    write_rows(output / CURVE, [row for row in rows if "loss" in row], COLUMNS)
     AnsweringModel(True, p["suite"], tuple(p["used"])).write(output)
     return {"clips": len(p["used"]), "pairs": len(pairs)}
-
-
-def write_curve(folder: Path, rows: Sequence[Mapping[str, float]]) -> None:
-    lines = [",".join(COLUMNS), *(",".join(f"{row[c]:.6g}" for c in COLUMNS) for row in rows if "loss" in row)]
-    (folder / CURVE).write_text("\n".join(lines) + "\n")
 
 
 def write_pairs(path: Path, pairs: "Sequence[Pair]") -> None:

@@ -6,7 +6,6 @@ data/regress/<suite> for these four: clip, scene. An interrupted run goes on fro
 Parameters: seed, clip, model.input, sample.distribution, regress. Run: python -m stages.regress
 """
 
-import csv
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from pipeline.csv_rows import write_rows
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
 from pipeline.shards.opened_shard import OpenShard
@@ -101,10 +101,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
 
 def write_curves(output: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     for name, column in CURVES.items():
-        with (output / name).open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(["step", column])
-            writer.writerows([row["step"], round(row[column], 6)] for row in rows if column in row)
+        write_rows(output / name, [row for row in rows if column in row], ("step", column))
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from pipeline.clips.view import pair_view, trace_pairs
 from pipeline.model.patches import PatchLayout
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import BASIC_SHAPES, Camera, Scene, SceneObject
-from training.patch_labels import PatchHead, PatchLabels, patch_labels
+from training.tiny.patch_labels import PatchHead, PatchLabels, patch_labels
 
 LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
 
@@ -62,6 +62,6 @@ def test_the_head_learns_the_labels_in_the_tokens_order(labelled: tuple[Scene, P
         loss.backward()
         optimizer.step()
     assert loss.item() < 0.5 * first and head.shapes_right(tokens, [labels, labels]) > 0.9
-    told = head.blocks([labels.numbers, labels.numbers], tokens.device)
+    blocks = head.blocks([labels.numbers, labels.numbers], tokens.device)
     m = LAYOUT.merge
-    np.testing.assert_array_equal(told[: m * m].numpy(), labels.numbers[0, :m, :m].reshape(m * m, -1))
+    np.testing.assert_array_equal(blocks[: m * m].numpy(), labels.numbers[0, :m, :m].reshape(m * m, -1))

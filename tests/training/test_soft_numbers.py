@@ -9,7 +9,7 @@ from pipeline.language.codec import Codec
 from pipeline.language.completion import REAL_PART, VECTORS, completion_grammar, write_completion
 from pipeline.language.grammar import Number, split
 from pipeline.language.tokenizer import build_tokenizer
-from training.soft_numbers import SPREAD, SoftTargets, soft_loss, soft_targets
+from training.tiny.soft_numbers import SPREAD, SoftTargets, soft_loss, soft_targets
 
 CODEC = Codec(build_tokenizer(), 12)
 

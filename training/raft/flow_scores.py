@@ -1,8 +1,8 @@
-"""What flow is scored on: held-out rendered pairs, and clips of another engine; and the scores.
+"""End-point errors of flow estimators on held-out rendered pairs and on clips of another engine.
 
-The end-point error is the mean length of the difference to the exact flow over foreground pixels, which are those of
-moving bodies in the first frame, all pairs' pixels together; px of the pictures as they are (240x160 for the rendered
-pairs, 360x240 for the other engine's).
+The foreground error is the mean length of the difference to the exact flow over the pixels of moving bodies in the
+first frame, of all pairs together, in px of the pictures' own size (240x160 for the rendered pairs, 360x240 for the
+other engine's).
 """
 
 from __future__ import annotations
@@ -17,20 +17,23 @@ import numpy as np
 
 from pipeline.vision.video import read_clip
 from training.clip_motions import ClipMotions
-from training.flow_pairs import Pair, project_pair
-from training.pair_stream import RENDER_SIZE, Batch, stack
+from training.frame_pair import FramePair
+from training.raft.pair_stream import RENDER_SIZE, Batch, stack
+from training.raft.rendered_pairs import project_pair
 
 HELD_OUT_PAIRS = 200
 MOVING_PX = 0.05  # mean flow of a body's pixels, above which it counts as moving, where only the flow is known
 
 
 class Estimator(Protocol):
+    """Anything that estimates flow (B, H, W, 2) px from frames (B, H, W, 3) uint8."""
+
     def flow(self, frames_a: np.ndarray, frames_b: np.ndarray, iterations: int = ...) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)
 class Score:
-    """Mean end-point errors, px, and time, s a pair."""
+    """Mean end-point error over the foreground and over all pixels, px, and seconds a pair."""
 
     foreground: float
     frame: float
@@ -38,11 +41,13 @@ class Score:
 
 
 def held_out(seed: int, count: int = HELD_OUT_PAIRS, mujoco: bool = False) -> Batch:
-    """One pair of neighbouring frames, with something moving in view, of each of so many clips as the project draws,
-    simulates and renders them; the same for the same seed."""
+    """One pair of neighbouring frames, with a moving body in view, from each of `count` simulated clips.
+
+    The same seed gives the same pairs. mujoco: whether MuJoCo renders them.
+    """
     rng = np.random.default_rng(seed)
     motions = ClipMotions(seed, pairs=1)
-    pairs: list[Pair] = []
+    pairs: list[FramePair] = []
     while len(pairs) < count:
         pair = project_pair(rng, motions.draw(rng), *RENDER_SIZE, mujoco)
         if pair.foreground.any():
@@ -51,6 +56,7 @@ def held_out(seed: int, count: int = HELD_OUT_PAIRS, mujoco: bool = False) -> Ba
 
 
 def score(estimator: Estimator, batch: Batch, iterations: int) -> Score:
+    """The errors and the time of an estimator on a batch."""
     start = time.perf_counter()
     flow = estimator.flow(batch.frames_a, batch.frames_b, iterations)
     seconds = (time.perf_counter() - start) / len(flow)
@@ -59,14 +65,14 @@ def score(estimator: Estimator, batch: Batch, iterations: int) -> Score:
 
 
 def cross_engine_folder() -> Path | None:
-    """The folder of clips made by Blender and Bullet: in DYNAMICS_DATA, else beside the repository, else None."""
+    """The folder `cross_engine` of clips by Blender and Bullet, in DYNAMICS_DATA or beside the repository, or None."""
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
     folder = Path(os.environ.get("DYNAMICS_DATA", beside)) / "cross_engine"
     return folder if folder.is_dir() else None
 
 
 def cross_engine(folder: Path, every: int = 4) -> Batch:
-    """Every so many-th pair of each clip, in the clips' own size."""
+    """Every `every`-th pair of neighbouring frames of each clip, at the clips' own size."""
     pairs = []
     for clip in sorted(folder.glob("clip_*")):
         flow = np.load(clip / "flow_depth.npz")["flow_fwd"].astype(np.float32)
@@ -80,5 +86,5 @@ def cross_engine(folder: Path, every: int = 4) -> Batch:
                 if np.linalg.norm(flow[t][masks[t] == i], axis=-1).mean() > MOVING_PX
             ]
             if moving:
-                pairs.append(Pair(frames[t], frames[t + 1], flow[t], np.isin(masks[t], moving)))
+                pairs.append(FramePair(frames[t], frames[t + 1], flow[t], np.isin(masks[t], moving)))
     return stack(pairs)

@@ -11,38 +11,38 @@ import torch
 from pipeline.vision.camera import focal_px
 from pipeline.vision.raft import RAFT, Correlation
 from training.augment import augment
-from training.flow_pairs import aimed, render_pair, sample_looks, window_pair
-from training.matching_loss import matching_loss
-from training.motion import sample_motion
-from training.muon import Muon, orthogonal
-from training.pair_stream import Phase, phase_at
-from training.raft import Progress, make_optimisers, one_cycle, save_checkpoint, stays_inside
-from training.warped_pairs import warped_pair
+from training.body_motion import sample_body_motion
+from training.muon import Muon, orthogonalised
+from training.raft.matching_loss import matching_loss
+from training.raft.pair_stream import Phase, phase_at
+from training.raft.rendered_pairs import aimed, render_pair, sample_pair_appearance, window_pair
+from training.raft.trainer import Progress, make_optimisers, one_cycle, save_checkpoint, stays_inside
+from training.raft.warped_pairs import warped_pair
 
 
 def test_a_pair_of_one_generator_state_is_always_the_same():
     pairs = []
     for _ in range(2):
         rng = np.random.default_rng(3)
-        motion = sample_motion(rng)
-        pairs.append(render_pair(rng, motion, sample_looks(rng, len(motion.objects)), 96, 64))
+        motion = sample_body_motion(rng)
+        pairs.append(render_pair(rng, motion, sample_pair_appearance(rng, len(motion.objects)), 96, 64))
     assert np.array_equal(pairs[0].frame_b, pairs[1].frame_b)
     assert np.array_equal(pairs[0].flow_px, pairs[1].flow_px)
 
 
 def test_bodies_that_rest_look_the_same_in_both_frames_and_have_no_flow(rng):
-    motion = sample_motion(rng)
+    motion = sample_body_motion(rng)
     still = type(motion)(
         motion.objects, np.repeat(motion.positions[:1], 2, 0), np.repeat(motion.quaternions[:1], 2, 0), motion.camera
     )
-    pair = render_pair(rng, still, sample_looks(rng, len(motion.objects)), 96, 64)
+    pair = render_pair(rng, still, sample_pair_appearance(rng, len(motion.objects)), 96, 64)
     assert np.array_equal(pair.frame_a, pair.frame_b)
     assert np.abs(pair.flow_px).max() < 1e-3
     assert not pair.foreground.any()
 
 
 def test_a_mirrored_pair_moves_the_other_way(rng):
-    motion = sample_motion(rng)
+    motion = sample_body_motion(rng)
     pair = window_pair(rng, motion, 96, 64, 160, False)
     twice = pair.mirrored().mirrored()
     assert np.array_equal(twice.flow_px, pair.flow_px)
@@ -64,7 +64,7 @@ def test_the_second_frame_of_a_warped_pair_pulled_back_along_the_flow_is_the_fir
 
 
 def test_augmentation_leaves_the_flow_alone_but_for_mirroring(rng):
-    pair = window_pair(rng, sample_motion(rng), 96, 64, 160, False)
+    pair = window_pair(rng, sample_body_motion(rng), 96, 64, 160, False)
     for _ in range(8):
         seen = augment(rng, pair)
         assert seen.frame_a.dtype == np.uint8
@@ -72,7 +72,7 @@ def test_augmentation_leaves_the_flow_alone_but_for_mirroring(rng):
 
 
 def test_a_window_has_the_whole_pictures_px(rng):
-    motion = sample_motion(rng)
+    motion = sample_body_motion(rng)
     window = aimed(rng, motion, 64 / 160)
     assert focal_px(window.camera.fov_y_deg, 64) == pytest.approx(focal_px(motion.camera.fov_y_deg, 160))
     assert np.allclose(window.camera.rotation_world.T @ window.camera.rotation_world, np.eye(3))
@@ -94,10 +94,10 @@ def test_features_that_match_where_the_flow_leads_have_the_least_matching_loss(r
 
 def test_newton_and_schulz_make_every_direction_alike(rng):
     matrix = torch.from_numpy(rng.normal(size=(24, 60)).astype(np.float32))
-    singular = torch.linalg.svdvals(orthogonal(matrix))
+    singular = torch.linalg.svdvals(orthogonalised(matrix))
     assert 0.6 < singular.min() <= singular.max() < 1.3
     u, _, vt = torch.linalg.svd(matrix, full_matrices=False)
-    assert torch.nn.functional.cosine_similarity((u @ vt).flatten(), orthogonal(matrix).flatten(), dim=0) > 0.97
+    assert torch.nn.functional.cosine_similarity((u @ vt).flatten(), orthogonalised(matrix).flatten(), dim=0) > 0.97
 
 
 def test_muon_minimises_a_quadratic(rng):

@@ -1,4 +1,4 @@
-"""Training examples of the tiny model, made on the way: sample, simulate, show, events, tokens, labels of patches."""
+"""Training examples of the tiny model: a sampled, simulated clip with its pictures, tokens and patch labels."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from pipeline.vision.raft import RAFT, load_raft
 from pipeline.vision.render import render_rgb
 from stages.graph.params import Params
 from training.drawn_scenes import drawn_scenes
-from training.patch_labels import PatchLabels, patch_labels
-from training.soft_numbers import SoftTargets, soft_targets
+from training.tiny.patch_labels import PatchLabels, patch_labels
+from training.tiny.soft_numbers import SoftTargets, soft_targets
 
 LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5), places=0.25)
 SUITE = "tiny-training"
@@ -42,8 +42,14 @@ CHUNK = 16  # clips drawn together
 
 @dataclass(frozen=True)
 class Example:
-    """A clip's tokens and the targets of its numbers, its pictures (T, H, W, 3) uint8, and what is known of its
-    patches."""
+    """A clip.
+
+    Attributes:
+        tokens: Prompt and completion.
+        soft: Soft targets of the completion's numbers.
+        picture: (T, H, W, 3) uint8, what the model sees.
+        patches: Labels of the patches.
+    """
 
     tokens: Tokens
     soft: SoftTargets
@@ -52,43 +58,55 @@ class Example:
 
     @property
     def objects(self) -> int:
-        """How many objects a patch shows."""
+        """Number of objects that show in a patch."""
         return int(self.patches.place.max(initial=-1, where=self.patches.shape > 0)) + 1
 
 
 @dataclass(frozen=True)
-class Kind:
-    """What examples are like. input: what the pictures show: flow (exact, with noise like RAFT's), raft (its own flow,
-    fifty times slower) or rgb. silent: share of the clips whose completion is without reasoning."""
+class ExampleKind:
+    """What examples are like.
+
+    Attributes:
+        input: What the pictures show: flow (exact, with noise like RAFT's), raft (RAFT's flow, 50 times slower) or rgb.
+        without_reasoning: Share of the clips whose completion is without reasoning.
+    """
 
     input: str = "flow"
-    silent: float = 0.25
+    without_reasoning: float = 0.25
 
     def reasons(self, chunk: int) -> bool:
         """Whether the completions of a chunk are with reasoning."""
-        return int((chunk + 1) * self.silent) == int(chunk * self.silent)
+        return int((chunk + 1) * self.without_reasoning) == int(chunk * self.without_reasoning)
 
 
 def frames_of(
     params: Params, suite: str, index: int, scene: Scene, trace: Trace, steps: np.ndarray, width: int, height: int
 ) -> np.ndarray:
-    """RGB (F, height, width, 3) uint8 at steps (F,) of the trace, with a look and a sensor of the clip's own."""
+    """RGB (F, height, width, 3) uint8 at steps (F,) of the trace, with the clip's own random appearance and sensor."""
     rng = clip_rng(params.seed, suite, index, "appearance")
-    look = sample_appearance(rng, len(scene.objects))
-    frames = render_rgb(scene, trace.position[steps], trace.quaternion[steps], look, width, height, "raycast",
+    appearance = sample_appearance(rng, len(scene.objects))
+    frames = render_rgb(scene, trace.position[steps], trace.quaternion[steps], appearance, width, height, "raycast",
                         params.render.shadows)  # fmt: skip
     return apply_sensor(frames, sample_sensor(rng), rng)
 
 
 @lru_cache(maxsize=1)
 def raft(folder: str) -> RAFT:
+    """The network, loaded once."""
     return load_raft(folder)
 
 
 def picture(
-    params: Params, kind: Kind, suite: str, index: int, scene: Scene, trace: Trace, view: View, noise: float = 1.0
+    params: Params,
+    kind: ExampleKind,
+    suite: str,
+    index: int,
+    scene: Scene,
+    trace: Trace,
+    view: View,
+    noise: float = 1.0,
 ) -> np.ndarray:
-    """What the model is shown of a clip, (T, H, W, 3) uint8. noise: its strength, 1 for RAFT's."""
+    """What the model sees of a clip, (T, H, W, 3) uint8. noise: strength of the flow's noise, 1 for RAFT's."""
     schedule, f = Schedule(**params.clip.model_dump()), params.flow
     steps = schedule.frame_steps[schedule.pairs]  # (P, 2)
     if kind.input == "rgb":
@@ -105,10 +123,21 @@ def picture(
 
 
 def make_examples(
-    params: Params, codec: Codec, kind: Kind, suite: str, indices: range, reasoning: bool, noise: float = 1.0,
+    params: Params, codec: Codec, kind: ExampleKind, suite: str, indices: range, reasoning: bool, noise: float = 1.0,
     most: int = MAX_OBJECTS,
 ) -> list[Example]:  # fmt: skip
-    """Training examples of the given clip indices, of `most` objects."""
+    """Training examples.
+
+    Args:
+        params: All parameters of the experiment.
+        codec: Of the tokens.
+        kind: What the examples are like.
+        suite: Names the random streams of the clips.
+        indices: Of the clips.
+        reasoning: Whether the completions have reasoning.
+        noise: Strength of the flow's noise.
+        most: Largest number of objects of a clip.
+    """
     schedule = Schedule(**params.clip.model_dump())
     thresholds = Thresholds(**params.events.model_dump(), visible_px=params.sample.filters.visible_px)
     train = params.suites.train
@@ -131,15 +160,22 @@ def make_examples(
 
 
 def generate(
-    params: Params, kind: Kind, first: int, stride: int, out: multiprocessing.Queue, noise: Synchronized,
+    params: Params, kind: ExampleKind, first: int, stride: int, out: multiprocessing.Queue, noise: Synchronized,
     most: Synchronized,
 ) -> None:  # fmt: skip
-    """Make chunks number first, first + stride, … as long as the trainer lives.
+    """A worker process: make chunks while the trainer lives.
 
-    noise, most: the strength of the flow's noise, and how many objects a clip has at most; the trainer raises both.
+    Args:
+        params: All parameters of the experiment.
+        kind: What the examples are like.
+        first: Number of the first chunk.
+        stride: Between numbers of chunks.
+        out: Queue of (chunk, examples).
+        noise: Shared value, strength of the flow's noise; the trainer changes it.
+        most: Shared value, largest number of objects of a clip; the trainer changes it.
     """
     torch.set_num_threads(1)
-    out.cancel_join_thread()  # a trainer that was killed reads no more
+    out.cancel_join_thread()  # a trainer that was killed does not read it
     codec = Codec(build_tokenizer(), LAYOUT.tokens)
     chunk = first
     while True:

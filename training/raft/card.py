@@ -1,4 +1,4 @@
-"""The model card of our RAFT: what it is, how it was trained, and the scores that it has at this moment."""
+"""The model card of our RAFT: what it is, how it was trained, and its scores, measured when the card is written."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import torch
 from pipeline.vision.dis import DIS
 from pipeline.vision.raft import RAFT
 from pipeline.vision.render_backend import choose_backend
-from training.flow_scores import Estimator, Score, cross_engine, cross_engine_folder, held_out, score
-from training.pair_stream import Batch
+from training.raft.flow_scores import Estimator, Score, cross_engine, cross_engine_folder, held_out, score
+from training.raft.pair_stream import Batch
 
-SEED = 77_000_001  # of the card's pairs, neither training's nor the log's
+SEED = 77_000_001  # of the card's pairs; neither the training nor its log uses it
 ITERATIONS = 4
 
-COLD_START = "It begins from no motion, as the paper's does."
+COLD_START = "It starts from zero flow, as in the paper."
 WARM_START = (
-    "It does not begin from no motion: it refines the flow of OpenCV's DIS ({preset}), by the warm start of the "
-    "paper's section 3.3; `load_raft` reads that from `config.json` and `flow` does it."
+    "It refines the flow of OpenCV's DIS ({preset}), by the warm start of the paper's section 3.3: `load_raft` reads "
+    "the preset from `config.json`, and `flow` computes DIS first."
 )
 
 CARD = """---
@@ -32,15 +32,15 @@ tags: [optical-flow, raft]
 
 RAFT (Teed & Deng, ECCV 2020) in its small size, with the learned convex upsampling of the large one: {parameters:.2f}
 million parameters. Load it with `pipeline.vision.raft.load_raft("models/raft-small")`; `flow(frames_a, frames_b)`
-takes uint8 RGB and gives px. It is made for a resting camera, rigid bodies and flows up to about 20 px at 240x160.
+takes uint8 RGB and returns px. It is made for a camera at rest, rigid bodies and flows up to about 20 px at 240x160.
 
 ## Training
 
-From scratch, by `python -m training.raft` ({pairs:,} pairs shown in {steps:,} steps{device}), on windows of pairs that
-this project renders, with exact flow: neighbouring frames of its own simulated clips, and 1 to 6 random bodies
-(spheres, cylinders, boxes, capsules, ellipsoids; plain or textured) that slide, roll, fly, spin or rest, in front of a
-random floor and backdrop, with random lights, cameras, blur, noise and compression; and on textures warped by smooth
-flows. No recorded video and no other data set was used. {start}
+From random weights, by `python -m training.raft` ({pairs:,} pairs in {steps:,} steps{device}), on windows of rendered
+pairs with exact flow: neighbouring frames of simulated clips, and 1 to 6 random bodies (spheres, cylinders, boxes,
+capsules, ellipsoids; plain or textured) that slide, roll, fly, spin or rest, in front of a random floor and backdrop,
+with random lights, cameras, blur, noise and compression; and on textures warped by smooth flows. No recorded video and
+no other data set was used. {start}
 
 ## Scores
 
@@ -51,18 +51,18 @@ iterations.
 | --- | --- | --- | --- | --- | --- | --- |
 {rows}
 
-Measured on pairs of a seed that training does not use; `python benchmarks/flow.py` measures again on fresh ones. The
-clips of another engine (Blender's Cycles and Bullet) were not trained on.
+Measured on pairs of a seed that the training does not use; `python -m benchmarks.flow` measures on fresh pairs. The
+clips of another engine (Blender's Cycles and Bullet) were not used for training.
 
 ## Limits
 
-The flow of a body of one colour that turns without showing it (a plain rolling ball) is guessed from the training
-distribution. A moving camera, deforming bodies and motions above 30 px are outside what it has seen.
+The rotation of a body of one colour (a plain rolling ball) does not show; its flow is then a guess from the training
+distribution. The training had no moving camera, no deforming bodies and no motions above 30 px.
 """
 
 
 def write_card(folder: Path, model: RAFT, steps: int, pairs: int) -> None:
-    """Write README.md beside the weights; steps, pairs: that the training took and showed."""
+    """Write README.md beside the weights; steps, pairs: of the training."""
     sets = {"our ray caster, held out": held_out(SEED)}
     if choose_backend("auto")[0] == "mujoco":
         sets["MuJoCo's renderer, held out"] = held_out(SEED + 1, 100, mujoco=True)

@@ -1,4 +1,4 @@
-"""Batches of training pairs, made by generator processes while the trainer computes."""
+"""Batches of training pairs, made by worker processes while the trainer computes."""
 
 from __future__ import annotations
 
@@ -15,22 +15,30 @@ import numpy as np
 from pipeline.vision.dis import DIS
 from pipeline.vision.render_backend import choose_backend
 from training.augment import augment
+from training.body_motion import sample_body_motion
 from training.clip_motions import ClipMotions
-from training.flow_pairs import Pair, render_pair, sample_looks, window_pair
-from training.motion import sample_motion
-from training.warped_pairs import warped_pair
+from training.frame_pair import FramePair
+from training.raft.rendered_pairs import render_pair, sample_pair_appearance, window_pair
+from training.raft.warped_pairs import warped_pair
 
 RENDER_SIZE = (240, 160)  # px, width and height of the whole picture
-REUSE = 2
-COLD = 0.5
-WILD = 0.25  # of the pairs; the others are of the project's own clips
-POOL_LEAST, POOL_MOST = 32, 500  # pairs
+REUSE = 2  # times that a rendered pair is drawn on average
+COLD = 0.5  # share of pairs that start from zero flow, where others start from DIS's
+RANDOM_BODIES = 0.25  # share of pairs with random bodies; the others are from simulated clips
+POOL_MIN, POOL_MAX = 32, 500  # pairs
 
 
 @dataclass(frozen=True)
 class Phase:
-    """From `start`, a share of the training, on: windows of `size` (width, height) px, `batch` to a step,
-    `iterations` of the recurrence, and a share `warped` of pairs in which everything moves."""
+    """A phase of the training.
+
+    Attributes:
+        start: Share of the training at which it starts.
+        size: Width and height of the windows, px.
+        batch: Pairs a step.
+        iterations: Recurrent updates.
+        warped: Share of warped textures among the pairs.
+    """
 
     start: float
     size: tuple[int, int]
@@ -41,8 +49,15 @@ class Phase:
 
 @dataclass(frozen=True)
 class Batch:
-    """frames_a, frames_b: (B, H, W, 3) uint8. flow_px: (B, H, W, 2) float32. foreground: (B, H, W) bool.
-    start_px: (B, H, W, 2) float32, the flow to begin from, or None."""
+    """B pairs.
+
+    Attributes:
+        frames_a: (B, H, W, 3) uint8.
+        frames_b: (B, H, W, 3) uint8.
+        flow_px: (B, H, W, 2) float32.
+        foreground: (B, H, W) bool.
+        start_px: (B, H, W, 2) float32, the flow that the network refines; None for zero flow.
+    """
 
     frames_a: np.ndarray
     frames_b: np.ndarray
@@ -51,7 +66,7 @@ class Batch:
     start_px: np.ndarray | None = None
 
 
-def stack(pairs: list[Pair]) -> Batch:
+def stack(pairs: list[FramePair]) -> Batch:
     return Batch(
         np.stack([p.frame_a for p in pairs]),
         np.stack([p.frame_b for p in pairs]),
@@ -61,14 +76,14 @@ def stack(pairs: list[Pair]) -> Batch:
 
 
 def with_warm_start(rng: np.random.Generator, batch: Batch, preset: str) -> Batch:
-    """The batch with DIS's flow to begin from; a share of COLD pairs begins from none."""
+    """The batch with DIS's flow to refine; a share `COLD` of the pairs starts from zero flow."""
     start = DIS(preset).flow(batch.frames_a, batch.frames_b)
     start[rng.random(len(start)) < COLD] = 0
     return replace(batch, start_px=start)
 
 
 class Pool:
-    """Rendered pairs that are shown `REUSE` times on average, each time augmented anew: rendering is what costs."""
+    """Rendered pairs, each drawn `REUSE` times on average, since rendering is slow, and augmented anew each time."""
 
     def __init__(
         self, phase: Phase, clips: ClipMotions, mujoco_share: float = 0.0, warm_start: str | None = None
@@ -77,23 +92,23 @@ class Pool:
         self.clips = clips
         self.warm_start = warm_start
         self.mujoco_share = mujoco_share
-        self.pairs: list[Pair] = []
+        self.pairs: list[FramePair] = []
 
-    def draw(self, rng: np.random.Generator) -> Pair:
+    def draw(self, rng: np.random.Generator) -> FramePair:
         if rng.random() < self.phase.warped:
             return warped_pair(rng, *self.phase.size)
-        if len(self.pairs) >= POOL_LEAST and rng.random() > 1 / REUSE:
+        if len(self.pairs) >= POOL_MIN and rng.random() > 1 / REUSE:
             return self.pairs[rng.integers(len(self.pairs))]
-        motion = sample_motion(rng) if rng.random() < WILD else self.clips.draw(rng)
+        motion = sample_body_motion(rng) if rng.random() < RANDOM_BODIES else self.clips.draw(rng)
         mujoco = bool(rng.random() < self.mujoco_share)
         if self.phase.size == RENDER_SIZE:
-            pair = render_pair(rng, motion, sample_looks(rng, len(motion.objects)), *RENDER_SIZE, mujoco)
+            pair = render_pair(rng, motion, sample_pair_appearance(rng, len(motion.objects)), *RENDER_SIZE, mujoco)
         else:
             pair = window_pair(rng, motion, *self.phase.size, RENDER_SIZE[1], mujoco)
-        if len(self.pairs) < POOL_MOST:
+        if len(self.pairs) < POOL_MAX:
             self.pairs.append(pair)
         else:
-            self.pairs[rng.integers(POOL_MOST)] = pair
+            self.pairs[rng.integers(POOL_MAX)] = pair
         return pair
 
     def batch(self, rng: np.random.Generator) -> Batch:
@@ -108,7 +123,16 @@ def phase_at(phases: tuple[Phase, ...], progress: float) -> Phase:
 def generate(
     seed: tuple[int, ...], phases: tuple[Phase, ...], mujoco_share: float, warm_start: str | None, progress, batches
 ) -> None:
-    """A generator process: fills `batches` until the trainer is gone."""
+    """A worker process: fills the queue `batches` until the trainer ends.
+
+    Args:
+        seed: Of this process.
+        phases: Of the training.
+        mujoco_share: Share of the pairs that MuJoCo renders, where it can.
+        warm_start: DIS preset whose flow is refined, or None.
+        progress: Shared value, the share of the training that is over.
+        batches: Queue of batches.
+    """
     cv2.setNumThreads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the trainer ends it
     batches.cancel_join_thread()  # a trainer that was killed reads no more
@@ -134,7 +158,7 @@ def generate(
 
 
 class PairStream:
-    """An endless iterator of batches from `workers` spawned processes. `progress`, 0 to 1, chooses the phase."""
+    """An endless iterator of batches from `workers` spawned processes; `advance` moves it on to later phases."""
 
     def __init__(
         self,
@@ -168,7 +192,7 @@ class PairStream:
                 yield self._batches.get(timeout=60)
             except queue.Empty:
                 if not any(p.is_alive() for p in self._processes):
-                    raise RuntimeError("every generator of training pairs has died; see their errors above") from None
+                    raise RuntimeError("every worker process has died; see their errors above") from None
 
     def close(self) -> None:
         for process in self._processes:

@@ -1,9 +1,9 @@
-"""Pairs of frames with exact flow, rendered on the fly by our ray caster or by MuJoCo."""
+"""Pairs of frames with exact flow, rendered by our ray caster or by MuJoCo."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,30 +20,18 @@ from pipeline.vision.camera import Pinhole
 from pipeline.vision.exact_flow import exact_flow
 from pipeline.vision.rasteriser import rasterise
 from pipeline.vision.shade import shade
-from training.motion import Motion
+from training.body_motion import BodyMotion
+from training.frame_pair import FramePair
 
-ZOOM = (-0.15, 0.25)  # logarithm of how much a window enlarges
-
-
-@dataclass(frozen=True)
-class Pair:
-    """frame_a, frame_b: (H, W, 3) uint8. flow_px: (H, W, 2) float32. foreground: (H, W) bool, the first frame's pixels
-    of bodies that move or turn."""
-
-    frame_a: np.ndarray
-    frame_b: np.ndarray
-    flow_px: np.ndarray
-    foreground: np.ndarray
-
-    def mirrored(self) -> Pair:
-        """Left and right exchanged."""
-        flow = self.flow_px[:, ::-1] * np.array([-1, 1], np.float32)
-        return Pair(self.frame_a[:, ::-1], self.frame_b[:, ::-1], flow, self.foreground[:, ::-1])
+ZOOM = (-0.15, 0.25)  # range of the logarithm of a window's magnification
 
 
-def sample_looks(rng: np.random.Generator, n_objects: int) -> Appearance:
-    """A random appearance; one in ten is the plain one of every undecorated scene, one in ten has bodies of one
-    colour each on a floor of one colour, where the outline alone tells the motion."""
+def sample_pair_appearance(rng: np.random.Generator, n_objects: int) -> Appearance:
+    """A random appearance.
+
+    One in ten is the plain appearance; one in ten has bodies of one colour each on a floor of one colour, where only
+    the outlines show the motion.
+    """
     kind = rng.random()
     if kind < 0.1:
         return plain_appearance(n_objects)
@@ -54,9 +42,18 @@ def sample_looks(rng: np.random.Generator, n_objects: int) -> Appearance:
 
 
 def render_pair(
-    rng: np.random.Generator, motion: Motion, appearance: Appearance, width: int, height: int, mujoco: bool = False
-) -> Pair:
-    """The motion's two frames, by MuJoCo or our ray caster, and its exact flow."""
+    rng: np.random.Generator, motion: BodyMotion, appearance: Appearance, width: int, height: int, mujoco: bool = False
+) -> FramePair:
+    """The two frames of a motion and their exact flow.
+
+    Args:
+        rng: Draws shadows and antialiasing.
+        motion: Of the bodies.
+        appearance: Of bodies, floor and lights.
+        width: px.
+        height: px.
+        mujoco: Whether MuJoCo renders, not our ray caster.
+    """
     poses = (motion.objects, motion.positions, motion.quaternions, motion.camera)
     rendering = rasterise(*poses, width, height)
     flow = exact_flow(*poses, width, height, rendering=rendering, with_hidden=False).flow_px[0]
@@ -69,34 +66,44 @@ def render_pair(
     else:
         antialias = bool(rng.random() < 0.8)
         frames = shade(*poses, appearance, width, height, shadows=shadows, antialias=antialias)
-    return Pair(frames[0], frames[1], flow, foreground)
+    return FramePair(frames[0], frames[1], flow, foreground)
 
 
-def project_pair(rng: np.random.Generator, motion: Motion, width: int, height: int, mujoco: bool) -> Pair:
-    """A whole picture with the looks and the sensor that the project's clips have."""
+def project_pair(rng: np.random.Generator, motion: BodyMotion, width: int, height: int, mujoco: bool) -> FramePair:
+    """A pair of whole pictures with an appearance and a sensor as the project's clips have them."""
     pair = render_pair(rng, motion, sample_appearance(rng, len(motion.objects)), width, height, mujoco)
     frames = apply_sensor(np.stack([pair.frame_a, pair.frame_b]), sample_sensor(rng), rng)
     return replace(pair, frame_a=frames[0], frame_b=frames[1])
 
 
 def window_pair(
-    rng: np.random.Generator, motion: Motion, width: int, height: int, full_height: int, mujoco: bool
-) -> Pair:
-    """A window of random looks, about a moving body, into a picture about `full_height` px high."""
+    rng: np.random.Generator, motion: BodyMotion, width: int, height: int, full_height: int, mujoco: bool
+) -> FramePair:
+    """A pair of windows, near a moving body, of a picture with a random appearance.
+
+    Args:
+        rng: Draws the window, its magnification and the appearance.
+        motion: Of the bodies.
+        width: Of the window, px.
+        height: Of the window, px.
+        full_height: Of the picture, px, before the magnification.
+        mujoco: Whether MuJoCo renders, not our ray caster.
+    """
     zoom = math.exp(rng.uniform(*ZOOM))
     motion = aimed(rng, motion, height / full_height / zoom)
-    return render_pair(rng, motion, sample_looks(rng, len(motion.objects)), width, height, mujoco)
+    return render_pair(rng, motion, sample_pair_appearance(rng, len(motion.objects)), width, height, mujoco)
 
 
-def as_scene(motion: Motion) -> Scene:
+def as_scene(motion: BodyMotion) -> Scene:
+    """The bodies and the camera as a scene, for MuJoCo's renderer."""
     camera = motion.camera
     w, x, y, z = Rotation.from_matrix(camera.rotation_world).as_quat(scalar_first=True)
     place = tuple(camera.position_world)
     return Scene(motion.objects, Camera(place, camera.fov_y_deg, orientation=(w, x, y, z)))
 
 
-def aimed(rng: np.random.Generator, motion: Motion, share: float) -> Motion:
-    """The motion through a window `share` as high as the picture, somewhere about a random moving body.
+def aimed(rng: np.random.Generator, motion: BodyMotion, share: float) -> BodyMotion:
+    """The motion, seen through a window near a random moving body; the window's height is `share` of the picture's.
 
     The camera is turned towards the window and its field of view narrowed, so that a pixel spans the same angle.
     """

@@ -1,9 +1,9 @@
-"""Training examples with RAFT's own flow, made and kept: a second each; exact flow with noise takes a twentieth.
+"""Make training examples with RAFT's own flow: a second each, 20 times as long as with exact flow and noise.
 
-    python -m training.measured --out .train/measured --minutes 60
+    python -m training.tiny.measured --out .train/measured --minutes 60
 
-Writes chunk_<number>.pkl, 16 clips each (pictures, tokens, labels of patches), until the time is over; goes on after
-the last one. `python -m training.tiny --measured .train/measured` mixes them in.
+Writes chunk_<number>.pkl, 16 clips each (pictures, tokens, labels of patches), until the time is over; a later run
+continues after the last one. `python -m training.tiny --measured .train/measured` mixes them in.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from training.examples import CHUNK, LAYOUT, Example, Kind, make_examples
+from training.tiny.examples import CHUNK, LAYOUT, Example, ExampleKind, make_examples
 
 SUITE = "tiny-measured"
 
 
 @dataclass
-class Measured:
-    """The examples in a folder, which may still grow. They are pickled: read only what you made."""
+class MeasuredExamples:
+    """The examples in a folder, to which another process may still add. They are pickles: read only your own."""
 
     folder: Path
     examples: list[Example] = field(default_factory=list)
     read: set[Path] = field(default_factory=set)
 
     def refresh(self) -> list[Example]:
-        """All of them, with those that were made since the last time."""
+        """All examples, new ones included."""
         for file in sorted(set(self.folder.glob("chunk_*.pkl")) - self.read):
             self.examples += pickle.loads(file.read_bytes())
             self.read.add(file)
@@ -46,12 +46,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path(".train/measured"))
     parser.add_argument("--minutes", type=float, default=60)
-    parser.add_argument("--chunks", type=int, default=10_000, help="to make in all, at most")
+    parser.add_argument("--chunks", type=int, default=10_000, help="in the folder, at most")
     parser.add_argument("--threads", type=int, default=1)
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     args.out.mkdir(parents=True, exist_ok=True)
-    params, kind = read_params_file(PARAMS_FILE, Params), Kind("raft")
+    params, kind = read_params_file(PARAMS_FILE, Params), ExampleKind("raft")
     codec = Codec(build_tokenizer(), LAYOUT.tokens)
     until = time.monotonic() + 60 * args.minutes
     for chunk in tqdm(range(args.chunks), unit=f"{CHUNK} clips", disable=None):

@@ -1,7 +1,7 @@
-"""Pairs in which everything moves: textures warped by smooth flows, in layers, as in FlyingChairs.
+"""Pairs in which every pixel moves: layers of textures warped by smooth flows, as in FlyingChairs.
 
-Before a resting camera most cells teach no more than "nothing moves here", and a network can go far by saying so
-everywhere. Here every cell has a motion of its own that only the correlation tells.
+With a camera at rest most cells of a picture do not move, and a network reaches a low loss by predicting zero flow
+everywhere. In these pairs every cell moves, and only the correlation shows how.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ import math
 import cv2
 import numpy as np
 
-from training.flow_pairs import Pair
+from training.frame_pair import FramePair
 
-LONGEST_PX = 14.0  # of the layers' common motion
+LONGEST_PX = 14.0  # largest shift of a layer
 LAYERS = 3  # at most, beside the background
 OCTAVES = (2, 4, 8, 16, 32)  # px, sizes of a texture's features
 
 
-def warped_pair(rng: np.random.Generator, width: int, height: int) -> Pair:
+def warped_pair(rng: np.random.Generator, width: int, height: int) -> FramePair:
     """A pair of layers, each with its own texture and flow.
 
-    Frame b shows each layer's texture T as it is, frame a shows T(x + f(x)): so f is exactly the flow from a to b.
+    Frame b shows each layer's texture T, frame a shows T(x + f(x)), so that f is exactly the flow from a to b.
     """
     y, x = np.mgrid[:height, :width].astype(np.float32)
     place = np.stack([x, y], axis=-1)
@@ -39,11 +39,11 @@ def warped_pair(rng: np.random.Generator, width: int, height: int) -> Pair:
         frame_b = frame_b + shape[..., None] * (texture - frame_b)
         flow = np.where(cover[..., None] > 0.5, own, flow)
     pictures = [np.clip(f, 0, 255).astype(np.uint8) for f in (frame_a, frame_b)]
-    return Pair(pictures[0], pictures[1], flow, np.ones((height, width), bool))
+    return FramePair(pictures[0], pictures[1], flow, np.ones((height, width), bool))
 
 
 def smooth_flow(rng: np.random.Generator, width: int, height: int) -> np.ndarray:
-    """(H, W, 2) px: a shift, a turn and a change of size about the middle, and a little bending."""
+    """(H, W, 2) px: a shift, a rotation and a scaling about a random point, and a small smooth deformation."""
     direction, length = rng.uniform(0, 2 * math.pi), LONGEST_PX * rng.random() ** 1.3
     turn, growth = rng.normal() * 0.08, rng.normal() * 0.05
     y, x = np.mgrid[:height, :width].astype(np.float32)

@@ -1,10 +1,10 @@
 """Measure the tiny model and write its model card.
 
-    python -m training.tiny_card [--model models/tiny]
+    python -m training.tiny.card [--model models/tiny]
 
-The scores on RAFT's flow are those of benchmarks/results/learned (`python -m benchmarks.learned tiny`, which comes
-first). Greedy answers on exact flow with the noise of training are scored here, on fresh clips of the suite `id`; a
-test scores the shipped weights again on some of them.
+Run `python -m benchmarks.learned tiny` first: the scores on RAFT's flow are taken from benchmarks/results/learned. This
+module scores greedy answers on exact flow with the noise of the training, on fresh clips of the suite `id`; a test
+scores the shipped weights again on some of these clips.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
-from pipeline.evaluation.csv_rows import read_rows
+from pipeline.csv_rows import read_rows
 from pipeline.evaluation.scene_scores import score, true_reference
-from pipeline.evaluation.tables import Summary, cell, from_csv, markdown
+from pipeline.evaluation.summary import Summary, from_csv
+from pipeline.evaluation.tables import cell, markdown
 from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
@@ -31,28 +32,28 @@ from pipeline.scene.scene import Scene
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes
-from training.examples import LAYOUT, Kind, picture
-from training.tiny import LOG
+from training.tiny.examples import LAYOUT, ExampleKind, picture
+from training.tiny.trainer import LOG
 
 LEARNED = Path("benchmarks/results/learned/learned.csv")
-SUITE = "tiny-card"  # names the random numbers of the clips
+SUITE = "tiny-card"  # names the random streams of the clips
 SHOWN = {"composition": "composition right", "iou_initial": "IoU, first frame", "iou": "IoU, sequence",
          "epe_frame": "EPE, whole frame, px"}  # fmt: skip
 SUITES = {
     "id": "1 to 3 objects",
-    "held_out": "4 objects in combinations that training has not",
-    "more": "5 and 6 objects, which training has not",
-    "real": "another engine's and renderer's",
+    "held_out": "4 objects in combinations that the training leaves out",
+    "more": "5 and 6 objects, more than in the training",
+    "real": "clips of another engine and renderer",
 }
 BATCH = 16
 
 
-def shown(params: Params, index: int, scene: Scene) -> np.ndarray:
-    """The pictures of a clip, (T, H, W, 3) uint8."""
+def picture_of_clip(params: Params, index: int, scene: Scene) -> np.ndarray:
+    """What the model sees of a clip, (T, H, W, 3) uint8."""
     schedule = Schedule(**params.clip.model_dump())
     trace = simulate(scene, schedule.seconds)
     view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)
-    return picture(params, Kind(), SUITE, index, scene, trace, view)
+    return picture(params, ExampleKind(), SUITE, index, scene, trace, view)
 
 
 def measure(base: Base, params: Params, clips: int) -> list[dict[str, float]]:
@@ -63,7 +64,7 @@ def measure(base: Base, params: Params, clips: int) -> list[dict[str, float]]:
     for start in tqdm(range(0, clips, BATCH), desc="clips", unit=f"{BATCH} clips", disable=None):
         indices = range(start, min(start + BATCH, clips))
         scenes = drawn_scenes(params, params.seed, SUITE, indices, params.suites.id.objects)
-        pictures = np.stack([shown(params, i, s) for i, s in zip(indices, scenes, strict=True)])
+        pictures = np.stack([picture_of_clip(params, i, s) for i, s in zip(indices, scenes, strict=True)])
         greedy = Sampling(reasoning=True, seconds=schedule.seconds)
         for scene, (answer,) in zip(scenes, generate(base, pictures, greedy, list(indices), tries), strict=True):
             rows.append(score(read_completion(answer.text).scene, true_reference(scene, schedule), schedule))
@@ -81,13 +82,14 @@ pipeline_tag: video-text-to-text
 A Qwen2.5-VL architecture of {millions:.1f} million parameters with its own tokenizer. It reads the optical flow of a
 one-second clip and writes the scene. It ships so that the whole graph runs on a laptop.{places}
 
-**Training.** `python -m training.tiny`, from random weights, on clips that are sampled, simulated and rasterised on the
-way (the distribution of params.yaml, 1 to 4 objects, exact flow with noise like RAFT's): {clips:,} clips shown in
-{minutes:.0f} minutes (`log.csv`), on one shared CPU core but for the last 32 minutes, on two. {fresh_clips:,} of the
-clips were different, and 4,672 more with RAFT's own flow (`python -m training.measured`), which were half of those
-shown from clip 125,000 on and three fifths from 134,000 on. Without reasoning was a quarter of the first 92,000, three
-quarters of the next 33,000, three eighths of the rest. From clip 101,000 on the targets of numbers had their neighbours
-in them. Loss on held-out clips with RAFT's flow, hard targets: {loss:.3f} nats a free token.
+**Training.** `python -m training.tiny`, from random weights, on clips that were sampled, simulated and rasterised
+during the training (the distribution of params.yaml, 1 to 4 objects, exact flow with noise like RAFT's): {clips:,}
+clips in {minutes:.0f} minutes (`log.csv`), on one shared CPU core, in the last 32 minutes on two. Of these,
+{fresh_clips:,} were different clips. Another 4,672 clips had RAFT's own flow (`python -m training.tiny.measured`); they
+were half of the draws from clip 125,000 on, and three fifths from 134,000 on. Completions without reasoning: a quarter
+of the first 92,000 clips, three quarters of the next 33,000, three eighths of the rest. From clip 101,000 on, numbers
+had soft targets (`training/tiny/soft_numbers.py`). Loss on held-out clips with RAFT's flow, hard targets: {loss:.3f}
+nats a free token.
 
 **Scores** before any search, with RAFT's flow, on fresh clips (`python -m benchmarks.learned tiny`), means with 95 %
 bootstrap intervals:
@@ -95,26 +97,26 @@ bootstrap intervals:
 {scores}
 {suites}.
 
-Greedy, on {n} fresh clips of 1 to 3 objects with exact flow and the noise of training (`python -m training.tiny_card`;
-a test computes the first {checked} again):
+Greedy, on {n} fresh clips of 1 to 3 objects with exact flow and the noise of the training
+(`python -m training.tiny.card`; a test scores the first {checked} again):
 
 {exact}
-**Limits.** {limits} Masses of bodies that touch nothing movable and the absolute scale are not determined by a clip;
-search (`--search`) fits a clip better than any answer.
+**Limits.** {limits} A clip does not determine the absolute scale, nor the mass of a body that touches
+nothing movable. The search (`--search`) fits a clip better than any answer of this model.
 """
-PLACES = """ Its third colour channel does not show blue
-but tells each patch its place and time (`places` in clip_layout.json)."""
+PLACES = """ The third colour channel of its input
+encodes each patch's place and time (`places` in clip_layout.json)."""
 CHECKED = 16  # clips that the test scores again
 LIMITS = (
-    "It has seen few clips: more than half of its answers have a wrong shape or count, and nearly all to four objects\n"
-    "or more. It cannot tell how a body is turned."
+    "It was trained on few clips: more than half of its answers have a wrong shape or count, and nearly all of those\n"
+    "to clips of four or more objects. It does not recognise orientations."
 )
 
 
 def table_of(learned: Summary) -> str:
     """The rows of the shipped model, by suite."""
     rows = [[suite, method.removeprefix("tiny").strip(", ") or "greedy", *(cell(found[m]) for m in SHOWN)]
-            for (suite, method), found in learned.estimates.items() if method.split(",")[0] == "tiny"]  # fmt: skip
+            for (suite, method), found in learned.intervals.items() if method.split(",")[0] == "tiny"]  # fmt: skip
     return markdown(["suite", "answer", *SHOWN.values()], rows)
 
 

@@ -1,8 +1,9 @@
-"""A direct lesson for the features: each cell's correlation is to peak where the cell moves to.
+"""An auxiliary loss on RAFT's features: a cell's correlation should peak where the cell moves to.
 
-RAFT's own loss reaches the features only through the recurrence, which learns nothing before they mean something.
-The cross-entropy between the softmax of a cell's correlation and the bilinear weights of its true target (as in
-supervised matching, e.g. LoFTR, Sun et al. 2021) starts at once, and teaches positions finer than a cell.
+RAFT's own loss reaches the features only through the recurrent updates, which learn nothing before the features are
+informative. The auxiliary loss is the cross-entropy between the softmax of a cell's correlation and the bilinear
+weights of its true target, as in supervised matching (LoFTR, Sun et al. 2021). It acts from the first step on, and
+trains positions finer than a cell.
 """
 
 from __future__ import annotations
@@ -13,20 +14,23 @@ from torch.nn import functional as F
 
 from pipeline.vision.raft import CELL, Correlation
 
-LEAST_SHARE = 0.3  # of a cell's pixels that must be of moving bodies for the cell to count as one
+MIN_FOREGROUND = 0.3  # share of a cell's pixels on moving bodies from which on the cell counts
 
 
 def matching_loss(correlation: Correlation, flow_px: Tensor, foreground: Tensor) -> Tensor:
-    """Mean cross-entropy of the cells of moving bodies, nats.
+    """Mean cross-entropy over the cells of moving bodies, nats.
 
-    flow_px: (B, 2, H, W). foreground: (B, H, W) bool, of moving bodies.
+    Args:
+        correlation: Of B pairs.
+        flow_px: (B, 2, H, W) true flow.
+        foreground: (B, H, W) bool, pixels of moving bodies.
     """
     volume = correlation.pyramid[0]
     h, w = volume.shape[-2:]
     logits = volume.flatten(1).log_softmax(dim=-1)  # (B h w, h w)
     share = F.avg_pool2d(foreground[:, None].float(), CELL)  # (B, 1, h, w)
     flow = F.avg_pool2d(flow_px * foreground[:, None], CELL) / share.clamp(min=1e-6)
-    moves = share > LEAST_SHARE
+    moves = share > MIN_FOREGROUND
     flow = torch.where(moves, flow, torch.zeros_like(flow)) / CELL
     y, x = torch.meshgrid(torch.arange(h, device=flow.device), torch.arange(w, device=flow.device), indexing="ij")
     target_x, target_y = (x + flow[:, 0]).flatten(), (y + flow[:, 1]).flatten()  # (B h w,), in cells

@@ -1,7 +1,7 @@
-"""Random bodies that move a little before a resting camera: before and after.
+"""The motion of rigid bodies between two frames of a camera at rest.
 
-`Motion` is what a pair of frames shows; `sample_motion` draws wild ones, of every shape and from every side, so that
-the flow does not depend on how the project's own scenes are drawn (those are in `training/clip_motions.py`).
+`sample_body_motion` draws bodies of every shape, seen from every side, so that the trained flow does not depend on how
+the project draws its own scenes. Motions from those scenes are in `training/clip_motions.py`.
 """
 
 from __future__ import annotations
@@ -19,14 +19,21 @@ from pipeline.vision.camera import Pinhole, pinhole
 SECONDS = 1 / 30
 SHAPES = ("sphere", "sphere", "cylinder", "cylinder", "box", "box", "capsule", "ellipsoid")
 MOTIONS = ("slide", "roll", "roll", "fly", "fly", "spin", "rest")
-LEAST = 2e-4  # m or half radians; what changes by less rests
-FASTEST_SPIN = 10.0  # rad/s
-FASTEST = 2.2  # m/s; half of the bodies are slower than a third of it
+MOVING = 2e-4  # m or half radians; a body whose pose changes by less is at rest
+MAX_SPIN = 10.0  # rad/s
+MAX_SPEED = 2.2  # m/s; half of the bodies are slower than a third of it
 
 
 @dataclass(frozen=True)
-class Motion:
-    """Bodies before and after: positions (2, N, 3) m, quaternions (2, N, 4); the camera rests."""
+class BodyMotion:
+    """The poses of N bodies in two frames.
+
+    Attributes:
+        objects: The bodies.
+        positions: (2, N, 3) m, world.
+        quaternions: (2, N, 4) w, x, y, z.
+        camera: The same for both frames.
+    """
 
     objects: tuple[SceneObject, ...]
     positions: np.ndarray
@@ -37,11 +44,11 @@ class Motion:
     def moves(self) -> np.ndarray:
         """(N,) bool: whether each body moves or turns visibly."""
         changes = np.abs(np.diff(np.concatenate([self.positions, self.quaternions], axis=-1), axis=0))
-        return changes.max(axis=(0, 2)) > LEAST
+        return changes.max(axis=(0, 2)) > MOVING
 
 
 def sample_camera(rng: np.random.Generator) -> Pinhole:
-    """The paper's camera at (0, -2, h), or (three in ten) one that looks at the scene from anywhere above."""
+    """A camera at (0, -2, h), as in the paper, or, in three of ten cases, at any place above the scene."""
     fov = rng.uniform(28, 52)
     if rng.random() < 0.7:
         height = rng.uniform(0.4, 1.6)
@@ -79,8 +86,8 @@ def sample_place(rng: np.random.Generator, camera: Pinhole, aspect: float) -> np
     return camera.position_world + camera.rotation_world @ ray * rng.uniform(1.2, 3.6)
 
 
-def sample_motion(rng: np.random.Generator, aspect: float = 1.5) -> Motion:
-    """One to six bodies in view that do not overlap, each with a random motion over SECONDS."""
+def sample_body_motion(rng: np.random.Generator, aspect: float = 1.5) -> BodyMotion:
+    """One to six bodies in view that do not overlap, each with a random motion over `SECONDS`."""
     camera = sample_camera(rng)
     objects: list[SceneObject] = []
     positions: list[np.ndarray] = []
@@ -107,13 +114,13 @@ def sample_motion(rng: np.random.Generator, aspect: float = 1.5) -> Motion:
         radii.append(radius)
         positions.append(np.stack([place, place + velocity * SECONDS]))
         quaternions.append(np.stack([q, integrate(q, spin, SECONDS)]))
-    return Motion(tuple(objects), np.stack(positions, axis=1), np.stack(quaternions, axis=1), camera)
+    return BodyMotion(tuple(objects), np.stack(positions, axis=1), np.stack(quaternions, axis=1), camera)
 
 
 def sample_velocity(rng: np.random.Generator, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Velocity, m/s, and angular velocity, rad/s, both (3,) in the world's frame."""
     kind = MOTIONS[rng.integers(len(MOTIONS))]
-    heading, speed = rng.uniform(0, 2 * math.pi), FASTEST * rng.random() ** 1.5
+    heading, speed = rng.uniform(0, 2 * math.pi), MAX_SPEED * rng.random() ** 1.5
     level = speed * np.array([math.cos(heading), math.sin(heading), 0.0])
     if kind == "slide":
         return level, np.array([0.0, 0.0, rng.normal() * 3])
@@ -128,6 +135,6 @@ def sample_velocity(rng: np.random.Generator, half: np.ndarray) -> tuple[np.ndar
 
 
 def random_spin(rng: np.random.Generator) -> np.ndarray:
-    """About any axis, up to FASTEST_SPIN."""
+    """(3,) rad/s, about a random axis, up to MAX_SPIN."""
     axis = rng.normal(size=3)
-    return axis / np.linalg.norm(axis) * rng.uniform(0, FASTEST_SPIN)
+    return axis / np.linalg.norm(axis) * rng.uniform(0, MAX_SPIN)

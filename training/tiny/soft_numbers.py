@@ -1,8 +1,8 @@
-"""Targets of a training text's numbers that have their neighbours in them: what is a little off is nearly right.
+"""Soft targets of the numbers of a training text: a Gaussian over neighbouring numbers.
 
-With one token right and all others wrong alike, that 0.53 m lies beside 0.54 m must be learned from examples of each of
-them. The median, which a greedy answer takes, stays where it was, since a target is as wide on both sides. Zeros stay
-as they are, and real parts of 1: they are said of what rests and of what is not turned.
+With a hard target, all wrong tokens are equally wrong, and that 0.53 m is close to 0.54 m must be learned from examples
+of both. A soft target is symmetric, so that the median, which a greedy answer takes, does not move. Zeros, and real
+parts of 1, keep hard targets: they mean that a body is at rest or not rotated.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pipeline.language.completion import (
 )
 from pipeline.language.grammar import Element, Number, pieces
 
-#: Standard deviation of the targets, in a number's own unit: about half of the error that the model makes today.
+#: Standard deviation of the targets, in the number's own unit: about half of the model's error.
 SPREAD: dict[Element, float] = {
     HEIGHT: 0.05,
     PITCH: 1.5,
@@ -50,8 +50,13 @@ REACH = 3  # standard deviations
 
 @dataclass(frozen=True)
 class SoftTargets:
-    """Entries of a sparse matrix: at (M,), the place in a text's ids; ids (M,), a token; share (M,) of the target that
-    the token has, float32. Shares of a place add up to 1."""
+    """The targets as a sparse matrix of M entries; shares of a place add up to 1.
+
+    Attributes:
+        at: (M,) place in the text's ids.
+        ids: (M,) token.
+        share: (M,) float32, probability of the token in the target.
+    """
 
     at: np.ndarray
     ids: np.ndarray
@@ -59,14 +64,16 @@ class SoftTargets:
 
 
 def soft_targets(codec: Codec, segments: Sequence[tuple[Element, str]]) -> SoftTargets:
-    """Of the numbers in `SPREAD`, in a completion that `split` has cut. Asks for a tokenizer that has numbers in two
-    tokens, as ours."""
+    """The soft targets of the numbers in `SPREAD` of a completion, as `split` cuts it.
+
+    The tokenizer must have numbers in two tokens, as ours has.
+    """
     parts: list[tuple[int, np.ndarray, np.ndarray]] = []
     place, positions = len(codec.prompt_ids), 0
     for element, text in segments:
         length = len(codec.segment_ids(element, text))
         positions += element == VECTORS["position"]
-        height = element == VECTORS["position"] and positions % 3 == 0  # what lies on the ground has that of its size
+        height = element == VECTORS["position"] and positions % 3 == 0  # a body on the ground has its size as height
         if element in SPREAD and not height:
             assert isinstance(element, Number)
             assert length == 2
@@ -78,7 +85,7 @@ def soft_targets(codec: Codec, segments: Sequence[tuple[Element, str]]) -> SoftT
 
 @functools.lru_cache(maxsize=1 << 14)
 def _of_number(codec: Codec, number: Number, text: str) -> list[tuple[np.ndarray, np.ndarray]]:
-    """(ids, shares) of the first token, over all numbers, and of the second, among those that begin like `text`."""
+    """(ids, shares) of the first token, over all numbers, and of the second, over those with the same first token."""
     heads, tails = _tokens(codec, number)
     scale, value = 10**number.decimals, float(text)
     lowest, at = round(number.low * scale), round(value * scale)
@@ -91,7 +98,7 @@ def _of_number(codec: Codec, number: Number, text: str) -> list[tuple[np.ndarray
 
 
 def _shares(ids: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Each of the ids once, with its share of the weight."""
+    """The distinct ids, and the share of the weight of each."""
     found, which = np.unique(ids, return_inverse=True)
     return found, (np.bincount(which, weight) / weight.sum()).astype(np.float32)
 
@@ -107,8 +114,14 @@ def _tokens(codec: Codec, number: Number) -> tuple[np.ndarray, np.ndarray]:
 
 
 def soft_loss(log_p: torch.Tensor, labels: torch.Tensor, soft: list[SoftTargets], prompt: int) -> torch.Tensor:
-    """Mean cross-entropy over the places with a label, nats, of log-probabilities (B, L, V) and labels (B, L), -100
-    where nothing is learned, of the places from `prompt` on: with the soft target where a place has one."""
+    """Mean cross-entropy over the places with a label, nats.
+
+    Args:
+        log_p: (B, L, V) log-probabilities of the places from `prompt` on.
+        labels: (B, L) tokens; -100 where a place carries no loss.
+        soft: Of each of the B texts; a place with a soft target uses it instead of its label.
+        prompt: Length of the prompt.
+    """
     learned = labels != -100
     hard = learned.clone()
     columns = [np.repeat(np.arange(len(soft)), [len(s.at) for s in soft])]

@@ -1,4 +1,4 @@
-"""The tiny model in training: its weights, their optimisers, and how far it has got."""
+"""The tiny model in training: weights, optimisers, progress."""
 
 from __future__ import annotations
 
@@ -18,18 +18,27 @@ from pipeline.model.inputs import video_inputs
 from pipeline.model.loss import batch_loss, completion_logits, make_batch
 from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.scene.scene import BASIC_SHAPES
-from training.examples import LAYOUT, Example
 from training.muon import Muon
-from training.patch_labels import PatchHead, PatchLabels
-from training.soft_numbers import soft_loss
+from training.tiny.examples import CHUNK, LAYOUT, Example
+from training.tiny.patch_labels import PatchHead, PatchLabels
+from training.tiny.soft_numbers import soft_loss
+
+LOG = "log.csv"  # of losses, in the work folder and beside the weights
 
 
 @dataclass
 class Progress:
-    """step: of the optimisers. seen: steps of the vision tower alone among them. chunk: of clips, not made yet."""
+    """How far a training is.
+
+    Attributes:
+        step: Optimiser steps.
+        vision_steps: Those of the vision tower only, among them.
+        seconds: Of training.
+        chunk: The first chunk of clips that is not made yet.
+    """
 
     step: int = 0
-    seen: int = 0
+    vision_steps: int = 0
     seconds: float = 0.0
     chunk: int = 0
 
@@ -41,7 +50,7 @@ def new_base() -> Base:
 
 
 def read_checkpoint(path: Path) -> tuple[Base, Progress]:
-    """The model of a checkpoint that a `Trainer` saved, for answering, and how far it had got."""
+    """The model of a checkpoint that a `Trainer` saved, for answering, and its progress."""
     stored = torch.load(path, map_location="cpu", weights_only=True)
     base = new_base()
     base.model.load_state_dict(stored["model"])
@@ -49,39 +58,51 @@ def read_checkpoint(path: Path) -> tuple[Base, Progress]:
     return base, Progress(**{f.name: stored[f.name] for f in fields(Progress)})
 
 
+def progress_of_row(row: dict[str, str], batch: int) -> Progress:
+    """How far a training was at a row of its log."""
+    return Progress(step=int(row["clips"]) // batch, seconds=60 * float(row["minutes"]),
+                    chunk=int(row["fresh_clips"]) // CHUNK)  # fmt: skip
+
+
 class Trainer:
-    """A model of random weights until `load`. patch_weight: of the loss on patch labels beside the completion's."""
+    """The model, with random weights until `load` or `start_from`, and its optimisers.
+
+    patch_weight: weight of the loss on patch labels beside the completion's.
+    """
 
     def __init__(self, device: str, rate: float, muon_rate: float, patch_weight: float) -> None:
         self.base, self.progress, self.patch_weight = new_base(), Progress(), patch_weight
         model: Any = self.base.model
         model.to(device)
         if device == "cpu":
-            model.set_attn_implementation("eager")  # faster than the fused kernel, whose products are many and small
+            model.set_attn_implementation("eager")  # faster here than the fused kernel, which does many small products
         self.device = device
         self.head = PatchHead(model.config.text_config.hidden_size, LAYOUT).to(device)
         self.optimizers = make_optimizers(self.base, self.head, rate, muon_rate)
         self.peaks = [group["lr"] for optimizer in self.optimizers for group in optimizer.param_groups]
         self.tokens = torch.empty(0)  # the vision tower's, of the last forward pass
-        model.model.visual.register_forward_hook(self.remember)
+        model.model.visual.register_forward_hook(self._keep_tokens)
         model.train()
 
-    def remember(self, module: torch.nn.Module, inputs: Any, output: Any) -> None:
+    def _keep_tokens(self, module: torch.nn.Module, inputs: Any, output: Any) -> None:
         self.tokens = output.pooler_output
 
     def start_from(self, folder: Path, clips: Iterable[tuple[np.ndarray, list[PatchLabels]]]) -> None:
-        """Take the weights of a model that was saved for answering. It has no head: that learns, alone, from batches of
-        pictures and labels as `learn_to_see` takes them."""
+        """Take the weights of a model saved for answering, and train only a new head on patch labels.
+
+        clips: batches of pictures and labels, as `learn_patches` takes them.
+        """
         self.base.model.load_state_dict(load_base(str(folder)).model.state_dict())
         optimizer = torch.optim.AdamW(self.head.parameters(), 3e-3)
         for pictures, labels in clips:
             with torch.no_grad():
-                tokens = self.see(torch.as_tensor(pictures))
+                tokens = self.vision_tokens(torch.as_tensor(pictures))
             optimizer.zero_grad()
             self.head(tokens, labels).backward()
             optimizer.step()
 
     def load(self, path: Path) -> None:
+        """Continue from a checkpoint."""
         stored = torch.load(path, map_location=self.device, weights_only=True)
         self.base.model.load_state_dict(stored.pop("model"))
         self.head.load_state_dict(stored.pop("head"))
@@ -90,24 +111,26 @@ class Trainer:
         self.progress = Progress(**stored)
 
     def save(self, path: Path) -> None:
-        """All that `load` needs, whole or not at all."""
+        """Write a checkpoint for `load`, under a temporary name first."""
         temporary = path.with_suffix(".tmp")
         weights = {"model": self.base.model.state_dict(), "head": self.head.state_dict(),
                    "optimizers": [o.state_dict() for o in self.optimizers]}  # fmt: skip
         torch.save(weights | asdict(self.progress), temporary)
         os.replace(temporary, path)
 
-    def see(self, clips: torch.Tensor) -> torch.Tensor:
+    def vision_tokens(self, clips: torch.Tensor) -> torch.Tensor:
         """The vision tower's tokens (B * tokens, hidden) of clips (B, T, H, W, 3) uint8."""
         patches, grid = video_inputs(self.base, clips)
         return self.base.model.model.visual(patches, grid_thw=grid).pooler_output
 
-    def learn_to_see(self, pictures: np.ndarray, labels: list[PatchLabels], share: float) -> tuple[float, float]:
-        """One step of the vision tower alone, at a share of the peak rates. Returns no loss of a completion (0), and
-        that of the patches, nats."""
+    def learn_patches(self, pictures: np.ndarray, labels: list[PatchLabels], share: float) -> tuple[float, float]:
+        """One step of the vision tower only, at a share of the peak rates.
+
+        Returns 0, in the place of a completion's loss, and the loss of the patches, nats.
+        """
         with self.precision():
-            patch_loss = self.head(self.see(torch.as_tensor(pictures)), labels)
-        self.progress.seen += 1
+            patch_loss = self.head(self.vision_tokens(torch.as_tensor(pictures)), labels)
+        self.progress.vision_steps += 1
         return self.step(torch.zeros((), device=self.device), patch_loss, share)
 
     def learn(self, examples: list[Example], share: float) -> tuple[float, float]:
@@ -138,8 +161,11 @@ class Trainer:
 
     @torch.no_grad()
     def validate(self, examples: list[Example], batch_size: int) -> dict[str, float]:
-        """Mean loss of free tokens, and of the shapes and numbers among them, nats; and the share of the patches on
-        objects in which the vision tower sees the right shape."""
+        """Mean losses of held-out examples.
+
+        Of free tokens, and of the shapes and numbers among them, nats; and the share of the patches on objects whose
+        shape the vision tower tells right.
+        """
         base = self.base
         base.model.eval()
         shape_ids = torch.tensor([base.tokenizer.convert_tokens_to_ids(s) for s in BASIC_SHAPES])
@@ -158,7 +184,7 @@ class Trainer:
                 sums[key][0] += float(each[which].sum())
                 sums[key][1] += int(which.sum())
         base.model.train()
-        tokens = self.see(torch.as_tensor(np.stack([e.picture for e in examples])))
+        tokens = self.vision_tokens(torch.as_tensor(np.stack([e.picture for e in examples])))
         right = self.head.shapes_right(tokens, [e.patches for e in examples])
         return {key: total / max(count, 1) for key, (total, count) in sums.items()} | {"shapes_right": right}
 
