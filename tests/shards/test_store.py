@@ -113,7 +113,7 @@ def run_toy(root: Path, setup: str) -> subprocess.CompletedProcess[str]:
     program = f"""
 import os, resource, tempfile
 from pathlib import Path
-from stages.graph.main import run
+from stages.graph.run import run
 from toy_stage import make
 with tempfile.TemporaryDirectory() as elsewhere:
     make(Path(elsewhere), clips=4)
