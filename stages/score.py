@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import read_rows, write_rows
 from pipeline.evaluation.determined import determined_table, spreads_by_kind
 from pipeline.evaluation.scene_scores import METRICS
@@ -29,9 +28,9 @@ from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
 from stages.graph.answering_model import CURVE, FOLDER, AnsweringModel, answering_model
 from stages.graph.machine import machine_kind
-from stages.graph.main import run
-from stages.graph.params import Params, load
-from stages.graph.run_shards import DATA, folder
+from stages.graph.params import Params
+from stages.graph.run import DATA, folder, run
+from stages.graph.stage_params import load
 from stages.graph.suite import open_suite
 
 REPORTS = Path("reports")
@@ -83,7 +82,7 @@ def write_tables(found: RunScores, rows: Sequence[Mapping[str, Any]]) -> None:
 
 def main() -> None:
     params = load("score")
-    schedule = Schedule(**params.clip.model_dump())
+    schedule = params.clip.schedule
     model, rng = answering_model(), np.random.default_rng(params.seed)
     stages = [*STAGES, *["regress"] * params.regress.enabled]
     used = {name: frozenset(clip for clip in model.used if model.has_used(name, clip)) for name in SUITES}

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from pipeline.evaluation.suite import Suite
 from pipeline.shards.dataset import open_shards
-from stages.graph.run_shards import folder
+from stages.graph.run import folder
 
 
 def open_suite(suite: str, stages: Sequence[str]) -> Suite:
