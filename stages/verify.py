@@ -14,7 +14,7 @@ from pipeline.csv_rows import write_rows
 from pipeline.evaluation.tables import markdown
 from pipeline.hidden.confusion_figure import confusion_figure
 from pipeline.hidden.judge import Judgement, confusion, judge
-from pipeline.metrics.intervals import wilson_interval
+from pipeline.metrics.intervals import wilson
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
 from stages.graph.run import folder, run
@@ -47,7 +47,7 @@ def main() -> None:
     summary = {
         "worlds": len(judged),
         "named": right / max(len(there), 1),
-        "named_interval": wilson_interval(right, len(there)),
+        "named_interval": wilson(right, len(there)),
         "false_claims": sum(j.false for j in judged) / max(len(judged), 1),
         "parameter_error": float(np.median(errors)) if errors else None,
     }

@@ -55,7 +55,7 @@ def bootstrap_mean(values: np.ndarray, resamples: int, rng: np.random.Generator)
     return MeanInterval(mean, float(interval.low), float(interval.high), len(kept))
 
 
-def wilson_interval(hits: int, count: int) -> tuple[float, float]:
+def wilson(hits: int, count: int) -> tuple[float, float]:
     """Wilson's 95 % interval of the share hits / count; 0 to 1 where count is 0."""
     if count == 0:
         return 0.0, 1.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.metrics.intervals import MeanInterval, bootstrap_mean, wilson_interval
+from pipeline.metrics.intervals import MeanInterval, bootstrap_mean, wilson
 
 
 def test_an_interval_holds_the_mean_and_covers_the_true_mean_in_about_95_of_100(rng: np.random.Generator) -> None:
@@ -34,7 +34,7 @@ def test_an_interval_is_read_from_the_row_that_it_makes() -> None:
 
 @pytest.mark.parametrize(("hits", "count"), [(0, 5), (3, 7), (9, 9), (95, 100)])
 def test_the_ends_of_wilsons_interval_are_1_96_standard_errors_from_the_share(hits: int, count: int) -> None:
-    for end in wilson_interval(hits, count):
+    for end in wilson(hits, count):
         if 0 < end < 1:
             assert abs(hits / count - end) == pytest.approx(1.959964 * np.sqrt(end * (1 - end) / count), rel=1e-5)
-    assert wilson_interval(0, 0) == (0.0, 1.0)
+    assert wilson(0, 0) == (0.0, 1.0)
