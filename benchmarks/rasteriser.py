@@ -142,10 +142,10 @@ def main() -> None:
 
         flow.append(seconds(lambda flows=flows: flows(False)))
         hidden.append(seconds(lambda flows=flows: flows(True)))
-        look = plain_appearance(len(scene.objects))
+        appearance = plain_appearance(len(scene.objects))
 
-        def picture(scene: Scene = scene, clip: tuple = clip, look: Appearance = look) -> object:
-            return shade(scene.objects, *clip[:3], look, width, height)
+        def picture(scene: Scene = scene, clip: tuple = clip, appearance: Appearance = appearance) -> object:
+            return shade(scene.objects, *clip[:3], appearance, width, height)
 
         rgb.append(seconds(picture, repeats=2))
 

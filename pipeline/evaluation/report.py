@@ -52,7 +52,7 @@ def page(title: str, lead: str, facts: Mapping[str, str], sections: Sequence[Sec
 
 
 def html_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of plain text; the interval of a cell like `0.53 (0.47–0.60)` stands in small type below the number."""
+    """A table of plain text; the interval of a cell like `0.53 (0.47–0.60)` is in small type below the number."""
     cells = [[(m[1], m[2]) if (m := _WITH_INTERVAL.fullmatch(cell)) else (cell, "") for cell in row] for row in rows]
     return str(_PARTS.table(header, cells))
 

@@ -50,8 +50,8 @@ def test_a_mosaic_has_each_moment_of_another_clip_with_its_labels(rng: np.random
     assert pictures.shape == (40, 6, 1) and len(labels) == 40
     assert pool.drawn == pytest.approx(40)
     np.testing.assert_array_equal(pictures[:, :, 0] % 10, np.tile([0, 0, 1, 1, 2, 2], (40, 1)))
-    for picture, told in zip(pictures, labels, strict=True):
-        for values in (told.shape, told.place, told.numbers):
+    for picture, own in zip(pictures, labels, strict=True):
+        for values in (own.shape, own.place, own.numbers):
             np.testing.assert_array_equal(values, picture[::2])
     assert len(np.unique(pictures // 10)) > 25 and (np.ptp(pictures // 10, axis=1) > 0).mean() > 0.8
 

@@ -1,4 +1,4 @@
-"""Laws of what trains RAFT: pairs, augmentation, losses, optimiser, schedule."""
+"""The training of RAFT: pairs, augmentation, losses, optimiser, schedule."""
 
 import itertools
 import math
@@ -71,7 +71,7 @@ def test_augmentation_leaves_the_flow_alone_but_for_mirroring(rng):
         assert any(np.array_equal(seen.flow_px, p.flow_px) for p in (pair, pair.mirrored()))
 
 
-def test_a_window_has_the_whole_pictures_px(rng):
+def test_a_windows_px_spans_the_angle_of_the_pictures_px(rng):
     motion = sample_body_motion(rng)
     window = aimed(rng, motion, 64 / 160)
     assert focal_px(window.camera.fov_y_deg, 64) == pytest.approx(focal_px(motion.camera.fov_y_deg, 160))
@@ -92,7 +92,7 @@ def test_features_that_match_where_the_flow_leads_have_the_least_matching_loss(r
     assert right < 0.01 < 1 < wrong
 
 
-def test_newton_and_schulz_make_every_direction_alike(rng):
+def test_newton_schulz_makes_all_singular_values_close_to_one(rng):
     matrix = torch.from_numpy(rng.normal(size=(24, 60)).astype(np.float32))
     singular = torch.linalg.svdvals(orthogonalised(matrix))
     assert 0.6 < singular.min() <= singular.max() < 1.3
@@ -131,7 +131,7 @@ def test_the_phase_is_the_last_that_has_started():
     assert [phase_at(phases, x) for x in (0, 0.49, 0.5, 1)] == [phases[0], phases[0], phases[1], phases[1]]
 
 
-def test_what_leaves_the_window_teaches_nothing():
+def test_pixels_that_leave_the_window_carry_no_loss():
     flow = torch.zeros(1, 2, 64, 64)
     flow[:, 0, :, 60:] = 10
     inside = stays_inside(flow)

@@ -93,8 +93,8 @@ def _of_number(codec: Codec, number: Number, text: str) -> list[tuple[np.ndarray
     reach = 0 if exact else round(REACH * SPREAD[number] * scale)
     first, last = max(at - reach - lowest, 0), min(at + reach - lowest + 1, len(heads))
     near = np.exp(-0.5 * ((np.arange(first, last) + lowest - at) / (SPREAD[number] * scale)) ** 2)
-    alike = heads[first:last] == heads[at - lowest]
-    return [_shares(heads[first:last], near), _shares(tails[first:last][alike], near[alike])]
+    same_head = heads[first:last] == heads[at - lowest]
+    return [_shares(heads[first:last], near), _shares(tails[first:last][same_head], near[same_head])]
 
 
 def _shares(ids: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

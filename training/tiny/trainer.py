@@ -164,7 +164,7 @@ class Trainer:
         """Mean losses of held-out examples.
 
         Of free tokens, and of the shapes and numbers among them, nats; and the share of the patches on objects whose
-        shape the vision tower tells right.
+        shape the vision tower predicts right.
         """
         base = self.base
         base.model.eval()
