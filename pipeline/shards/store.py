@@ -75,9 +75,9 @@ class Store:
         What is returned is what `lookup` of the key would give: the notes are in the order of their names.
         Raises OutputError where the store cannot be written to.
         """
-        notes = dict(sorted(notes.items()))
         with writing_to(self.folder), self._temporary() as temporary:
             write(temporary)
+            notes = dict(sorted(notes.items()))  # after `write`, which may fill them
             files = hash_files(temporary)
             record: dict[str, Any] = {"key": key, "files": files, "notes": notes, "parts": dict(parts)}
             record["checksum"] = hash_value(record)
