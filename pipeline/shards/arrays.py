@@ -96,11 +96,6 @@ class ShardArray:
             return np.asarray(self.array[k])
         return np.asarray(self.array[self.offsets[k] : self.offsets[k + 1]])
 
-    def slice(self, start: int, stop: int) -> np.ndarray:
-        """Clips start to stop - 1 at once, (stop - start, ...); not for arrays whose clips differ in length."""
-        assert self.offsets is None, "the clips differ in length: read them one by one"
-        return np.asarray(self.array[start:stop])
-
 
 def open_arrays(path: Path) -> ArrayGroup:
     """Open a group for reading. Raises what zarr raises where it is missing or damaged."""

@@ -20,6 +20,8 @@ from pipeline.shards.content_hash import hash_files, hash_tree, hash_value
 from pipeline.shards.output_errors import writing_to
 
 ENVIRONMENT = "DYNAMICS_STORE"
+SECONDS = "seconds"
+"""The name in a shard's record of how long one worker computed it, s; times are no part of a shard's content."""
 _RECORD = "shard.json"
 _TEMPORARY = "tmp"
 _SCRATCH = "scratch"
@@ -68,16 +70,23 @@ class Store:
             return None
 
     def commit(
-        self, key: str, write: Callable[[Path], None], notes: Mapping[str, int | float], parts: Mapping[str, Any]
+        self, key: str, write: Callable[[Path], Mapping[str, int | float]], parts: Mapping[str, Any]
     ) -> StoredShard:
-        """Add a shard: `write` fills an empty folder, which becomes the shard. Nothing stays if it fails.
+        """Add a shard. Nothing stays if that fails.
 
-        What is returned is what `lookup` of the key would give: the notes are in the order of their names.
-        Raises OutputError where the store cannot be written to.
+        Args:
+            key: The shard's key.
+            write: Fills an empty folder, which becomes the shard, and returns the shard's notes.
+            parts: What the key was made of, and what else is to be written beside the shard.
+
+        Returns:
+            What `lookup` of the key would give; the notes are in the order of their names.
+
+        Raises:
+            OutputError: The store cannot be written to.
         """
         with writing_to(self.folder), self._temporary() as temporary:
-            write(temporary)
-            notes = dict(sorted(notes.items()))  # after `write`, which may fill them
+            notes = dict(sorted(write(temporary).items()))
             files = hash_files(temporary)
             record: dict[str, Any] = {"key": key, "files": files, "notes": notes, "parts": dict(parts)}
             record["checksum"] = hash_value(record)

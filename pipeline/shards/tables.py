@@ -48,11 +48,11 @@ def write_table(table: pa.Table, path: Path) -> None:
     )
 
 
-def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a table, or some of its columns. Raises what pyarrow raises where the file is missing or damaged."""
+def read_table(path: Path) -> pa.Table:
+    """Read a table. Raises what pyarrow raises where the file is missing or damaged."""
     # A file object, not a path: from `a=b/` in a path pyarrow would make a column, and it may map the file.
     with open(path, "rb") as file:
-        return pq.ParquetFile(file).read(columns=None if columns is None else list(columns))
+        return pq.ParquetFile(file).read()
 
 
 def _has_null_type(schema: pa.Schema) -> bool:

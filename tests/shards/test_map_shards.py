@@ -214,7 +214,7 @@ def test_an_output_folder_with_other_files_is_left_alone(tmp_path: Path) -> None
     folder = tmp_path / "drop" / "train"
     folder.mkdir(parents=True)
     (folder / "thesis.tex").write_text("\\documentclass{book}")
-    with pytest.raises(OutputError, match=r"holds thesis.tex, which is no shard"):
+    with pytest.raises(OutputError, match=r"holds thesis.tex, which is not a shard"):
         make(tmp_path)
     assert (folder / "thesis.tex").exists()
 

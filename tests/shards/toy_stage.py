@@ -53,8 +53,7 @@ def weigh(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardR
     (dropped,) = inputs
     assert dropped.clips == shard.clips
     masses = {row["clip"]: row["mass"] for row in dropped.table().to_pylist()}
-    mask = dropped.stacked("mask")
-    rows = [{"clip": clip, "time": masses[clip] + mask[k].sum()} for k, clip in enumerate(shard.clips)]
+    rows = [{"clip": clip, "time": masses[clip] + dropped.array(clip, "mask").sum()} for clip in shard.clips]
     return ShardResult({"clips": table_from_rows(rows, EVENTS)})
 
 
