@@ -50,7 +50,7 @@ def test_a_clip_outside_is_an_index_error_that_says_what_is_there(folder: Path, 
         open_shards(folder)[index]
 
 
-def test_names_that_are_not_there_are_told_with_those_that_are(folder: Path) -> None:
+def test_the_error_of_an_unknown_name_lists_the_names(folder: Path) -> None:
     clip = open_shards(folder)[0]
     with pytest.raises(ShardError, match=r"no table `traces`; it has \['clips', 'events'\]"):
         clip.rows("traces")
@@ -60,7 +60,7 @@ def test_names_that_are_not_there_are_told_with_those_that_are(folder: Path) -> 
         open_shards(folder)[2].row("events")
 
 
-def test_a_folder_without_a_manifest_is_told_with_what_to_run(tmp_path: Path) -> None:
+def test_the_error_of_a_folder_without_a_manifest_says_what_to_run(tmp_path: Path) -> None:
     with pytest.raises(ShardError, match=r"manifest.json is missing; run `dvc checkout"):
         open_shards(tmp_path / "data")
     (tmp_path / "manifest.json").write_text('{"stage": "drop"}')

@@ -182,7 +182,7 @@ def test_an_error_names_the_shard_and_leaves_what_was_done_in_the_store(
     assert computed(capsys)[0] < workers  # another worker is stopped in the middle
 
 
-def test_damage_in_the_store_is_noticed_named_and_mended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_damage_in_the_store_is_noticed_named_and_repaired(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     manifest = make(tmp_path)
     before = hash_files(tmp_path / "drop")
     stored = tmp_path / "store" / manifest.shards[2].key[:2] / manifest.shards[2].key

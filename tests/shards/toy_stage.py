@@ -67,7 +67,7 @@ def drop_until_shard_2(shard: Shard, inputs: Sequence[OpenShard], parameters: Dr
                 os.kill(os.getpid(), signal.SIGKILL)
             case "wait":
                 Path(parameters.flag).touch()
-                time.sleep(60)
+                time.sleep(600)
     return drop(shard, inputs, parameters)
 
 
