@@ -122,24 +122,24 @@ def map_shards(
         )
 
     check_replaceable(output_dir)
-    who = make_executor(executor, workers, threads)
-    mine = who.share(tasks)
-    stored = {task.key: found for task in mine if (found := store.lookup(task.key)) is not None}
-    missing = [task for task in mine if task.key not in stored]
+    chosen = make_executor(executor, workers, threads)
+    share = chosen.share(tasks)
+    stored = {task.key: found for task in share if (found := store.lookup(task.key)) is not None}
+    missing = [task for task in share if task.key not in stored]
     if missing:
         store.check_writable()
-    with tqdm(total=len(mine), initial=len(stored), desc=f"{stage} {suite}", unit="shard", disable=None) as progress:
-        for done in who.map(_compute_task, missing):
+    with tqdm(total=len(share), initial=len(stored), desc=f"{stage} {suite}", unit="shard", disable=None) as progress:
+        for done in chosen.map(_compute_task, missing):
             stored[done.key] = done
             progress.update()
 
-    clip_count = sum(len(task.shard) for task in mine)
-    notes = total_notes(stored[task.key].notes for task in mine)
+    clip_count = sum(len(task.shard) for task in share)
+    notes = total_notes(stored[task.key].notes for task in share)
     outcome = (
-        f"{stage} {suite}: {_plural(len(mine), 'shard')}, {len(missing)} computed, {len(mine) - len(missing)} from the "
+        f"{stage} {suite}: {_plural(len(share), 'shard')}, {len(missing)} computed, {len(share) - len(missing)} from the "
         f"store, {_plural(clip_count, 'clip')}, {time.monotonic() - started:.1f} s{notes_text(notes)}"
     )
-    if not who.collects:
+    if not chosen.collects:
         raise SliceFinished(
             f"{outcome}. The shards are in {store.folder}; when all ranks are done, a last call without {RANK} and "
             f"{WORLD_SIZE} collects them in {output_dir}"

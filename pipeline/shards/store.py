@@ -1,7 +1,7 @@
 """The content-keyed store of computed shards: `<store>/<key>/` with its files and `shard.json`.
 
-A shard is written to a temporary folder beside the others and renamed, so one that is there is complete; each
-is hashed before it is used, so one that was damaged since is noticed, removed and computed again.
+A shard is written to a temporary folder and renamed, so that a shard in the store is complete. Its files are hashed
+before it is used, so that a damaged one is noticed, removed and computed again.
 """
 
 import json
@@ -29,7 +29,7 @@ _SCRATCH = "scratch"
 
 @dataclass(frozen=True)
 class StoredShard:
-    """A complete shard in the store. `files` are relative paths and SHA-256; `content` is one hash of them."""
+    """A complete shard in the store; files: relative path -> SHA-256."""
 
     key: str
     folder: Path
@@ -38,17 +38,18 @@ class StoredShard:
 
     @property
     def content(self) -> str:
+        """One hash of all its files."""
         return hash_tree(self.files)
 
 
 class Store:
-    """A folder of shards by key, which any number of processes may use at a time."""
+    """A folder of shards by key, which any number of processes may use at the same time."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.absolute()
 
     def lookup(self, key: str, warn: Callable[[str], None] | None = None) -> StoredShard | None:
-        """The shard of that key with every byte checked, or None. A damaged one is reported and removed."""
+        """The shard of that key, or None. Every byte is checked; a damaged shard is reported and removed."""
         folder = self._folder_of(key)
         if not folder.is_dir():
             return None
@@ -63,7 +64,7 @@ class Store:
         return shard
 
     def record_of(self, key: str) -> dict[str, Any] | None:
-        """What is written beside the shard of that key, unchecked; None where there is none."""
+        """The record beside the shard of that key, not checked; None where there is none."""
         try:
             return json.loads((self._folder_of(key) / _RECORD).read_bytes())
         except (OSError, ValueError):
@@ -103,13 +104,13 @@ class Store:
         return StoredShard(key, target, files, notes)
 
     def scratch(self, key: str) -> Path:
-        """A folder for what is half done under a key; it stays until it is removed."""
+        """A folder for intermediate results under a key; it stays until it is removed."""
         folder = self.folder / _SCRATCH / key
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
     def scratches(self) -> Iterator[Path]:
-        """The scratch folders of runs that were stopped, or are still going on."""
+        """The scratch folders of runs that were stopped or still go on."""
         return iter(sorted((self.folder / _SCRATCH).glob("*")))
 
     def shards(self) -> Iterator[Path]:
@@ -122,7 +123,7 @@ class Store:
             self._remove(folder)
 
     def check_writable(self) -> None:
-        """Raise OutputError now rather than after an hour of computing; sweep what dead processes left."""
+        """Raise OutputError before anything is computed; remove what processes left that were killed."""
         with writing_to(self.folder):
             with self._temporary():
                 pass
@@ -141,7 +142,7 @@ class Store:
             shutil.rmtree(path, ignore_errors=True)
 
     def _remove(self, folder: Path) -> None:
-        """First out of the way in one step, so that nobody sees half of it."""
+        """It is renamed first, so that no process sees a part of it."""
         with self._temporary() as trash, suppress(FileNotFoundError):  # another process removed it
             folder.rename(trash / folder.name)
 
