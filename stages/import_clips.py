@@ -79,7 +79,7 @@ def main() -> None:
     own = params.suites.real
     if own.path is not None and round(own.seconds * params.clip.fps) != round(params.clip.seconds * params.clip.fps):
         raise ParamsError(
-            f"suites.real.seconds is {own.seconds}, clip.seconds is {params.clip.seconds}; valid: the same number of frames"
+            f"suites.real.seconds is {own.seconds}, clip.seconds is {params.clip.seconds}; valid: equally many frames"
         )
     clips = find_clips(Path(own.path)) if own.path is not None else []
     parameters = Parameters(

@@ -133,11 +133,11 @@ def map_shards(
             stored[done.key] = done
             progress.update()
 
-    clip_count = sum(len(task.shard) for task in share)
+    computed, clip_count = len(missing), sum(len(task.shard) for task in share)
     notes = total_notes(stored[task.key].notes for task in share)
     outcome = (
-        f"{stage} {suite}: {_plural(len(share), 'shard')}, {len(missing)} computed, {len(share) - len(missing)} from the "
-        f"store, {_plural(clip_count, 'clip')}, {time.monotonic() - started:.1f} s{notes_text(notes)}"
+        f"{stage} {suite}: {_plural(len(share), 'shard')}, {computed} computed, {len(share) - computed} from the store"
+        f", {_plural(clip_count, 'clip')}, {time.monotonic() - started:.1f} s{notes_text(notes)}"
     )
     if not chosen.collects:
         raise SliceFinished(
