@@ -14,7 +14,6 @@ from pipeline.evaluation.scene_scores import Reference, measured_reference, scor
 from pipeline.evaluation.summary import best_of_k_curve, mean_best_so_far
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
-from pipeline.shards.cost import compute_seconds
 from pipeline.shards.dataset import ShardedDataset
 
 Suite = Mapping[str, ShardedDataset]
@@ -89,7 +88,7 @@ class AnsweredSuite:
 
     def seconds_by_method(self) -> dict[str, float]:
         """Seconds of one worker a clip, for best-of-K and the searches; NaN where the store no longer has them."""
-        spent = {stage: compute_seconds(self.stages[stage]) for stage in ("best_of_k", "cmaes", "fit")}
+        spent = {stage: self.stages[stage].compute_seconds() for stage in ("best_of_k", "cmaes", "fit")}
         each = {stage: np.nan if s is None else s / max(len(self), 1) for stage, s in spent.items()}
         best = each["best_of_k"]
         searches = {"cmaes": best + each["cmaes"], "search": best + each["fit"]}
