@@ -149,7 +149,9 @@ def scores_page(
     ]  # fmt: skip
     for folder, by_heading in benchmark_tables(results).items():
         text = prose_by_heading(results / folder / "README.md", f"../{results.as_posix()}/{folder}")
-        out += [Section(title, "", text[title] + html_table(*table), True) for title, table in by_heading.items()]
+        out += [
+            Section(title, "", text[title] + html_table(*table), folded=True) for title, table in by_heading.items()
+        ]
     return page(TITLE, LEAD, facts, out)
 
 
