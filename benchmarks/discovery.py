@@ -1,9 +1,8 @@
 """The blind benchmark of discovery: hidden worlds by effect, strength, noise and number of clips; every answer is kept.
 
 Writes benchmarks/results/discovery[-smoke]/answers.jsonl as it goes (a run that was stopped goes on), then summary.md,
-confusion.svg and summary.json beside it. The thresholds (select.py, fitter.py and confidence.py of
-pipeline/discrepancy) were frozen on other seeds; reported figures come from seeds from 20000 on, first used in
-that run.
+confusion.svg and summary.json beside it. The thresholds (in pipeline/discrepancy/fitting and
+selection) were frozen on other seeds; reported figures come from seeds from 20000 on, first used in that run.
 Run: python -m benchmarks.discovery [--smoke] [--share 1.0] [--workers 2] [--minutes M]
 """
 
@@ -26,12 +25,14 @@ from tqdm import tqdm
 from benchmarks.discovery_rivals import rivals
 from benchmarks.discovery_summary import write_summary
 from benchmarks.kept_answers import answers_of, kept_answers
-from pipeline.discrepancy.discover import discover, report
-from pipeline.discrepancy.known_scene import known_scene
+from pipeline.discrepancy.discover import discover
+from pipeline.discrepancy.report.report_dict import report_dict
+from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.errors import DynamicsError
-from pipeline.hidden.engine import BULLET_EFFECTS, EVENT_EFFECTS
-from pipeline.hidden.recipes import WRONG_OF
-from pipeline.hidden.world import UNLISTED, Recipe, make_world
+from pipeline.hidden.engine import can_simulate
+from pipeline.hidden.law_perturbation import UNLISTED
+from pipeline.hidden.recipe import Recipe, perturbed_kinds
+from pipeline.hidden.world import make_world
 from pipeline.scene.effects.registry import effect_kinds
 
 FIRST_SEED = 20000  # first used in the run whose answers are kept; all below have been seen
@@ -92,14 +93,14 @@ def plan(share: float, first_seed: int) -> Iterator[tuple[str, Recipe, str | Non
         for k, name in enumerate(names if turn == 0 else ()):
             seed += 1
             yield "struck off", _recipe(seed, (name,), 30.0, 0.002, 12, turn + k), name
-        for k, (name, wrong) in enumerate(WRONG_OF.items()):
+        for k, (name, wrong) in enumerate(perturbed_kinds().items()):
             seed += 1
             yield "law slightly wrong", Recipe(seed, (name,), 30.0, 0.002, 12, False, k % 2 == 0, "events", wrong), None
 
 
 def _recipe(seed: int, effects: tuple[str, ...], strength: float, noise: float, clips: int, turn: int) -> Recipe:
-    engine = "events" if turn % 2 == 0 and set(effects) <= set(EVENT_EFFECTS) else "mujoco"
-    if turn % 5 == 4 and effects and set(effects) <= set(BULLET_EFFECTS):
+    engine = "events" if turn % 2 == 0 and can_simulate("events", effects) else "mujoco"
+    if turn % 5 == 4 and effects and can_simulate("bullet", effects):
         engine = "bullet"
     bounces = (turn // 2) % 2 == 1
     return Recipe(seed, effects, strength, noise, clips, bounces, seed % 3 == 0, engine)
@@ -118,7 +119,7 @@ def answer(job: Job) -> dict[str, Any]:
         began, spent = time.perf_counter(), time.process_time()
         found = discover(world.tracks, known, 0.3, names, np.random.default_rng(recipe.seed))
         out["seconds"], out["processor_seconds"] = time.perf_counter() - began, time.process_time() - spent
-        out["report"] = {k: v for k, v in report(found).items() if k not in ("disagreement", "candidates")}
+        out["report"] = {k: v for k, v in report_dict(found).items() if k not in ("disagreement", "candidates")}
         asked = recipe.clips == 4 and recipe.noise == 0.002
         out["rivals"] = rivals(world.tracks, known, recipe.effects, asked)
     except (DynamicsError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from pipeline.hidden.confusion_figure import confusion_figure
-from pipeline.hidden.experiment import EVERY
-from pipeline.hidden.judge import Judgement, confusion, equals_of, judge, macro_f1, wilson
+from pipeline.hidden.judge import Judgement, confusion, equals_of, judge, macro_f1
+from pipeline.hidden.scenario import EVERY, TWO_OR_THREE
+from pipeline.metrics.intervals import wilson
 
-TWO_OR_THREE = ("pair", "carom")
 ONE = tuple(name for name in EVERY if name not in TWO_OR_THREE)
 SINDY = ("air_drag", "linear_drag", "magnus_lift", "tilted_gravity", "gravity_error")
 

@@ -22,13 +22,16 @@ from benchmarks.published.ball_drops import read_ball_drops
 from benchmarks.published.cube_tosses import read_cube_tosses
 from benchmarks.published.published_set import RealSet, real_motion_folder
 from benchmarks.published.table_tennis import read_table_tennis
-from pipeline.discrepancy.arc import Arc
-from pipeline.discrepancy.discover import Discovery, discover
-from pipeline.discrepancy.fit import first_starts, fit, run
-from pipeline.discrepancy.known_scene import known_scene
-from pipeline.discrepancy.model import known_model, with_effect
-from pipeline.discrepancy.stack import stack_arcs
-from pipeline.discrepancy.track import tracks_table
+from pipeline.discrepancy.discover import discover
+from pipeline.discrepancy.fitting.initial_states import stack_initial_states
+from pipeline.discrepancy.fitting.least_squares import fit
+from pipeline.discrepancy.fitting.model import known_model, with_effect
+from pipeline.discrepancy.fitting.predictions import run
+from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.tracks.arc import Arc
+from pipeline.discrepancy.tracks.known_scene import known_scene
+from pipeline.discrepancy.tracks.stack import stack_arcs
+from pipeline.discrepancy.tracks.track import tracks_table
 from pipeline.scene.effects.registry import effect_kinds
 
 SEEN = 0.4  # of the second drop
@@ -54,7 +57,7 @@ def forecast_errors(real: RealSet) -> list[float]:
         model = known_model(known, [fitted])
         if name:
             model = with_effect(model, effect_kinds()[name], known)
-        found = fit([fitted], model, model.start, [first_starts(fitted)], [np.ones(2, bool)])
+        found = fit([fitted], model, model.start, [stack_initial_states(fitted)], [np.ones(2, bool)])
         rows, _ = run(stack, model, found.theta[None], found.starts[0][None])
         predicted = rows[0, 1].reshape(-1, 3)[seen : len(arcs[1].time), 2]  # in units of 1 m
         out.append(float(np.sqrt(np.mean((arcs[1].position[seen:, 2] - predicted) ** 2))))

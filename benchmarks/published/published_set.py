@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.tracks.track import Track
 
 ROOT = Path(__file__).resolve().parents[2]
 

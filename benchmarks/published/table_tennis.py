@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from benchmarks.published.published_set import RealSet
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.tracks.track import Track
 
 STEP = 1 / 180  # s
 BALL = {"name": "ball", "shape": "sphere", "radius": 0.02, "mass": 0.0027}

@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.hidden.events import body_at
 from pipeline.physics.effect_forces import HalfwayVelocity, chosen_effects, resting_body, total_force, with_force
-from pipeline.scene.effects.kinds.restitution import restitution_of
+from pipeline.scene.effects.contact_damping import restitution_of
 from pipeline.scene.scene import Scene, half_extents
 
 RATE = 240
@@ -15,7 +15,8 @@ RATE = 240
 def run_bullet(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (T, N, 3), quaternions (T, N, 4) and angular velocities (T, N, 3) at `times`.
 
-    Bullet multiplies the two bodies' friction and restitution: the ground has 1 of each. Raises ImportError without it.
+    Bullet multiplies the two bodies' friction and restitution, so that those of the ground are 1.
+    Raises ImportError where Bullet is not installed.
     """
     import pybullet
     from pybullet_utils.bullet_client import BulletClient

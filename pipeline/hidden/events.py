@@ -1,46 +1,57 @@
-"""An integrator without MuJoCo: balls and flat pucks, forces by the midpoint rule, impacts as instants.
+"""An integrator without MuJoCo, for balls and flat pucks: forces by the midpoint rule, instantaneous impacts.
 
-Newton's restitution along the normal, Coulomb friction across it, for the ground and a hidden sphere; a body that
-hardly leaves the ground any more stays on it and slides, rolls and stops by Coulomb friction.
+Impacts have Newton's restitution along the normal and Coulomb friction across it. A body whose rebound is slow stays on
+the ground, where it slides, rolls and stops by Coulomb friction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
+from pipeline.hidden.law_perturbation import Acceleration
 from pipeline.physics.effect_forces import chosen_effects, other_centres, resting_body, total_force, with_force
 from pipeline.scene.effects.body import Body
-from pipeline.scene.effects.kinds.restitution import restitution_of
+from pipeline.scene.effects.contact_damping import restitution_of
 from pipeline.scene.scene import Scene
 
 RATE = 960  # steps a second
-STAYS = 0.06  # m/s: a slower rebound is none
-Extra = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
+LEAST_REBOUND = 0.06  # m/s: after a slower one the body stays on the ground
 
 
 def run_events(
-    scene: Scene, times: np.ndarray, drag_slope: float = 0.0, spin_decay: float = 0.0, extra: Extra | None = None
+    scene: Scene, times: np.ndarray, drag_slope: float = 0.0, spin_decay: float = 0.0, extra: Acceleration | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and angular velocities (T, N, 3) at `times`; drag_slope, spin_decay, extra: see `engine.Twist`."""
+    """Positions and angular velocities (T, N, 3) at `times` (T,) s.
+
+    Args:
+        scene: Its objects are spheres and cylinders.
+        times: Increasing, s.
+        drag_slope: See `LawPerturbation`.
+        spin_decay: See `LawPerturbation`.
+        extra: See `LawPerturbation`.
+    """
     body = resting_body([scene])
     x = np.array([o.position for o in scene.objects], float)[None]
     v = np.array([o.velocity for o in scene.objects], float)[None]
     w = np.array([o.angular_velocity for o in scene.objects], float)[None]
-    values = {e.name: e.values for e in scene.effects}
-    forces = chosen_effects([scene], with_force)
+    effects, forces = chosen_effects([scene], lambda _: True), chosen_effects([scene], with_force)
     reach = np.array([o.size[0] if o.shape == "sphere" else o.size[1] / 2 for o in scene.objects])[None]
     rolls = np.array([o.shape == "sphere" for o in scene.objects])[None]
     bounce = np.array([restitution_of(o.damping) for o in scene.objects])[None]
-    if "restitution" in values:
-        bounce = np.full_like(bounce, values["restitution"]["coefficient"])
-    belt = np.array([*values.get("moving_ground", {}).get("velocity", (0.0, 0.0)), 0.0])
-    press = float(values.get("adhesion", {}).get("force", 0.0))
+    belt, press = np.zeros(3), np.zeros(bounce.shape)
     rolling = np.array([[o.rolling_friction for o in scene.objects]])
-    rolling = rolling + values.get("rolling_resistance", {}).get("coefficient", 0.0)
+    for e in effects:
+        if e.kind.bounce_ratio is not None:
+            bounce = np.where(e.acts, e.kind.bounce_ratio(e.values), bounce)
+        if e.kind.ground_velocity is not None:
+            belt = belt + np.where(e.acts[:, None], e.kind.ground_velocity(e.values, body), 0.0)
+        if e.kind.normal_force is not None:
+            press = press + np.where(e.acts, e.kind.normal_force(e.values, body), 0.0)
+        if e.kind.rolling_friction is not None:
+            rolling = rolling + np.where(e.acts, e.kind.rolling_friction(e.values), 0.0)
+    colliding = [e for e in effects if e.kind.collide is not None]
     ground = -np.inf if scene.ground is None else scene.ground
-    grounded = (x[..., 2] - reach - ground < 1e-6) & (np.abs(v[..., 2]) < STAYS)
+    grounded = (x[..., 2] - reach - ground < 1e-6) & (np.abs(v[..., 2]) < LEAST_REBOUND)
     h, out_x, out_w, done = 1 / RATE, [], [], 0
     before_x, before_w, now = x, w, 0.0
 
@@ -63,7 +74,7 @@ def run_events(
         after = v + h * a
         if grounded.any():
             after[..., 2] = np.where(grounded, 0.0, after[..., 2])
-            after, w = _rub(after, w, body, normal * h, belt, rolls, rolling, grounded)
+            after, w = _with_friction(after, w, body, normal * h, belt, rolls, rolling, grounded)
         x, v = x + h / 2 * (v + after), after
         w = w * np.exp(-spin_decay * h)
         now += h
@@ -72,31 +83,52 @@ def run_events(
             rebound = -bounce * v[..., 2]
             blow = body.mass * (rebound - v[..., 2])
             v = v.copy()
-            v[..., 2] = np.where(hits, np.where(rebound > STAYS, rebound, 0.0), v[..., 2])
+            v[..., 2] = np.where(hits, np.where(rebound > LEAST_REBOUND, rebound, 0.0), v[..., 2])
             x = x.copy()
             x[..., 2] = np.where(hits, ground + reach, x[..., 2])
-            v, w = _rub(v, w, body, np.where(hits, blow, 0), belt, rolls, 0 * rolling, hits)
-            grounded = grounded | (hits & (rebound <= STAYS))
-        if "hidden_obstacle" in values:
-            v = _off_sphere(x, v, reach, values["hidden_obstacle"])
+            v, w = _with_friction(v, w, body, np.where(hits, blow, 0), belt, rolls, 0 * rolling, hits)
+            grounded = grounded | (hits & (rebound <= LEAST_REBOUND))
+        for e in colliding:
+            assert e.kind.collide is not None
+            v = np.where(e.acts[:, None], e.kind.collide(e.values, x, v, reach), v)
     return np.array(out_x), np.array(out_w)
 
 
 def body_at(
-    body: Body, t: float, x: np.ndarray, v: np.ndarray, w: np.ndarray, grounded: np.ndarray, press: float
+    body: Body, t: float, x: np.ndarray, v: np.ndarray, w: np.ndarray, grounded: np.ndarray, press: np.ndarray | float
 ) -> None:
-    """Bring the bodies to the states (1, N, 3) of time t; grounded (1, N): on the ground, pressed on by `press`."""
+    """Write the states of a time into `body`.
+
+    Args:
+        body: Changed in place.
+        t: s.
+        x: (1, N, 3) m.
+        v: (1, N, 3) m/s.
+        w: (1, N, 3) rad/s.
+        grounded: (1, N) bool, on the ground.
+        press: N, beside the weight, of bodies on the ground.
+    """
     body.time = np.full(x.shape[:-1], t)
     body.position, body.velocity, body.angular_velocity, body.others = x, v, w, other_centres(x)
     body.normal_force = np.where(grounded, body.mass * 9.81 + press, 0.0)
 
 
-def _rub(
+def _with_friction(
     v: np.ndarray, w: np.ndarray, body: Body, normal_blow: np.ndarray, belt: np.ndarray, rolls: np.ndarray,
     rolling: np.ndarray, touching: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Velocities after Coulomb friction for a blow of the ground, normal_blow (1, N) N s, on the bodies that touch
-    it."""
+    """Velocities v and w after Coulomb friction with the ground.
+
+    Args:
+        v: (1, N, 3) m/s.
+        w: (1, N, 3) rad/s.
+        body: The bodies.
+        normal_blow: (1, N) N s, impulse of the ground.
+        belt: (..., 3) m/s, velocity of the ground's surface.
+        rolls: (1, N) bool, balls.
+        rolling: (1, N) m, rolling friction.
+        touching: (1, N) bool, which bodies touch the ground.
+    """
     radius = np.where(rolls, body.radius, 0.0)
     inertia = 0.4 * body.mass * np.where(rolls, body.radius, 1.0) ** 2
     slip = v - belt
@@ -112,13 +144,3 @@ def _rub(
     loss = np.where(touching & rolls, np.minimum(rolling * normal_blow / inertia, tangential), 0.0)
     share = 1 - loss / np.maximum(tangential, 1e-12)
     return v, np.concatenate([w[..., :2] * share[..., None], w[..., 2:]], -1)
-
-
-def _off_sphere(x: np.ndarray, v: np.ndarray, reach: np.ndarray, values: dict[str, object]) -> np.ndarray:
-    """Velocities after hits on a smooth fixed sphere."""
-    away = x - np.array(values["position"], float)
-    distance = np.linalg.norm(away, axis=-1)
-    normal = away / np.maximum(distance, 1e-12)[..., None]
-    inwards = (v * normal).sum(-1)
-    hit = (distance < reach + float(values["size"])) & (inwards < 0)  # type: ignore[arg-type]
-    return v - np.where(hit, 1.6 * inwards, 0.0)[..., None] * normal

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.tracks.track import Track
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Effect, Scene, SceneObject
 

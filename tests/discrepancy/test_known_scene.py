@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from pipeline.discrepancy.known_scene import FITTED, known_scene
+from pipeline.discrepancy.tracks.known_scene import FITTED, known_scene
 from pipeline.errors import SceneError
 
 BALL: dict[str, Any] = {"name": "ball", "shape": "sphere", "radius": 0.05, "mass": 0.2}

@@ -7,7 +7,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.discrepancy.track import Track, read_tracks, tracks_table
+from pipeline.discrepancy.tracks.track import Track, read_tracks, tracks_table
 from pipeline.errors import MeasurementError
 
 
