@@ -15,9 +15,10 @@ install: .venv/installed
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test]"
 	@touch $@
 
-# data/samples is in git and so may be gone after `rm -rf data`.
+# data/samples and data/measured are in git and so may be gone after `rm -rf data`.
 repro: install
 	@test -d data/samples || git checkout -q -- data/samples
+	@test -d data/measured || git checkout -q -- data/measured
 	dvc repro
 	@echo "the report: $(CURDIR)/reports/index.html"
 
@@ -44,4 +45,4 @@ real-motion: install-benchmark
 	python -m benchmarks.real_motion
 
 clean:
-	rm -rf data/[!s]* data/s[!a]* reports/index.html .shards
+	rm -rf data/[!ms]* data/m[!e]* data/s[!a]* reports/index.html .shards
