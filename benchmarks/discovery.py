@@ -1,7 +1,7 @@
-"""The blind benchmark of discovery: hidden worlds by effect, strength, noise and number of clips; every answer is kept.
+"""The blind benchmark of discovery: hidden worlds by effect, strength, noise and number of clips.
 
-Writes benchmarks/results/discovery[-smoke]/answers.jsonl as it goes (a run that was stopped goes on), then summary.md,
-confusion.svg and summary.json beside it. The thresholds (in pipeline/discrepancy/fitting and
+Writes benchmarks/results/discovery[-smoke]/answers.jsonl one answer at a time (a stopped run continues), then
+summary.md, confusion.svg and summary.json beside it. The thresholds (in pipeline/discrepancy/fitting and
 selection) were frozen on other seeds; reported figures come from seeds from 20000 on, first used in that run.
 Run: python -m benchmarks.discovery [--smoke] [--share 1.0] [--workers 2] [--minutes M]
 """
@@ -35,8 +35,8 @@ from pipeline.hidden.recipe import Recipe, perturbed_kinds
 from pipeline.hidden.world import make_world
 from pipeline.scene.effects.registry import effect_kinds
 
-FIRST_SEED = 20000  # first used in the run whose answers are kept; all below have been seen
-FIRST_SMOKE_SEED = 0  # of development: a quick look must use up no fresh seeds
+FIRST_SEED = 20000  # first used in the run whose answers are kept; lower seeds were used in development
+FIRST_SMOKE_SEED = 0  # of development: a quick check must not use fresh seeds
 PAIRS = (
     ("air_drag", "magnus_lift"),
     ("air_drag", "tilted_gravity"),
@@ -56,9 +56,9 @@ STRENGTHS = {"weak": 3.0, "medium": 10.0, "strong": 30.0}
 
 
 def plan(share: float, first_seed: int) -> Iterator[tuple[str, Recipe, str | None]]:
-    """(group, recipe, effect struck off the list), in rounds, so that a run that is stopped has some of everything.
+    """(group, recipe, effect struck off the list), in rounds, so that a stopped run has some of everything.
 
-    share: of the whole plan, in which every figure of the acceptance rests on 50 worlds or more.
+    share: of the whole plan, in which every accepted figure rests on 50 worlds or more.
     """
     names, seed = tuple(effect_kinds()), first_seed
     rounds = max(1, round(4 * share))
@@ -107,7 +107,7 @@ def _recipe(seed: int, effects: tuple[str, ...], strength: float, noise: float, 
 
 
 def answer(job: Job) -> dict[str, Any]:
-    """One world: made, blinded, asked, and kept with its truth."""
+    """Make one world, discover its effects without the truth, and keep the answer with the truth."""
     key, group, recipe, struck = job
     warnings.simplefilter("ignore")
     out: dict[str, Any] = {"key": key, "group": group, "recipe": asdict(recipe)}
@@ -151,8 +151,8 @@ def main() -> None:
 
 
 def balanced(jobs: Sequence[Job]) -> list[Job]:
-    """The jobs in an order in which a run that is stopped has as many of every group (of some more: `WEIGHTS`), and of
-    a group every effect once before any comes twice."""
+    """The jobs in an order in which a stopped run has as many of each group (weighted by `WEIGHTS`), and of each group
+    every effect once before any comes twice."""
     rng = np.random.default_rng(0)
     order = rng.permutation(len(jobs))
     rounds: dict[tuple[str, tuple[str, ...]], int] = defaultdict(int)
@@ -170,7 +170,7 @@ def balanced(jobs: Sequence[Job]) -> list[Job]:
 
 
 def _sampled(jobs: list[Any]) -> list[Any]:
-    """Every 40th of the first round: a quick look at all groups."""
+    """Twelve jobs, evenly spaced: a quick check of all groups."""
     return jobs[:: max(1, len(jobs) // 12)][:12]
 
 

@@ -1,5 +1,7 @@
-"""What others make of the same tracks: MuJoCo's identification of parameters alone, PySINDy raw and segmented, and an
-oracle that knows the name."""
+"""Other methods on the same tracks: MuJoCo's identification of parameters alone, PySINDy, and an oracle.
+
+PySINDy gets the raw and the segmented tracks. The oracle knows the name of the effect.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +32,14 @@ THRESHOLD = 0.05  # of PySINDy's thresholded least squares, m/s² at typical spe
 
 
 def rivals(tracks: Sequence[Track], known: KnownScene, truth: tuple[str, ...], sysid: bool) -> dict[str, Any]:
-    """Gaps in m, and the names that PySINDy's terms stand for. sysid: whether MuJoCo's identification is asked, too,
-    of worlds with one object: with twelve clips it takes minutes."""
+    """Gaps in m, and the effects that PySINDy's terms stand for.
+
+    Args:
+        tracks: Of a world.
+        known: Its known scene.
+        truth: The hidden effects.
+        sysid: Whether to run MuJoCo's identification, too, on worlds with one object (minutes for twelve clips).
+    """
     out: dict[str, Any] = {}
     problem = build_problem(tracks, known, 0.3, np.random.default_rng(0))
     if len(truth) == 1 and truth[0] in names_of("all"):
@@ -69,7 +77,7 @@ def _segmented(problem: Problem) -> list[tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def sindy_names(segments: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], known: KnownScene) -> list[str]:
-    """The effects whose terms PySINDy keeps, with the right library of seven terms."""
+    """The effects whose terms PySINDy keeps, from a library that has the right seven terms."""
     import pysindy
 
     features, targets = [], []

@@ -1,4 +1,4 @@
-"""What the answers of the blind benchmark add up to: tables with Wilson's intervals and the confusion matrix."""
+"""Summary of the blind benchmark's answers: tables with Wilson's intervals, and the confusion matrix."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SINDY = ("air_drag", "linear_drag", "magnus_lift", "tilted_gravity", "gravity_er
 
 
 def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
-    """summary.md, summary.json, confusion.svg; returns the text."""
+    """Write summary.md, summary.json and confusion.svg; returns the text."""
     good = [a for a in answers if "error" not in a]
     judged = [judge(a["report"]["verdict"], a["truth"]) for a in good]
     lines = [f"{len(good)} worlds answered, {len(answers) - len(good)} failed.", "",
@@ -147,7 +147,7 @@ def _rivals(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list
 
 
 def _sysid(good: Sequence[dict[str, Any]]) -> list[str]:
-    """MuJoCo's identification of parameters alone beside our calibrated model and our answer."""
+    """MuJoCo's identification of parameters alone, our calibrated model, and our answer."""
     out = []
     for words, bounces in (("without", False), ("with", True)):
         some = [a for a in good if "sysid" in a.get("rivals", {}) and a["truth"]["bounces"] == bounces]

@@ -1,7 +1,7 @@
-"""Discovery on published measurements: verdicts, parameters, gaps, and forecasts of what was not fitted.
+"""Discovery on published measurements: verdicts, parameters, gaps, and forecasts of samples that were not fitted.
 
 Reads the folders of `real_motion` (DYNAMICS_DATA, else ../shared/data). Writes reports/real_motion.md; with --write
-FOLDER nothing but each set's tracks and known scene there, for `dynamics discover`.
+FOLDER it writes only each set's tracks and known scene to that folder, for `dynamics discover`.
 Run: python -m benchmarks.real_motion [--tosses 24] [--flights 54] [--write FOLDER]
 """
 
@@ -34,19 +34,29 @@ from pipeline.discrepancy.tracks.stack import stack_arcs
 from pipeline.discrepancy.tracks.track import tracks_table
 from pipeline.scene.effects.registry import effect_kinds
 
-SEEN = 0.4  # of the second drop
+SEEN = 0.4  # share of the second drop that is fitted
 FORECASTS = (None, "linear_drag", "air_drag")
 
 
 def forecast_errors(real: RealSet) -> list[float]:
-    """RMS error, m, over the unseen 60 % of drop 2: no drag, linear, quadratic; least squares on every sample of drop 1
-    and of the rest of drop 2."""
+    """RMS errors, m, over the unseen 60 % of drop 2, without drag, with linear and with quadratic drag.
+
+    The models are fitted by least squares to all samples of drop 1 and to the first 40 % of drop 2.
+    """
     known = known_scene(real.known)
     arcs = [
-        Arc(t.clip, 0, False, t.time - t.time[0], t.position, np.ones(len(t.time)), np.arange(len(t.time)),
-            np.zeros((len(t.time), 0, 3)))
+        Arc(
+            clip=t.clip,
+            object=0,
+            grounded=False,
+            time=t.time - t.time[0],
+            position=t.position,
+            sigma=np.ones(len(t.time)),
+            row=np.arange(len(t.time)),
+            others=np.zeros((len(t.time), 0, 3)),
+        )
         for t in real.tracks
-    ]  # fmt: skip
+    ]
     stack = stack_arcs(arcs, [a.clip for a in arcs], known, False)
     seen = int(SEEN * len(arcs[1].time))
     weight = stack.weight.copy()
@@ -64,7 +74,7 @@ def forecast_errors(real: RealSet) -> list[float]:
     return out
 
 
-def line(name: str, found: Discovery, seconds: float) -> str:
+def table_row(name: str, found: Discovery, seconds: float) -> str:
     v, g = found.verdict, found.gap
     numbers = "; ".join(f"{k} {_short(e.value)} ± {_short(e.stderr)} {e.unit}" for k, e in v.parameters.items())
     alike = " / ".join(", ".join(s) for s in v.equivalent)
@@ -80,7 +90,7 @@ def _short(value: float | list[float] | None) -> str:
 
 
 def write_sets(sets: Sequence[RealSet], folder: Path) -> None:
-    """<name>.parquet and <name>.yaml of each set, as `dynamics discover` takes them."""
+    """Write <name>.parquet and <name>.yaml of each set, for `dynamics discover`."""
     folder.mkdir(parents=True, exist_ok=True)
     for real in sets:
         name = real.name.replace(" ", "_")
@@ -110,7 +120,7 @@ def main() -> None:
     for real in sets:
         began = time.perf_counter()
         found = discover(real.tracks, known_scene(real.known), 0.3, tuple(effect_kinds()), np.random.default_rng(0))
-        lines.append(line(real.name, found, time.perf_counter() - began))
+        lines.append(table_row(real.name, found, time.perf_counter() - began))
         print(lines[-1], flush=True)
         for note in found.notes:
             print("   ", note, flush=True)

@@ -1,6 +1,6 @@
 """Tosses of an acrylic cube with orientations at 148 Hz (github.com/DAIRLab/contact-nets, BSD-3).
 
-Lengths are in half sides of the cube, and smoothed. The ground's height is that of the lowest corners when it rests.
+Lengths are in half sides of the cube, and were smoothed. The ground is at the lowest corners of the resting cube.
 """
 
 from __future__ import annotations

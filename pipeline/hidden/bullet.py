@@ -1,4 +1,4 @@
-"""Hidden motion by Bullet (the extra `benchmark`): balls and boxes, with effects as forces, 240 steps a second."""
+"""Hidden motion by Bullet (the extra `benchmark`): balls and boxes with effects as forces, 240 steps per second."""
 
 from __future__ import annotations
 

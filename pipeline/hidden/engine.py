@@ -25,7 +25,7 @@ class SimulatedMotion:
 
 
 def run_mujoco(scene: Scene, times: np.ndarray, perturbation: LawPerturbation) -> SimulatedMotion:
-    """By MuJoCo, 240 steps a second, linear between them."""
+    """By MuJoCo, 240 steps per second, interpolated linearly."""
     assert perturbation.is_none, "MuJoCo runs the laws as they are named"
     trace = simulate(scene, float(times[-1]) + 2 / 240)
     place = times * trace.rate
@@ -37,7 +37,7 @@ def run_mujoco(scene: Scene, times: np.ndarray, perturbation: LawPerturbation) -
 
 
 def run_event_driven(scene: Scene, times: np.ndarray, perturbation: LawPerturbation) -> SimulatedMotion:
-    """By our own integrator: balls and pucks, instant impacts."""
+    """By our own integrator: balls and pucks, instantaneous impacts."""
     position, spin = run_events(scene, times, perturbation.drag_slope, perturbation.spin_decay, perturbation.extra)
     quaternion = np.tile([1.0, 0, 0, 0], (*position.shape[:2], 1))
     return SimulatedMotion(position, quaternion, spin)

@@ -19,6 +19,7 @@ from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import SceneObject
 
 SECONDS = 1.0
+THROW_HEIGHT = 6.5  # m, mean; thrown balls do not reach the ground
 BOUNCING = "bounce"
 EVERY = ("throw", BOUNCING, "cube", "pair", "puck", "roll", "spin", "carom")
 ON_THE_GROUND = ("puck", "roll", "carom")
@@ -47,7 +48,7 @@ class Scenario:
 
 
 def experiment_of(scenario: str, clips: int) -> Experiment:
-    """What the judge may say about an experiment."""
+    """What of an experiment decides which effects are equal in it."""
     return Experiment(
         in_the_air=scenario in (*FLYING, BOUNCING),
         one_body=scenario not in TWO_OR_THREE,
@@ -106,8 +107,8 @@ def _kinds(effects: Sequence[str]) -> list[EffectKind]:
     return [effect_kinds()[e] for e in effects]
 
 
-def launch(scenario: Scenario, rng: np.random.Generator, drag_free_height: float = 6.5) -> tuple[SceneObject, ...]:
-    """The bodies with the initial state of one clip. drag_free_height: from which balls are thrown, m."""
+def launch(scenario: Scenario, rng: np.random.Generator) -> tuple[SceneObject, ...]:
+    """The bodies with the initial states of one clip."""
     first = scenario.bodies[0]
     angle = rng.uniform(-np.pi, np.pi)
     across = np.array([np.cos(angle), np.sin(angle), 0.0])
@@ -140,7 +141,7 @@ def launch(scenario: Scenario, rng: np.random.Generator, drag_free_height: float
         start = (*rng.normal(0, 0.3, 2), first.size[0] + rng.uniform(0.3, 1.0))
         velocity = across * rng.uniform(0.5, 3.0) + np.array([0, 0, rng.uniform(-1.0, 1.5)])
         return (_moving(first, start, velocity, spin),)
-    start = (*rng.normal(0, 0.4, 2), rng.uniform(drag_free_height - 0.5, drag_free_height + 0.5))
+    start = (*rng.normal(0, 0.4, 2), rng.uniform(THROW_HEIGHT - 0.5, THROW_HEIGHT + 0.5))
     velocity = across * speed + np.array([0, 0, rng.uniform(-0.5, 3.0)])
     orientation = tuple(rng.normal(size=4)) if name == "cube" else (1.0, 0, 0, 0)
     return (replace(_moving(first, start, velocity, spin), orientation=orientation),)

@@ -121,26 +121,24 @@ def _notes(found: Selection) -> tuple[str, ...]:
     scatter = _length_scale_scatter(found.answer)
     if scatter > 0:
         notes.append(
-            f"the clips differ from each other as if their rulers did, by {scatter:.1%}: taken as a nuisance of each"
+            f"the length scales of the clips seem to differ, by {scatter:.1%}: each clip was fitted with one of its own"
         )
     if problem.floor.correlation > NOTABLE_CORRELATION:
         notes.append(
-            f"the noise is not white (neighbouring samples correlate by {problem.floor.correlation:.2f}): "
-            f"a sample counts as {problem.floor.information:.2f} independent ones"
+            f"the noise is correlated (by {problem.floor.correlation:.2f} between neighbouring samples): "
+            f"a sample counts as {problem.floor.information:.2f} independent samples"
         )
     if problem.sigma < SMOOTHED:
         notes.append(
-            f"positions scatter by {1e3 * problem.sigma:.2g} mm only: they were smoothed, and what is left may be the "
-            "smoothing's"
+            f"positions scatter by only {1e3 * problem.sigma:.2g} mm, so they were smoothed: residuals may be "
+            "artefacts of the smoothing"
         )
     if problem.outliers:
         notes.append(f"{problem.outliers} samples were left out as outliers")
     if problem.dropped:
-        notes.append(
-            f"{problem.dropped} stretches were left out: the model that explains all others misses them by far"
-        )
+        notes.append(f"{problem.dropped} arcs were left out: the model that explains all others does not explain them")
     if problem.jumps:
-        notes.append(f"velocity jumps {problem.jumps} times where nothing known is hit")
+        notes.append(f"{problem.jumps} velocity jumps are no impact with the ground or a known object")
     if found.untestable:
         notes.append("not testable with these measurements: " + ", ".join(found.untestable))
     return tuple(notes)

@@ -13,12 +13,12 @@ from pipeline.discrepancy.report.figures import ranking_figure, residual_figure,
 from pipeline.evaluation.report import Section, drawing, html_table, page
 from pipeline.scene.effects.registry import effect_kinds
 
-LEAST_SURE = 0.6  # confidence up to which a verdict is called doubtful
+LEAST_SURE = 0.6  # highest confidence of a verdict that is called doubtful
 TITLE = "What the simulation lacks"
 
 
 def sentence(report: Mapping[str, Any]) -> str:
-    """The verdict in words; a doubtful one says so."""
+    """The verdict of a report in words; a doubtful one begins with "Doubtful"."""
     doubtful = report["verdict"]["confidence"] <= LEAST_SURE
     return ("Doubtful. " if doubtful else "") + _said(report)
 
@@ -32,7 +32,7 @@ def _said(report: Mapping[str, Any]) -> str:
     if not verdict["effects"]:
         extra = ""
         if equivalent:
-            extra = f" A calibrated number has moved far from what was stated, which is {equivalent} by another name."
+            extra = f" A calibrated number differs much from what was stated, which amounts to {equivalent}."
         return (
             f"Nothing is missing {sure}: the calibrated model explains the measurements. {numbers}; the noise floor is "
             f"{floor:.3g} mm.{extra}"
@@ -43,7 +43,7 @@ def _said(report: Mapping[str, Any]) -> str:
             if equivalent
             else f"Something is missing that no listed effect explains {sure}: {verdict['form']}."
         )
-        return f"{what} {numbers} and stays so; the noise floor is {floor:.3g} mm."
+        return f"{what} {numbers}, and no listed effect closes it; the noise floor is {floor:.3g} mm."
     alike = f" These measurements cannot tell it from {equivalent}." if equivalent else ""
     return (
         f"The simulation lacks {' and '.join(verdict['effects'])} {sure}.{alike} {numbers} without and "
@@ -52,14 +52,22 @@ def _said(report: Mapping[str, Any]) -> str:
 
 
 def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, facts: Mapping[str, str]) -> str:
-    """The page. facts: what was read and asked."""
+    """The page as HTML, with all figures in it.
+
+    Args:
+        found: The discovery.
+        report: Its `report_dict`.
+        table: Its `residual_table`.
+        facts: What was read and asked, shown at the top.
+    """
     verdict = report["verdict"]
     sections = [
         Section("Verdict", verdict["experiment"], _parameters(found.verdict.parameters) + _laws(found.answer.effects)),
-        Section("Candidates", "Every effect alone; green: in the verdict.", _candidates(report) + _or_none(found)),
-        Section("Residuals", "Measured minus predicted, each coordinate; each arc has a start of its own.",
+        Section("Candidates", "Models with one effect each. Green: effects of the verdict.",
+                _candidates(report) + _ranking(found)),
+        Section("Residuals", "Measured minus predicted coordinates. Each arc has its own initial state.",
                 drawing(residual_figure(table), "by regime")),
-        Section("Trajectories", "Measured and predicted.", 
+        Section("Trajectories", "Measured and predicted.",
                 drawing(trajectory_figure(found, table), "z over time; from above")),
         Section("Where they disagree", "Short stretches, the most significant first.", _where(report)),
         Section("Calibrated", "Free parameters of the known scene.", _parameters(found.calibrated)),
@@ -68,7 +76,7 @@ def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, fact
     return page(TITLE, sentence(report), facts, sections)
 
 
-def _or_none(found: Discovery) -> str:
+def _ranking(found: Discovery) -> str:
     return drawing(ranking_figure(found), "ranking") if found.selection.singles else ""
 
 
@@ -100,7 +108,7 @@ def _candidates(report: Mapping[str, Any]) -> str:
 
 def _where(report: Mapping[str, Any]) -> str:
     if not report["disagreement"]:
-        return "<p>nowhere by more than noise explains</p>"
+        return "<p>nowhere by more than the noise</p>"
     rows = [
         (d["clip"], d["object"], f"{d['t_start']:.2f} to {d['t_end']:.2f} s", d["regime"],
          f"{d['residual']:.3g} {d['unit']}",

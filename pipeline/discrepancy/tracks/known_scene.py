@@ -35,15 +35,11 @@ class KnownScene:
         scene: The scene as stated.
         fit: The parameters that are estimated, of `FITTABLE`.
         by_clip: Scenes of the clips that override something.
-        fit_stated: Whether the text has the key `fit`.
-        stated: The parameters of `FITTED` that the text gives for some object.
     """
 
     scene: Scene
     fit: tuple[str, ...] = FITTED
     by_clip: Mapping[str, Scene] = field(default_factory=dict)
-    fit_stated: bool = False
-    stated: frozenset[str] = frozenset()
 
     def of_clip(self, clip: str) -> Scene:
         """The scene with the overrides of a clip."""
@@ -66,8 +62,6 @@ def load_known_scene(path: Path) -> KnownScene:
 def known_scene(data: Mapping[str, Any], source: str = "scene") -> KnownScene:
     """The known scene that parsed YAML describes. Raises `SceneError` naming the place."""
     rest = {key: value for key, value in data.items() if key not in ("fit", "clips")}
-    listed = rest.get("objects")
-    stated = {k for o in listed if isinstance(o, dict) for k in FITTED if k in o} if isinstance(listed, list) else ()
     fit = _fit(data.get("fit"), source)
     by_clip = {}
     overrides = data.get("clips") or {}
@@ -75,7 +69,7 @@ def known_scene(data: Mapping[str, Any], source: str = "scene") -> KnownScene:
         raise SceneError(f"{source}: clips: must be a mapping of clips to what they override")
     for clip, own in overrides.items():
         by_clip[str(clip)] = _scene(_overridden(rest, own, f"{source}: clips.{clip}"), f"{source}: clips.{clip}")
-    return KnownScene(_scene(rest, source), fit, by_clip, data.get("fit") is not None, frozenset(stated))
+    return KnownScene(_scene(rest, source), fit, by_clip)
 
 
 def _scene(data: Mapping[str, Any], source: str) -> Scene:

@@ -26,14 +26,12 @@ class ArcPolynomials:
     """The polynomials of the arcs of a stack.
 
     Attributes:
-        degree: In time.
         chi2: (A,) of each arc.
         parameters: (A,) number of coefficients of each arc.
         residual: For each arc (n, 3), in units of sigma.
         fitted: For each arc (n, 3) m.
     """
 
-    degree: int
     chi2: np.ndarray
     parameters: np.ndarray
     residual: list[np.ndarray]
@@ -64,7 +62,7 @@ def fit_polynomials(stack: ArcStack, jumps: Sequence[tuple[VelocityJump, ...]]) 
             parameters.append(k)
             residual.append(r)
             fitted.append(x)
-        found = ArcPolynomials(degree, np.array(chi2), np.array(parameters), residual, fitted)
+        found = ArcPolynomials(np.array(chi2), np.array(parameters), residual, fitted)
         count = max(sum(int((r != 0).sum()) for r in residual), 2)
         score = float(count * np.log(max(found.chi2.sum(), 1e-12) / count) + found.parameters.sum() * np.log(count))
         if best is None or score < best[0]:
