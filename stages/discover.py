@@ -5,8 +5,8 @@ scene (YAML with the effects found). Parameters: seed, discover. Run: python -m 
 """
 
 import json
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import pyarrow as pa
 from ruamel.yaml import YAML
@@ -22,21 +22,29 @@ from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
 
 SCHEMA = pa.schema({"clip": pa.int64(), "report": pa.string(), "scene": pa.string()})
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+@dataclass(frozen=True)
+class Parameters:
+    """held_out: share of a world's clips that is not fitted; effects: those that may be named."""
+
+    seed: int
+    held_out: float
+    effects: tuple[str, ...]
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     (hidden,) = inputs
     rows = []
     for number in shard.clips:
         known = known_scene(YAML(typ="safe").load(hidden.row(number)["scene"]), f"world {number}")
-        rng = clip_rng(p["seed"], "discover", number, "held out")
+        rng = clip_rng(parameters.seed, "discover", number, "held out")
         tracks = tracks_from_rows(row | {"clip": row["recording"]} for row in hidden.rows(number, "tracks"))
-        found = discover(tracks, known, p["held_out"], p["effects"], rng)
+        found = discover(tracks, known, parameters.held_out, parameters.effects, rng)
         rows.append({"clip": number, "report": json.dumps(report_dict(found)), "scene": write_scene(found.scene)})
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
 
@@ -47,7 +55,7 @@ def main() -> None:
         effects = names_of(params.discover.effects)
     except ValueError as error:
         raise ParamsError(f"discover.effects: {error}") from None
-    parameters = {"seed": params.seed, "held_out": params.discover.held_out, "effects": list(effects)}
+    parameters = Parameters(params.seed, params.discover.held_out, effects)
     run_shards("discover", "measured", compute, parameters, ["hide"], versions=["mujoco", "numba", "numpy", "scipy"])
 
 

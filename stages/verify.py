@@ -17,8 +17,7 @@ from pipeline.hidden.judge import Judgement, confusion, judge
 from pipeline.metrics.intervals import wilson
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
-from stages.graph.main import run
-from stages.graph.run_shards import folder
+from stages.graph.run import folder, run
 
 REPORTS = Path("reports")
 
