@@ -1,5 +1,6 @@
-"""A new effect is one file: written in a scene, simulated, hidden in a world, discovered by name, judged."""
+"""A new effect is one file, the one in docs/discovery.md: simulated, hidden in a world, discovered, judged."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,28 +18,7 @@ from pipeline.scene.effects.registry import effect_kinds, extra_effects
 from pipeline.scene.scene import Effect
 from pipeline.scene.text import read_scene, write_scene
 
-CUBIC_DRAG = '''
-"""Drag that grows with the cube of the speed."""
-
-from pipeline.scene.effects.body import length
-from pipeline.scene.effects.hiding import Hiding
-from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter
-
-
-def force(values, body):
-    return -values["coefficient"][..., None] * length(body.airspeed) ** 2 * body.airspeed
-
-
-EFFECT = EffectKind(
-    name="cubic_drag",
-    formula="F = -c |u|^2 u",
-    parameters=(Parameter("coefficient", "kg s/m^2", low=0, scale=0.001),),
-    regimes=EVERYWHERE,
-    experiment="throw at half and at twice the speed: cubic drag grows eightfold",
-    force=force,
-    hiding=Hiding(lambda s, at: {"coefficient": 0.004 * s * at.mass}, scenarios=("throw",)),
-)
-'''
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "discovery.md"
 SCENE = """\
 camera: null
 gravity: 9.81
@@ -53,7 +33,8 @@ effects:
 
 @pytest.fixture
 def cubic_drag(tmp_path: Path) -> Iterator[None]:
-    (tmp_path / "cubic_drag.py").write_text(CUBIC_DRAG)
+    (example,) = re.findall(r"```python\n(.*?)```", DOCS.read_text(encoding="utf-8"), re.DOTALL)
+    (tmp_path / "cubic_drag.py").write_text(example)
     with extra_effects(tmp_path):
         yield
     assert "cubic_drag" not in effect_kinds()
