@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import itertools
 import json
 import time
 import warnings
@@ -60,50 +61,50 @@ def plan(share: float, first_seed: int) -> Iterator[tuple[str, Recipe, str | Non
 
     share: of the whole plan, in which every accepted figure rests on 50 worlds or more.
     """
-    names, seed = tuple(effect_kinds()), first_seed
+    names, seeds = tuple(effect_kinds()), itertools.count(first_seed + 1)
     rounds = max(1, round(4 * share))
+    strong = STRENGTHS["strong"]
     for turn in range(rounds):
         for word, strength in STRENGTHS.items():
             for k, name in enumerate(names):
-                seed += 1
-                yield f"12 clips, 2 mm, {word}", _recipe(seed, (name,), strength, 0.002, 12, turn + k), None
+                yield f"12 clips, 2 mm, {word}", _recipe(next(seeds), (name,), turn + k, strength=strength), None
         for clips, noise in ((4, 0.001), (4, 0.002), (4, 0.005), (1, 0.002), (12, 0.0005), (12, 0.005)):
             for k, name in enumerate(names):
-                seed += 1
-                yield (
-                    f"{clips} clips, {1e3 * noise:g} mm, strong",
-                    _recipe(seed, (name,), 30.0, noise, clips, turn + k),
-                    None,
-                )
+                recipe = _recipe(next(seeds), (name,), turn + k, strength=strong, noise=noise, clips=clips)
+                yield f"{clips} clips, {1e3 * noise:g} mm, strong", recipe, None
         for k in range(75):
-            seed += 1
-            yield "none", _recipe(seed, (), 10.0, 0.002, 12, turn + k), None
+            yield "none", _recipe(next(seeds), (), turn + k), None
         for k in range(15):
-            seed += 1
             pair = PAIRS[(turn * 15 + k) % len(PAIRS)]
-            yield "two effects", _recipe(seed, pair, 30.0, 0.002, 12, turn + k), None
+            yield "two effects", _recipe(next(seeds), pair, turn + k, strength=strong), None
         for k in range(15):
-            seed += 1
-            unlisted = UNLISTED[(turn * 15 + k) % len(UNLISTED)]
-            yield (
-                "in no list",
-                Recipe(seed, (), 30.0, 0.002, 12, False, seed % 3 == 0, "events", unlisted=unlisted),
-                None,
-            )
+            seed, unlisted = next(seeds), UNLISTED[(turn * 15 + k) % len(UNLISTED)]
+            damaged = seed % 3 == 0
+            recipe = Recipe(seed, (), strength=strong, damaged=damaged, engine="events", unlisted=unlisted)
+            yield "in no list", recipe, None
         for k, name in enumerate(names if turn == 0 else ()):
-            seed += 1
-            yield "struck off", _recipe(seed, (name,), 30.0, 0.002, 12, turn + k), name
+            yield "struck off", _recipe(next(seeds), (name,), turn + k, strength=strong), name
         for k, (name, wrong) in enumerate(perturbed_kinds().items()):
-            seed += 1
-            yield "law slightly wrong", Recipe(seed, (name,), 30.0, 0.002, 12, False, k % 2 == 0, "events", wrong), None
+            damaged = k % 2 == 0
+            recipe = Recipe(next(seeds), (name,), strength=strong, damaged=damaged, engine="events", wrong=wrong)
+            yield "law slightly wrong", recipe, None
 
 
-def _recipe(seed: int, effects: tuple[str, ...], strength: float, noise: float, clips: int, turn: int) -> Recipe:
+def _recipe(
+    seed: int,
+    effects: tuple[str, ...],
+    turn: int,
+    *,
+    strength: float = STRENGTHS["medium"],
+    noise: float = 0.002,
+    clips: int = 12,
+) -> Recipe:
+    """A recipe whose engine and bounces depend on `turn`, and its damage on the seed."""
     engine = "events" if turn % 2 == 0 and can_simulate("events", effects) else "mujoco"
     if turn % 5 == 4 and effects and can_simulate("bullet", effects):
         engine = "bullet"
-    bounces = (turn // 2) % 2 == 1
-    return Recipe(seed, effects, strength, noise, clips, bounces, seed % 3 == 0, engine)
+    bounces, damaged = (turn // 2) % 2 == 1, seed % 3 == 0
+    return Recipe(seed, effects, strength, noise, clips, bounces=bounces, damaged=damaged, engine=engine)
 
 
 def answer(job: Job) -> dict[str, Any]:

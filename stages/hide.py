@@ -50,7 +50,7 @@ class Parameters:
 
 def world_of(number: int, p: Parameters) -> World:
     rng = clip_rng(p.seed, "hide", number, "world")
-    return make_world(recipe_of(number, p.effects, p.strength, p.noise, p.clips, rng), rng)
+    return make_world(recipe_of(number, p.effects, p.strength, p.noise, p.clips, rng=rng), rng)
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:

@@ -42,7 +42,7 @@ def discover_tracks(
     known, tracks = load_known_scene(scene), read_tracks(measured)
     with Progress(2) as progress:
         with progress.step("discover"):
-            found = discover(tracks, known, held_out, names, np.random.default_rng(seed), progress.detail)
+            found = discover(tracks, known, held_out, names, np.random.default_rng(seed), progress=progress.detail)
         content = report_dict(found)
         with progress.step("report"), result_folder(out, force) as folder:
             facts = {

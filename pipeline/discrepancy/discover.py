@@ -19,6 +19,7 @@ def discover(
     held_out: float,
     effects: Sequence[str],
     rng: np.random.Generator,
+    *,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Discovery:
     """Find out which effects the measurements support.

@@ -41,7 +41,7 @@ def run_bullet(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray,
                 for rows in ([p[0] for p in poses], [r[0] for r in rates], [r[1] for r in rates])
             )
             history.append((x[0], np.array([p[1] for p in poses])[:, [3, 0, 1, 2]], w[0]))
-            body_at(body, step / RATE, x, halfway.after(v), w, np.zeros(x.shape[:2], bool), 0.0)
+            body_at(body, step / RATE, x, halfway.after(v), w)
             for b, force, place in zip(bodies, total_force(effects, body)[0], x[0], strict=True):
                 world.applyExternalForce(b, -1, force.tolist(), place.tolist(), pybullet.WORLD_FRAME)
             world.stepSimulation()

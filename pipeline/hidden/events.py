@@ -6,6 +6,8 @@ the ground, where it slides, rolls and stops by Coulomb friction.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from pipeline.hidden.law_perturbation import Acceleration
@@ -49,6 +51,8 @@ def run_events(
             press = press + np.where(e.acts, e.kind.normal_force(e.values, body), 0.0)
         if e.kind.rolling_friction is not None:
             rolling = rolling + np.where(e.acts, e.kind.rolling_friction(e.values), 0.0)
+    contact = _Contact(belt, rolls, rolling)
+    impact = replace(contact, rolling=0 * rolling)  # too short for rolling friction
     colliding = [e for e in effects if e.kind.collide is not None]
     ground = -np.inf if scene.ground is None else scene.ground
     grounded = (x[..., 2] - reach - ground < 1e-6) & (np.abs(v[..., 2]) < LEAST_REBOUND)
@@ -56,7 +60,8 @@ def run_events(
     before_x, before_w, now = x, w, 0.0
 
     def acceleration(t: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        body_at(body, t, x, v, w, grounded, press)
+        body_at(body, t, x, v, w)
+        body.normal_force = np.where(grounded, body.mass * 9.81 + press, 0.0)
         slope = 1 + drag_slope * np.linalg.norm(v, axis=-1, keepdims=True)
         a = body.gravity + total_force(forces, body) * slope / body.mass[..., None]
         return a if extra is None else a + extra(t, x, v)
@@ -74,7 +79,7 @@ def run_events(
         after = v + h * a
         if grounded.any():
             after[..., 2] = np.where(grounded, 0.0, after[..., 2])
-            after, w = _with_friction(after, w, body, normal * h, belt, rolls, rolling, grounded)
+            after, w = _with_friction(after, w, body, contact, np.where(grounded, normal * h, 0.0))
         x, v = x + h / 2 * (v + after), after
         w = w * np.exp(-spin_decay * h)
         now += h
@@ -86,7 +91,7 @@ def run_events(
             v[..., 2] = np.where(hits, np.where(rebound > LEAST_REBOUND, rebound, 0.0), v[..., 2])
             x = x.copy()
             x[..., 2] = np.where(hits, ground + reach, x[..., 2])
-            v, w = _with_friction(v, w, body, np.where(hits, blow, 0), belt, rolls, 0 * rolling, hits)
+            v, w = _with_friction(v, w, body, impact, np.where(hits, blow, 0.0))
             grounded = grounded | (hits & (rebound <= LEAST_REBOUND))
         for e in colliding:
             assert e.kind.collide is not None
@@ -94,53 +99,47 @@ def run_events(
     return np.array(out_x), np.array(out_w)
 
 
-def body_at(
-    body: Body, t: float, x: np.ndarray, v: np.ndarray, w: np.ndarray, grounded: np.ndarray, press: np.ndarray | float
-) -> None:
-    """Write the states of a time into `body`.
-
-    Args:
-        body: Changed in place.
-        t: s.
-        x: (1, N, 3) m.
-        v: (1, N, 3) m/s.
-        w: (1, N, 3) rad/s.
-        grounded: (1, N) bool, on the ground.
-        press: N, beside the weight, of bodies on the ground.
-    """
+def body_at(body: Body, t: float, x: np.ndarray, v: np.ndarray, w: np.ndarray) -> None:
+    """Write the states (1, N, 3) of a time, s, into `body`: m, m/s, rad/s."""
     body.time = np.full(x.shape[:-1], t)
     body.position, body.velocity, body.angular_velocity, body.others = x, v, w, other_centres(x)
-    body.normal_force = np.where(grounded, body.mass * 9.81 + press, 0.0)
 
 
-def _with_friction(
-    v: np.ndarray, w: np.ndarray, body: Body, normal_blow: np.ndarray, belt: np.ndarray, rolls: np.ndarray,
-    rolling: np.ndarray, touching: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Velocities v and w after Coulomb friction with the ground.
+@dataclass(frozen=True)
+class _Contact:
+    """Bodies on the ground.
 
-    Args:
-        v: (1, N, 3) m/s.
-        w: (1, N, 3) rad/s.
-        body: The bodies.
-        normal_blow: (1, N) N s, impulse of the ground.
+    Attributes:
         belt: (..., 3) m/s, velocity of the ground's surface.
         rolls: (1, N) bool, balls.
         rolling: (1, N) m, rolling friction.
-        touching: (1, N) bool, which bodies touch the ground.
     """
+
+    belt: np.ndarray
+    rolls: np.ndarray
+    rolling: np.ndarray
+
+
+def _with_friction(
+    v: np.ndarray, w: np.ndarray, body: Body, contact: _Contact, normal_blow: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities v (1, N, 3) m/s and w (1, N, 3) rad/s after Coulomb friction with the ground.
+
+    normal_blow: (1, N) N s, impulse of the ground; 0 for bodies that do not touch it.
+    """
+    rolls, belt = contact.rolls, contact.belt
     radius = np.where(rolls, body.radius, 0.0)
     inertia = 0.4 * body.mass * np.where(rolls, body.radius, 1.0) ** 2
     slip = v - belt
     slip = np.stack([slip[..., 0] - w[..., 1] * radius, slip[..., 1] + w[..., 0] * radius, 0 * radius], -1)
     speed = np.linalg.norm(slip, axis=-1)
     stop = np.where(rolls, body.mass / 3.5, body.mass) * speed
-    size = np.where(touching, np.minimum(body.sliding_friction * normal_blow, stop), 0.0)
+    size = np.minimum(body.sliding_friction * normal_blow, stop)
     push = -(size / np.maximum(speed, 1e-12))[..., None] * slip
     v = v + push / body.mass[..., None]
     turn = np.stack([push[..., 1], -push[..., 0], 0 * size], -1) * (radius / inertia)[..., None]
     w = np.where(rolls[..., None], w + turn, w)
     tangential = np.linalg.norm(w[..., :2], axis=-1)
-    loss = np.where(touching & rolls, np.minimum(rolling * normal_blow / inertia, tangential), 0.0)
+    loss = np.where(rolls, np.minimum(contact.rolling * normal_blow / inertia, tangential), 0.0)
     share = 1 - loss / np.maximum(tangential, 1e-12)
     return v, np.concatenate([w[..., :2] * share[..., None], w[..., 2:]], -1)

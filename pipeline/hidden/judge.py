@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import permutations
 from typing import Any
 
@@ -51,8 +51,8 @@ class Judgement:
     some: bool
     truth: str
     label: str
-    errors: Mapping[str, float]
-    covered: Mapping[str, float]
+    errors: Mapping[str, float] = field(default_factory=dict)
+    covered: Mapping[str, float] = field(default_factory=dict)
 
 
 def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
@@ -70,21 +70,28 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     struck = [e for e in truth["effects"] if e["name"] == truth.get("struck")]
     equals = frozenset().union(*(equals_of(e, truth) for e in struck))
     if not listed and named and set(named) <= equals:
-        return Judgement(True, False, True, name, name, {}, {})
+        return Judgement(right=True, false=False, some=True, truth=name, label=name)
     if not listed:
-        return Judgement(unknown, bool(named), unknown, name, name if unknown else answer, {}, {})
+        label = name if unknown else answer
+        return Judgement(right=unknown, false=bool(named), some=unknown, truth=name, label=label)
     if not hidden:
-        return Judgement(not named and not unknown, bool(named), True, name, answer, {}, {})
+        return Judgement(right=not named and not unknown, false=bool(named), some=True, truth=name, label=answer)
     meant = [{n}.union(*(s for s in sets if n in s)) for n in named]  # each name stands for its equals, too
     alike = len(named) == len(hidden) and any(
         all(h in m for h, m in zip(order, meant, strict=True)) for order in permutations(hidden)
     )
     right = not unknown and alike
-    label = name if right else answer
     same_law = set(named) == hidden and truth.get("wrong") is None  # else its numbers mean something else
     errors, covered = _parameters(verdict, truth) if same_law else ({}, {})
-    return Judgement(right, bool(set(named) - hidden) and not right, any(hidden & m for m in meant), name, label,
-                     errors, covered)  # fmt: skip
+    return Judgement(
+        right=right,
+        false=bool(set(named) - hidden) and not right,
+        some=any(hidden & m for m in meant),
+        truth=name,
+        label=name if right else answer,
+        errors=errors,
+        covered=covered,
+    )
 
 
 def _parameters(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, float]]:

@@ -50,7 +50,7 @@ def perturbed_kinds() -> dict[str, str]:
 
 
 def recipe_of(
-    number: int, effects: Sequence[str], strength: float, noise: float, clips: int, rng: np.random.Generator
+    number: int, effects: Sequence[str], strength: float, noise: float, clips: int, *, rng: np.random.Generator
 ) -> Recipe:
     """The recipe of one world of a list that cycles through `effects`.
 

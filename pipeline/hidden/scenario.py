@@ -90,7 +90,7 @@ def draw_scenario(name: str, effects: Sequence[str], rng: np.random.Generator) -
     spin = Need.SPIN in needs or name == "spin" or bool(rng.random() < 0.5)
     turn = Need.ORIENTATION in needs or bool(rng.random() < 0.5)
     fit = draw_fit(effects, rng)
-    ball = SceneObject("sphere", (radius,), mass, friction, 0.0, damping, name="ball")
+    ball = SceneObject("sphere", (radius,), mass, friction, damping=damping, name="ball")
     if name == "puck":
         return Scenario(name, (SceneObject("cylinder", (radius, 0.4 * radius), mass, friction, name="puck"),), fit=fit)
     if name == "cube":

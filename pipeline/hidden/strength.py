@@ -13,6 +13,7 @@ import numpy as np
 
 from pipeline.errors import SimulationError
 from pipeline.hidden.events import run_events
+from pipeline.hidden.recipe import Recipe
 from pipeline.hidden.scenario import BOUNCING, ON_THE_GROUND, Scenario
 from pipeline.physics.simulate import simulate
 from pipeline.scene.effects.hiding import DETECTION_ERRORS, Launches, Setting
@@ -26,20 +27,13 @@ GROUNDED_BELOW = 0.3  # m: bodies that start lower are on the ground
 
 
 def scaled_effect(
-    name: str,
-    strength: float,
-    noise: float,
-    scenario: Scenario,
-    launches: Launches,
-    times: np.ndarray,
-    rng: np.random.Generator,
+    name: str, recipe: Recipe, scenario: Scenario, launches: Launches, times: np.ndarray, *, rng: np.random.Generator
 ) -> Effect:
-    """The effect with random directions and places, of `strength` detection limits, bounded to what is sane.
+    """The effect with random directions and places and with the recipe's strength, bounded to what is sane.
 
     Args:
         name: Of the effect.
-        strength: In detection limits.
-        noise: Standard deviation of each coordinate, m.
+        recipe: Its strength, in detection limits, and its noise, m.
         scenario: The experiment.
         launches: Of its clips.
         times: (T,) s, of the samples.
@@ -51,7 +45,7 @@ def scaled_effect(
     across = np.array([np.cos(angle), np.sin(angle)])
     sign = float(rng.choice([-1.0, 1.0]))
     if hiding.draw is not None:
-        return Effect(name, tuple(hiding.draw(launches, strength, sign, rng).items()))
+        return Effect(name, tuple(hiding.draw(launches, recipe.strength, sign, rng).items()))
     setting = _setting(scenario.bodies[0], across, sign, launches, rng)
 
     def of_size(size: float) -> Effect:
@@ -61,8 +55,8 @@ def scaled_effect(
     unit = _displacement(of_size(1.0), scenario, launches, times)
     if unit <= 0:
         return of_size(hiding.largest)
-    error = noise / unit / np.sqrt(len(launches) / min(len(launches), PROBE_CLIPS))
-    return of_size(float(np.clip(strength * DETECTION_ERRORS * error, 0, hiding.largest)))
+    error = recipe.noise / unit / np.sqrt(len(launches) / min(len(launches), PROBE_CLIPS))
+    return of_size(float(np.clip(recipe.strength * DETECTION_ERRORS * error, 0, hiding.largest)))
 
 
 def _setting(

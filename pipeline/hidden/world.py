@@ -43,7 +43,7 @@ def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
     times = np.arange(round(SECONDS * FPS) + 1) / FPS
     effects: list[Effect] = []
     for effect in recipe.effects:
-        effects.append(scaled_effect(effect, recipe.strength, recipe.noise, scenario, launches, times, rng))
+        effects.append(scaled_effect(effect, recipe, scenario, launches, times, rng=rng))
     size = recipe.strength / 10 * recipe.noise / 0.002
     perturbation = draw_perturbation(recipe.wrong, recipe.unlisted, size, rng)
     engine = recipe.engine if _can_simulate(recipe, scenario) else "mujoco"
@@ -54,7 +54,8 @@ def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
         start = rng.uniform(0, 5) if shifted else 0.0
         hidden = tuple(e for e in effects if effect_kinds()[e.name].recording is None)
         motion = ENGINES[engine](Scene(bodies, effects=hidden), times, perturbation)
-        clips += _measured(f"clip_{number:02d}", motion, times + start, scenario, effects, recipe, rng)
+        clip = _Clip(f"clip_{number:02d}", motion, times + start)
+        clips += _measured(clip, scenario, effects, recipe, rng)
     truth = {
         "effects": [{"name": e.name, **{k: _plain(v) for k, v in e.parameters}} for e in effects],
         "unlisted": recipe.unlisted, "wrong": recipe.wrong, "engine": engine, "scenario": scenario.name,
@@ -77,26 +78,20 @@ def _can_simulate(recipe: Recipe, scenario: Scenario) -> bool:
     return can_simulate("events", recipe.effects) and scenario.name not in ("cube", "spin", "carom")
 
 
-def _measured(
-    clip: str,
-    motion: SimulatedMotion,
-    times: np.ndarray,
-    scenario: Scenario,
-    effects: list[Effect],
-    recipe: Recipe,
-    rng: np.random.Generator,
-) -> list[Track]:
-    """What a recording of the motion shows, with wrong clocks and lengths, noise, dropouts and outliers.
+@dataclass(frozen=True)
+class _Clip:
+    """A clip's name, its motion, and the times (T,) of the motion by the recording's clock, s."""
 
-    Args:
-        clip: Its name.
-        motion: At T times.
-        times: (T,) s, by the recording's clock.
-        scenario: What is measured.
-        effects: The hidden ones.
-        recipe: The noise.
-        rng: Draws it.
-    """
+    name: str
+    motion: SimulatedMotion
+    times: np.ndarray
+
+
+def _measured(
+    clip: _Clip, scenario: Scenario, effects: list[Effect], recipe: Recipe, rng: np.random.Generator
+) -> list[Track]:
+    """What a recording of a clip shows, with wrong clocks and lengths, noise, dropouts and outliers."""
+    motion, times = clip.motion, clip.times
     tracks = []
     for i, body in enumerate(scenario.bodies):
         shown, position = times, motion.position[:, i].copy()
@@ -117,7 +112,16 @@ def _measured(
             turn = turn + rng.normal(0, recipe.noise / 0.2 / 2, turn.shape)
             turn /= np.linalg.norm(turn, axis=1, keepdims=True)
         quaternion, angular_velocity = (None if rows is None else rows[kept] for rows in (turn, spin))
-        tracks.append(Track(clip, body.name, shown[kept], position[kept], quaternion, angular_velocity))
+        tracks.append(
+            Track(
+                clip=clip.name,
+                object=body.name,
+                time=shown[kept],
+                position=position[kept],
+                quaternion=quaternion,
+                angular_velocity=angular_velocity,
+            )
+        )
     return tracks
 
 

@@ -67,8 +67,9 @@ def test_chi_squared_never_rises_during_a_fit(rng: np.random.Generator) -> None:
     known = known_scene(KNOWN)
     problem = build_problem(thrown(rng, 4, (effect("linear_drag", coefficient=0.1),)), known, 0.0, rng)
     model = with_effect(known_model(known, problem.stacks), effect_kinds()["linear_drag"], known)
-    totals = [fit(problem.stacks, model, model.start, initial_states(problem), problem.chosen, n).total(problem.chosen)
-              for n in (1, 2, 4)]  # fmt: skip
+    begin = initial_states(problem)
+    fits = [fit(problem.stacks, model, model.start, begin, problem.chosen, iterations=n) for n in (1, 2, 4)]
+    totals = [found.total(problem.chosen) for found in fits]
     assert totals[0] >= totals[1] - 1e-6 >= totals[2] - 2e-6
 
 
@@ -112,7 +113,17 @@ def test_one_hit_tells_where_an_obstacle_is_but_not_how_large(rng: np.random.Gen
     jump = VelocityJump(0.5, np.array([1.0, 0.0, 3.0]), np.array([-4.0, 0.0, 0.0]), 60.0)
     t = np.arange(61) / 60
     x = np.column_stack([1.0 + np.where(t < 0.5, 2.0, -2.0) * (t - 0.5), 0 * t, 3 + 0 * t])
-    arc = Arc("clip", 0, False, t, x, np.full(61, 0.002), np.arange(61), np.zeros((61, 0, 3)), jumps=(jump,))
+    arc = Arc(
+        clip="clip",
+        object=0,
+        grounded=False,
+        time=t,
+        position=x,
+        sigma=np.full(61, 0.002),
+        row=np.arange(61),
+        others=np.zeros((61, 0, 3)),
+        jumps=(jump,),
+    )
     problem = replace(build_problem(thrown(rng, 2), known_scene(KNOWN), 0.0, rng), arcs=(arc,))
     hits, rules = velocity_jump_hits(problem), effect_kinds()["hidden_obstacle"].discovery
     assert hits is not None and rules.fit_hits is not None
@@ -130,7 +141,7 @@ def rolling(rng: np.random.Generator, clips: int) -> tuple[list[Track], dict[str
         v = speed * np.array([np.cos(angle), np.sin(angle), 0.0])
         position = np.array([0, 0, radius]) + time[:, None] * v + rng.normal(0, NOISE, (61, 3))
         spin = np.array([-v[1], v[0], 0.0]) / radius
-        out.append(Track(f"clip_{c}", "ball", time, position, None, np.tile(spin, (61, 1))))
+        out.append(Track(f"clip_{c}", "ball", time, position, angular_velocity=np.tile(spin, (61, 1))))
     return out, {**KNOWN, "fit": []}
 
 
@@ -186,10 +197,15 @@ def test_a_gentle_touch_cuts_both_balls_and_what_follows_it_is_left_out(rng: np.
     x = np.where(time < touch, 0.06 * (time - touch), 0.03 * (time - touch)) - 2 * radius  # too gently to show
     positions = {"ball": x, "other": 0.03 * np.maximum(0, time - touch)}
     tracks = [
-        Track("c", name, time, np.stack([p, 0 * p, 0 * p + radius], 1) + rng.normal(0, 0.001, (61, 3)), None,
-              np.zeros((61, 3)))
+        Track(
+            clip="c",
+            object=name,
+            time=time,
+            position=np.stack([p, 0 * p, 0 * p + radius], 1) + rng.normal(0, 0.001, (61, 3)),
+            angular_velocity=np.zeros((61, 3)),
+        )
         for name, p in positions.items()
-    ]  # fmt: skip
+    ]
     cut = cut_tracks(tracks, known_scene({"objects": objects}))
     assert {(i.object, i.other) for i in cut.impacts} == {(0, 1), (1, 0)}
     assert not any(a.time[0] < touch < a.time[-1] for a in cut.arcs)
@@ -202,10 +218,15 @@ def test_a_ball_is_cut_where_it_touches_the_right_one_also_where_a_clip_does_not
     objects = [{"name": n, "shape": "sphere", "radius": r, "mass": 0.2} for n, r in radii.items()]
     x = {"ball": -0.3 + 0.2 * time, "other": 0.0 * time}  # 0.1 m apart in the end: they touch only then
     tracks = [
-        Track("c", n, time, np.stack([p, 0 * p, 0 * p + 0.05], 1) + rng.normal(0, 0.001, (61, 3)), None,
-              np.zeros((61, 3)))
+        Track(
+            clip="c",
+            object=n,
+            time=time,
+            position=np.stack([p, 0 * p, 0 * p + 0.05], 1) + rng.normal(0, 0.001, (61, 3)),
+            angular_velocity=np.zeros((61, 3)),
+        )
         for n, p in x.items()
-    ]  # fmt: skip
+    ]
     cut = cut_tracks(tracks, known_scene({"objects": objects}))
     assert {i.other for i in cut.impacts} <= {0, 2}
     assert max(a.time[-1] - a.time[0] for a in cut.arcs if a.object == 0) > 0.8
@@ -218,7 +239,7 @@ def test_an_effect_is_promising_where_a_fitted_number_at_its_bound_would_do_the_
         spin = rng.uniform(90, 120) - 80 * times  # MuJoCo's own torsional friction takes 49 rad/s a second
         turn = np.column_stack([0 * times, 0 * times, spin]) + rng.normal(0, 0.1, (61, 3))
         place = np.array([0, 0, 0.05]) + rng.normal(0, 0.001, (61, 3))
-        tracks.append(Track(f"clip_{c}", "ball", times, place, None, turn))
+        tracks.append(Track(f"clip_{c}", "ball", times, place, angular_velocity=turn))
     problem = build_problem(tracks, known, 0.3, rng)
     model = known_model(known, problem.stacks)
     found = fit(problem.stacks, model, model.start, initial_states(problem), problem.chosen)

@@ -83,7 +83,7 @@ def test_a_world_is_a_function_of_its_recipe_and_generator() -> None:
 
 def test_recipes_go_round_their_list() -> None:
     names = ["air_drag", "none", "unlisted", "air_drag+wind"]
-    recipes = [recipe_of(k, names, 10, 0.002, 4, np.random.default_rng(k)) for k in range(4)]
+    recipes = [recipe_of(k, names, 10, 0.002, 4, rng=np.random.default_rng(k)) for k in range(4)]
     assert [r.effects for r in recipes] == [("air_drag",), (), (), ("air_drag", "wind")]
     assert recipes[2].unlisted is not None and recipes[1].unlisted is None
 

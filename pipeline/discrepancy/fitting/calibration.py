@@ -72,6 +72,7 @@ def fit_model(
     model: Model,
     theta: np.ndarray,
     begin: Sequence[np.ndarray],
+    *,
     effects: tuple[str, ...],
 ) -> Candidate:
     """`fit_candidate` with the calibration's rows and noise scale, without the bounces' part of the score.

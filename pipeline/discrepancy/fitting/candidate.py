@@ -90,10 +90,10 @@ def fit_candidate(
         noise_scale: Ratio of the noise variance of the noise floor to the actual one.
     """
     iterations = MOST_ITERATIONS if len(effects) < 2 else MOST_ITERATIONS // 2
-    found = fit(problem.stacks, model, theta, begin, problem.chosen, iterations)
+    found = fit(problem.stacks, model, theta, begin, problem.chosen, iterations=iterations)
     other = better_initial_states(problem.stacks, found)
     if other is not None:
-        found = fit(problem.stacks, model, found.theta, other, problem.chosen, iterations)
+        found = fit(problem.stacks, model, found.theta, other, problem.chosen, iterations=iterations)
     share = problem.floor.information * noise_scale
     inside, outside = found.total(problem.chosen) * share, found.total(problem.held) * share
     bic = inside + model.size * np.log(effective_rows) + found.slip_price

@@ -81,11 +81,11 @@ def _with_arc_effect(
         if guess is not guesses[0] and guess.gain < WORTH_FITTING / 2 * guesses[0].gain:
             continue
         theta = np.concatenate([base.fit.theta, np.clip(guess.values, low, high)])
-        found = fit_model(calibration, base.problem, model, theta, base.fit.starts, effects)
+        found = fit_model(calibration, base.problem, model, theta, base.fit.starts, effects=effects)
         balls = any(s.grounded and (s.radius > 0).any() for s in base.problem.stacks)
         if found.fit.slipping or (balls and not base.effects):
             stated, begin = _with_stated_friction(model, theta), initial_states(base.problem)
-            again = fit_model(calibration, base.problem, model, stated, begin, effects)
+            again = fit_model(calibration, base.problem, model, stated, begin, effects=effects)
             found = min(found, again, key=lambda c: c.score)
         found = _completed(calibration, found, base)
         if np.isfinite(found.score) and (best is None or found.score < best.score):
@@ -118,7 +118,7 @@ def _with_hit_effect(calibration: Calibration, kind: EffectKind, base: Candidate
         return None
     split = split_at_jumps(base.problem)  # also at jumps of outliers, whose pieces have their price
     effects = (*base.effects, kind.name)
-    found = fit_model(calibration, split, base.fit.model, base.fit.theta, initial_states(split), effects)
+    found = fit_model(calibration, split, base.fit.model, base.fit.theta, initial_states(split), effects=effects)
     lost = max(base.problem.rows - split.rows, 0)
     added = sum(map(len, split.stacks)) - sum(map(len, base.problem.stacks))
     price = HIT_PARAMETERS * np.log(calibration.problem.effective_rows) + PIECE_PRICE * added + lost
@@ -141,7 +141,7 @@ def _beats_shuffled(calibration: Calibration, base: Candidate, found: Candidate)
         for b, s in zip(found.fit.starts, shuffled, strict=True)
     ]
     problem = replace(found.problem, stacks=tuple(shuffled))
-    other = fit_model(calibration, problem, found.fit.model, found.fit.theta, begin, found.effects)
+    other = fit_model(calibration, problem, found.fit.model, found.fit.theta, begin, effects=found.effects)
     other = with_bounces(calibration, other, base.restitution is not None)
     return base.score - other.score < SHUFFLED_SHARE * gain
 
@@ -157,14 +157,14 @@ def without_one(calibration: Calibration, found: Candidate) -> list[Candidate]:
             continue
         model, kept = without_effect(found.fit.model, name)
         effects = tuple(e for e in found.effects if e != name)
-        shorter = fit_model(calibration, found.problem, model, found.fit.theta[kept], found.fit.starts, effects)
+        shorter = fit_model(calibration, found.problem, model, found.fit.theta[kept], found.fit.starts, effects=effects)
         out.append(_completed(calibration, shorter, found))
     return out
 
 
 def refitted(calibration: Calibration, found: Candidate, begin: Sequence[np.ndarray]) -> Candidate:
     """A candidate of arcs alone, fitted again from other initial states, per stack (A, 10)."""
-    again = fit_model(calibration, found.problem, found.fit.model, found.fit.theta, begin, found.effects)
+    again = fit_model(calibration, found.problem, found.fit.model, found.fit.theta, begin, effects=found.effects)
     return with_bounces(calibration, again, False)
 
 

@@ -65,6 +65,7 @@ def fit(
     theta: np.ndarray,
     starts: Sequence[np.ndarray],
     fitted: Sequence[np.ndarray],
+    *,
     iterations: int = MOST_ITERATIONS,
     tolerance: float = 0.02,
 ) -> Fit:

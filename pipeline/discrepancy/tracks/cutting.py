@@ -60,7 +60,7 @@ def cut_tracks(tracks: Sequence[Track], known: KnownScene) -> Cut:
     impacts: list[Impact] = []
     for track, rows in zip(tracks, rows_of, strict=True):
         if len(rows) >= LEAST_SAMPLES - 1:
-            more_arcs, more_impacts = _cut_track(track, rows, known, moving, sigma, len(arcs))
+            more_arcs, more_impacts = _cut_track(track, rows, known, moving, sigma, first=len(arcs))
             arcs += more_arcs
             impacts += more_impacts
     return Cut(tuple(arcs), tuple(impacts), sigma, frozenset(outliers))
@@ -76,7 +76,7 @@ def _sigma(tracks: Sequence[Track], measured: Sequence[np.ndarray]) -> float:
 
 
 def _cut_track(
-    track: Track, rows: np.ndarray, known: KnownScene, moving: Moving, sigma: float, first: int
+    track: Track, rows: np.ndarray, known: KnownScene, moving: Moving, sigma: float, *, first: int
 ) -> tuple[list[Arc], list[Impact]]:
     """The arcs and impacts of one track.
 

@@ -122,7 +122,7 @@ def _track(path: Path, clip: str, name: str, rows: pd.DataFrame) -> Track:
         raise MeasurementError(f"{place}: {measured} measured positions end this track; needed: {LEAST_ROWS} or more")
     quaternion = _unit(path, rows) if "qw" in rows else None
     spin = rows[list(SPIN)].to_numpy(float) if "wx" in rows else None
-    return Track(clip, name, time, position, quaternion, spin, sigma)
+    return Track(clip, name, time, position, quaternion=quaternion, angular_velocity=spin, sigma=sigma)
 
 
 def _unit(path: Path, rows: pd.DataFrame) -> np.ndarray:
@@ -171,7 +171,8 @@ def tracks_from_rows(rows: Iterable[Mapping[str, Any]]) -> list[Track]:
     for (clip, name), group in grouped.items():
         time, position = np.array([row["time"] for row in group]), _columns(group, POSITION)
         assert position is not None
-        out.append(Track(clip, name, time, position, _columns(group, QUATERNION), _columns(group, SPIN)))
+        quaternion, spin = _columns(group, QUATERNION), _columns(group, SPIN)
+        out.append(Track(clip, name, time, position, quaternion=quaternion, angular_velocity=spin))
     return out
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,47 +46,60 @@ def find_velocity_jumps(
         expected: Whether a jump is a likely one (a bounce on the ground), for which `Z_EXPECTED` is enough.
     """
     found: list[tuple[int, VelocityJump]] = []
-    waiting = [(0, len(time))]
+    waiting = [_Piece(time, position, sigma, start=0, stop=len(time))]
     while waiting:
-        start, stop = waiting.pop()
-        candidates = range(start + LEAST_SIDE, stop - LEAST_SIDE + 1)
-        jumps = [(c, k) for k in candidates if (c := _jump_between(time, position, sigma, k, start, stop)) is not None]
+        piece = waiting.pop()
+        candidates = range(piece.start + LEAST_SIDE, piece.stop - LEAST_SIDE + 1)
+        jumps = [(c, k) for k in candidates if (c := _jump_between(piece, k)) is not None]
         jumps = [(c, k) for c, k in jumps if c.z >= Z_JUMP or (c.z >= Z_EXPECTED and expected(c))]
         jumps.sort(key=lambda pair: -pair[0].z)
-        chosen = next((k for _, k in jumps if not _caused_by_one_sample(time, position, sigma, k, start, stop)), None)
+        chosen = next((k for _, k in jumps if not _caused_by_one_sample(piece, k)), None)
         if chosen is None:
             continue
         best = min((c for c, k in jumps if abs(k - chosen) <= 1), key=lambda c: c.misfit)
         split = int(np.searchsorted(time, best.time))
         found.append((split, best))
-        waiting += [(start, split), (split, stop)]
+        waiting += [replace(piece, stop=split), replace(piece, start=split)]
     return [b for _, b in sorted(found, key=lambda pair: pair[1].time)]
 
 
-def _caused_by_one_sample(time: np.ndarray, position: np.ndarray, sigma: float, k: int, start: int, stop: int) -> bool:
+@dataclass(frozen=True)
+class _Piece:
+    """The samples `start` to `stop` - 1 of a track: time (T,) s, position (T, 3) m, sigma m."""
+
+    time: np.ndarray
+    position: np.ndarray
+    sigma: float
+    start: int
+    stop: int
+
+    def without(self, i: int) -> _Piece:
+        """The piece without one sample."""
+        time, position = np.delete(self.time, i), np.delete(self.position, i, axis=0)
+        return replace(self, time=time, position=position, stop=self.stop - 1)
+
+
+def _caused_by_one_sample(piece: _Piece, k: int) -> bool:
     """Whether a jump disappears when one sample is removed, which then is an undetected outlier."""
-    for i in range(max(start, k - WINDOWS[0]), min(stop, k + WINDOWS[0])):
-        t, x = np.delete(time, i), np.delete(position, i, axis=0)
-        left = _jump_between(t, x, sigma, k - (i < k), start, stop - 1, 0.5 * GAIN_OVER_CUBIC)
+    for i in range(max(piece.start, k - WINDOWS[0]), min(piece.stop, k + WINDOWS[0])):
+        left = _jump_between(piece.without(i), k - (i < k), 0.5 * GAIN_OVER_CUBIC)
         if left is None or left.z < 0.5 * Z_JUMP:
             return True
     return False
 
 
-def _jump_between(
-    time: np.ndarray, position: np.ndarray, sigma: float, k: int, start: int, stop: int, gain: float = GAIN_OVER_CUBIC
-) -> VelocityJump | None:
+def _jump_between(piece: _Piece, k: int, gain: float = GAIN_OVER_CUBIC) -> VelocityJump | None:
     """A jump between samples k - 1 and k, if it explains the samples around them better than a cubic does."""
-    found = (_jump_in(time, position, sigma, k, max(start, k - w), min(stop, k + w), gain) for w in WINDOWS)
+    windows = (replace(piece, start=max(piece.start, k - w), stop=min(piece.stop, k + w)) for w in WINDOWS)
+    found = (_jump_in(window, k, gain) for window in windows)
     return next((jump for jump in found if jump is not None), None)
 
 
-def _jump_in(
-    time: np.ndarray, position: np.ndarray, sigma: float, k: int, first: int, last: int, gain: float
-) -> VelocityJump | None:
-    """The same from samples first to last - 1 alone."""
+def _jump_in(window: _Piece, k: int, gain: float) -> VelocityJump | None:
+    """The same from the samples of a window alone."""
+    time, sigma, inside = window.time, window.sigma, slice(window.start, window.stop)
     middle = (time[k - 1] + time[k]) / 2
-    t, x = time[first:last] - middle, position[first:last]
+    t, x = time[inside] - middle, window.position[inside]
     scale = max(t[-1], -t[0])
     powers = (t / scale)[:, None] ** np.arange(4)
     smooth = _rss(powers, x)
