@@ -71,8 +71,15 @@ def sysid_gap(problem: Problem, tracks: Sequence[Track], known: KnownScene) -> f
                 out.append(left(clip, own.tobytes(), np.ascontiguousarray(shared).tobytes()).ravel())
             return np.concatenate(out)
 
-        found, _ = sysid.optimize(parameters, residuals, optimizer="mujoco", verbose=False, max_iters=ITERATIONS,
-                                  eps=STEP, output=io.StringIO())  # fmt: skip
+        found, _ = sysid.optimize(
+            parameters,
+            residuals,
+            optimizer="mujoco",
+            verbose=False,
+            max_iters=ITERATIONS,
+            eps=STEP,
+            output=io.StringIO(),
+        )
         x = found.as_vector()
         shared = x[len(x) - len(free) :] if numbers is None else numbers
         end = _rows(x)
@@ -126,8 +133,9 @@ def _start(track: Track, used: np.ndarray, scene: Scene) -> np.ndarray:
 def _left(track: Track, used: np.ndarray, scene: Scene, state: np.ndarray, numbers: dict[str, float]) -> np.ndarray:
     """Measured minus simulated positions at the rows used, (n, 3) m."""
     spin = state[6:] if len(state) > 6 else np.nanmean(track.angular_velocity[:3], axis=0)  # type: ignore[index]
-    body = replace(scene.objects[0], position=tuple(state[:3]), velocity=tuple(state[3:6]),
-                                angular_velocity=tuple(spin))  # fmt: skip
+    body = replace(
+        scene.objects[0], position=tuple(state[:3]), velocity=tuple(state[3:6]), angular_velocity=tuple(spin)
+    )
     body = replace(body, **numbers)  # type: ignore[arg-type]
     if track.quaternion is not None:
         body = replace(body, orientation=tuple(track.quaternion[0]))

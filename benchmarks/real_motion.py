@@ -78,9 +78,11 @@ def table_row(name: str, found: Discovery, seconds: float) -> str:
     v, g = found.verdict, found.gap
     numbers = "; ".join(f"{k} {_short(e.value)} ± {_short(e.stderr)} {e.unit}" for k, e in v.parameters.items())
     alike = " / ".join(", ".join(s) for s in v.equivalent)
-    return (f"| {name} | {' + '.join(v.effects) or 'none'} | {v.confidence:.2f} | {alike} | "
-            f"{numbers or (v.form or '')} | "
-            f"{1e3 * g.before:.3g} | {1e3 * g.after:.3g} | {1e3 * g.noise_floor:.3g} | {seconds:.1f} |")  # fmt: skip
+    return (
+        f"| {name} | {' + '.join(v.effects) or 'none'} | {v.confidence:.2f} | {alike} | "
+        f"{numbers or (v.form or '')} | "
+        f"{1e3 * g.before:.3g} | {1e3 * g.after:.3g} | {1e3 * g.noise_floor:.3g} | {seconds:.1f} |"
+    )
 
 
 def _short(value: float | list[float] | None) -> str:
@@ -110,13 +112,18 @@ def main() -> None:
     if folder is None:
         sys.exit("error: no folder real_motion; set DYNAMICS_DATA to the folder that has it")
     drops = read_ball_drops(folder / "ball_drops")
-    sets = [*drops, read_table_tennis(folder / "table_tennis", arguments.flights),
-            read_cube_tosses(folder / "cube_tosses", arguments.tosses)]  # fmt: skip
+    sets = [
+        *drops,
+        read_table_tennis(folder / "table_tennis", arguments.flights),
+        read_cube_tosses(folder / "cube_tosses", arguments.tosses),
+    ]
     if arguments.write:
         write_sets(sets, arguments.write)
         return
-    lines = ["| set | verdict | confidence | equivalent | parameters or form | gap before, mm | after | floor | s |",
-             "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"]  # fmt: skip
+    lines = [
+        "| set | verdict | confidence | equivalent | parameters or form | gap before, mm | after | floor | s |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
     for real in sets:
         began = time.perf_counter()
         found = discover(real.tracks, known_scene(real.known), 0.3, tuple(effect_kinds()), np.random.default_rng(0))
@@ -124,8 +131,13 @@ def main() -> None:
         print(lines[-1], flush=True)
         for note in found.notes:
             print("   ", note, flush=True)
-    lines += ["", "Forecasts of the unseen 60 % of drop 2, RMS error in m, after drop 1 and 40 % of drop 2:", "",
-              "| ball | no drag | linear drag | quadratic drag |", "| --- | --- | --- | --- |"]  # fmt: skip
+    lines += [
+        "",
+        "Forecasts of the unseen 60 % of drop 2, RMS error in m, after drop 1 and 40 % of drop 2:",
+        "",
+        "| ball | no drag | linear drag | quadratic drag |",
+        "| --- | --- | --- | --- |",
+    ]
     for real in drops:
         lines.append(f"| {real.name} | " + " | ".join(f"{e:.2f}" for e in forecast_errors(real)) + " |")
         print(lines[-1], flush=True)

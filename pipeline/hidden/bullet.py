@@ -66,6 +66,13 @@ def _add(world, pybullet, obj) -> int:  # type: ignore[no-untyped-def]
     w, x, y, z = obj.orientation
     number = world.createMultiBody(obj.mass, shape, basePosition=obj.position, baseOrientation=[x, y, z, w])
     world.resetBaseVelocity(number, obj.velocity, obj.angular_velocity)
-    world.changeDynamics(number, -1, lateralFriction=obj.sliding_friction, restitution=restitution_of(obj.damping),
-                         linearDamping=0, angularDamping=0, rollingFriction=obj.rolling_friction)  # fmt: skip
+    world.changeDynamics(
+        number,
+        -1,
+        lateralFriction=obj.sliding_friction,
+        restitution=restitution_of(obj.damping),
+        linearDamping=0,
+        angularDamping=0,
+        rollingFriction=obj.rolling_friction,
+    )
     return int(number)

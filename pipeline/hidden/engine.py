@@ -38,7 +38,7 @@ def run_mujoco(scene: Scene, times: np.ndarray, perturbation: LawPerturbation) -
 
 def run_event_driven(scene: Scene, times: np.ndarray, perturbation: LawPerturbation) -> SimulatedMotion:
     """By our own integrator: balls and pucks, instantaneous impacts."""
-    position, spin = run_events(scene, times, perturbation.drag_slope, perturbation.spin_decay, perturbation.extra)
+    position, spin = run_events(scene, times, perturbation)
     quaternion = np.tile([1.0, 0, 0, 0], (*position.shape[:2], 1))
     return SimulatedMotion(position, quaternion, spin)
 

@@ -126,9 +126,9 @@ def macro_f1(judged: Sequence[Judgement]) -> float:
     scores = []
     for name in names:
         hits = sum(j.truth == name and j.right for j in judged)
-        told = sum((j.label == name) for j in judged)
+        labelled = sum(j.label == name for j in judged)
         there = sum(j.truth == name for j in judged)
-        scores.append(2 * hits / max(told + there, 1))
+        scores.append(2 * hits / max(labelled + there, 1))
     return float(np.mean(scores)) if scores else 0.0
 
 

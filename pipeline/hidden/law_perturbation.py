@@ -30,9 +30,10 @@ class LawPerturbation:
     @property
     def is_none(self) -> bool:
         """Whether the laws are as they are named."""
-        return self == LawPerturbation()
+        return self == NO_PERTURBATION
 
 
+NO_PERTURBATION = LawPerturbation()
 WRONG_LAWS = {"drag_slope": LawPerturbation(drag_slope=-0.03), "spin_decay": LawPerturbation(spin_decay=0.4)}
 """Perturbations of named laws."""
 
@@ -44,7 +45,7 @@ def draw_perturbation(
     if wrong is not None:
         return WRONG_LAWS[wrong]
     if unlisted is None:
-        return LawPerturbation()
+        return NO_PERTURBATION
     angle = rng.uniform(-np.pi, np.pi)
     axis = np.array([np.cos(angle), np.sin(angle), 0.0])
 

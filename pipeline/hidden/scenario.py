@@ -157,8 +157,11 @@ def _carom(bodies: tuple[SceneObject, ...], across: np.ndarray, rng: np.random.G
     third = second + across * (2 * r + rng.uniform(0.05, 0.3)) + side * rng.uniform(-1.5, 1.5) * r
     rolling = np.array([-velocity[1], velocity[0], 0]) / r
     still = np.zeros(3)
-    return (_moving(bodies[0], start, velocity, rolling), _moving(bodies[1], second, still, still),
-            _moving(bodies[2], third, still, still))  # fmt: skip
+    return (
+        _moving(bodies[0], start, velocity, rolling),
+        _moving(bodies[1], second, still, still),
+        _moving(bodies[2], third, still, still),
+    )
 
 
 def _moving(

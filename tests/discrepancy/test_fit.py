@@ -164,15 +164,15 @@ def test_spins_weigh_as_noise_and_a_common_factor_say(rng: np.random.Generator) 
     assert ours @ ours < 0.9 * (change @ change)  # most of it is a common factor
 
 
-def test_spins_that_are_off_by_a_factor_are_no_wrong_ruler(rng: np.random.Generator) -> None:
+def test_spins_with_a_wrong_factor_do_not_look_like_a_wrong_length_scale(rng: np.random.Generator) -> None:
     tracks, data = rolling(rng, 6)
     tracks = [replace(t, angular_velocity=1.03 * t.angular_velocity) for t in tracks]
     known = known_scene(data)
     problem = build_problem(tracks, known, 0.0, rng)
     plain = known_model(known, problem.stacks)
     models = (plain, with_effect(plain, effect_kinds()["length_scale"], known))
-    none, ruler = (fit(problem.stacks, m, m.start, initial_states(problem), problem.chosen) for m in models)
-    assert none.total(problem.chosen) - ruler.total(problem.chosen) < 12  # 1 of each clip, not 60
+    none, scaled = (fit(problem.stacks, m, m.start, initial_states(problem), problem.chosen) for m in models)
+    assert none.total(problem.chosen) - scaled.total(problem.chosen) < 12  # 1 of each clip, not 60
 
 
 def test_balls_that_are_taken_to_roll_roll_whatever_velocity_is_fitted(rng: np.random.Generator) -> None:

@@ -11,6 +11,7 @@ from pipeline.hidden.recipe import Recipe, perturbed_kinds, recipe_of
 from pipeline.hidden.scenario import EVERY, draw_fit, draw_name, draw_scenario
 from pipeline.hidden.world import make_world
 from pipeline.metrics.intervals import wilson
+from pipeline.scene.effects import hiding
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect, Scene, SceneObject
 
@@ -107,7 +108,8 @@ def test_what_would_be_the_effect_by_another_name_is_known_and_nothing_else_depe
         assert len(fits) == 2 ** (len(FITTED) - len(kind.discovery.needs_known))
 
 
-def test_every_effect_is_hidden_in_scenarios_and_engines_that_there_are() -> None:
+def test_every_effect_is_hidden_in_scenarios_and_engines_that_exist() -> None:
+    assert set(hiding.ENGINES) == set(ENGINES)
     for kind in effect_kinds().values():
         assert kind.hiding is not None and (kind.hiding.values is None) != (kind.hiding.draw is None)
         assert set(kind.hiding.scenarios) <= set(EVERY) and set(kind.hiding.engines) <= set(ENGINES)

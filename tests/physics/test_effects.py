@@ -60,6 +60,7 @@ def test_every_effect_has_units_bounds_and_something_that_it_does(kind: EffectKi
     assert kind.applied == (kind.edit is None and kind.recording is None)
     assert kind.force or kind.torque or kind.edit or kind.recording
     assert kind.experiment and kind.formula and kind.regimes
+    assert kind.bounce_ratio is None or [p.length for p in kind.parameters] == [1]
     for p in kind.parameters:
         assert p.low <= p.neutral <= p.high and p.scale > 0 and p.unit
 

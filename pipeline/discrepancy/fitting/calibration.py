@@ -16,7 +16,7 @@ from pipeline.discrepancy.tracks.problem import Problem
 FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction at which calibration begins
 LEAST_BETTER = 0.1  # BIC by which a later one must be better
 LEAST_FREEDOM = 30  # degrees of freedom that tell how large the noise is
-LARGEST_RATIO = 0.9  # of the noise variance that the best model leaves to that of the noise floor, to be used instead
+LARGEST_RATIO = 0.9  # residual variance of the best model over that of the noise floor, below which it replaces it
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def bounce_chi2(calibration: Calibration, found: Candidate) -> float:
 
 
 def rescale_noise(calibration: Calibration, best: Candidate) -> Calibration:
-    """The calibration with the noise that the best model leaves, where that is less than the noise floor.
+    """The calibration with the noise taken from the best model's residuals, where they are below the noise floor.
 
     Polynomials fit motion badly that turns quickly or stops suddenly.
     """

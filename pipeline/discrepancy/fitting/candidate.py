@@ -1,7 +1,7 @@
 """A model that may explain the measurements, fitted and scored.
 
-Every model, from none to three effects, has one score in the units of chi squared: what it leaves of the fitted clips,
-plus BIC's price of its parameters, plus what it leaves of the held-out clips.
+Every model, from none to three effects, has one score: chi squared of the fitted clips, plus BIC's price of its
+parameters, plus chi squared of the held-out clips.
 """
 
 from __future__ import annotations

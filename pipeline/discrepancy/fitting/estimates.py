@@ -37,7 +37,7 @@ class ParameterEstimate:
 
 
 def standard_errors(found: Candidate) -> np.ndarray:
-    """Of the shared parameters, (G,), for the noise that the model itself leaves and for its correlation."""
+    """Standard errors of the shared parameters, (G,), for the size and the correlation of the model's own residuals."""
     problem = found.problem
     rows = sum(int((s.weight[m] > 0).sum()) for s, m in zip(problem.stacks, problem.chosen, strict=True))
     own = sum(s.own * int((s.samples[m] > 0).sum()) for s, m in zip(problem.stacks, problem.chosen, strict=True))

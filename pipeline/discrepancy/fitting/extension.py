@@ -173,7 +173,7 @@ def has_promising_extension(
 ) -> bool:
     """Whether a further effect would win by `least` in the screening regression.
 
-    Where the noise is taken from the best model itself, what that model leaves cannot show that an effect is missing.
+    Where the noise is taken from the best model's residuals, these cannot show that an effect is missing.
     """
     screening = ScreeningRegression(base.problem, base.fit)
     for kind in kinds:

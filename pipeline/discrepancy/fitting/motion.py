@@ -204,8 +204,13 @@ def _slide(
         body.angular_velocity, body.others = spin, stack.others[:, 2 * k + 1]
         if belts:
             body.ground_velocity = sum(
-                (np.where(e.acts[:, None], e.kind.ground_velocity(e.values, body), 0.0)
-                 for e in belts if e.kind.ground_velocity), np.zeros(3))  # fmt: skip
+                (
+                    np.where(e.acts[:, None], e.kind.ground_velocity(e.values, body), 0.0)
+                    for e in belts
+                    if e.kind.ground_velocity
+                ),
+                np.zeros(3),
+            )
         force = _forces(effects, body)
         normal = np.maximum(weight - force[..., 2], 0.0)
         for e in presses:

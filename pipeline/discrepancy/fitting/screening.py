@@ -1,4 +1,4 @@
-"""Screening regression: how much of what a fitted model leaves an effect would explain, to first order.
+"""Screening regression: how much of a fitted model's residuals an effect would explain, to first order.
 
 Each start of an effect is switched on a little. The change of the predictions, less what the initial states and the
 fitted parameters could do as well, is regressed on the residuals.

@@ -16,7 +16,7 @@ AXES = "xyz"
 
 
 def residual_formula(found: Candidate) -> str:
-    """What a model leaves, as `F/m = ...` in m/s² of quantities in SI units; `not found` where no term helps."""
+    """The residual force of a model, as `F/m = ...` in SI units; `not found` where no term helps."""
     names, columns, target = _design(found)
     if not names:
         return "not found"

@@ -63,16 +63,25 @@ def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, fact
     verdict = report["verdict"]
     sections = [
         Section("Verdict", verdict["experiment"], _parameters(found.verdict.parameters) + _laws(found.answer.effects)),
-        Section("Candidates", "Models with one effect each. Green: effects of the verdict.",
-                _candidates(report) + _ranking(found)),
-        Section("Residuals", "Measured minus predicted coordinates. Each arc has its own initial state.",
-                drawing(residual_figure(table), "by regime")),
-        Section("Trajectories", "Measured and predicted.",
-                drawing(trajectory_figure(found, table), "z over time; from above")),
+        Section(
+            "Candidates",
+            "Models with one effect each. Green: effects of the verdict.",
+            _candidates(report) + _ranking(found),
+        ),
+        Section(
+            "Residuals",
+            "Measured minus predicted coordinates. Each arc has its own initial state.",
+            drawing(residual_figure(table), "by regime"),
+        ),
+        Section(
+            "Trajectories",
+            "Measured and predicted.",
+            drawing(trajectory_figure(found, table), "z over time; from above"),
+        ),
         Section("Where they disagree", "Short stretches, the most significant first.", _where(report)),
         Section("Calibrated", "Free parameters of the known scene.", _parameters(found.calibrated)),
         Section("Notes", "", "".join(f"<p>{note}</p>" for note in report["notes"])),
-    ]  # fmt: skip
+    ]
     return page(TITLE, sentence(report), facts, sections)
 
 
@@ -99,10 +108,15 @@ def _laws(effects: tuple[str, ...]) -> str:
 
 def _candidates(report: Mapping[str, Any]) -> str:
     rows = [
-        (c["effect"], f"{c['probability']:.3f}", f"{c['delta_bic']:.1f}", f"{c['held_out_gain']:.1f}",
-         "; ".join(f"{k} {_number(v['value'])} ± {_number(v['stderr'])}" for k, v in c["parameters"].items()))
+        (
+            c["effect"],
+            f"{c['probability']:.3f}",
+            f"{c['delta_bic']:.1f}",
+            f"{c['held_out_gain']:.1f}",
+            "; ".join(f"{k} {_number(v['value'])} ± {_number(v['stderr'])}" for k, v in c["parameters"].items()),
+        )
         for c in report["candidates"]
-    ]  # fmt: skip
+    ]
     return html_table(["effect", "probability", "delta BIC", "held-out gain, nats", "parameters"], rows)
 
 
@@ -110,9 +124,15 @@ def _where(report: Mapping[str, Any]) -> str:
     if not report["disagreement"]:
         return "<p>nowhere by more than the noise</p>"
     rows = [
-        (d["clip"], d["object"], f"{d['t_start']:.2f} to {d['t_end']:.2f} s", d["regime"],
-         f"{d['residual']:.3g} {d['unit']}",
-         f"{d['z_score']:.1f}", d["direction"])
+        (
+            d["clip"],
+            d["object"],
+            f"{d['t_start']:.2f} to {d['t_end']:.2f} s",
+            d["regime"],
+            f"{d['residual']:.3g} {d['unit']}",
+            f"{d['z_score']:.1f}",
+            d["direction"],
+        )
         for d in report["disagreement"][:15]
-    ]  # fmt: skip
+    ]
     return html_table(["clip", "object", "time", "regime", "missing force", "z", "direction"], rows)

@@ -42,11 +42,20 @@ def residual_table(found: Discovery) -> pa.Table:
                 left = after[number][i, k]
                 if split:
                     left = lookup.get((arc.clip, arc.object, int(arc.row[k])), np.full(3, np.nan))
-                rows.append((
-                    arc.clip, names[arc.object], float(time), str(regime), int(stack.index[i]),
-                    arc.clip in problem.held_out, bool(stack.weight[i, k].max() > 0),
-                    *map(float, arc.position[k]), *map(float, before[number][i, k]), *map(float, left),
-                ))  # fmt: skip
+                rows.append(
+                    (
+                        arc.clip,
+                        names[arc.object],
+                        float(time),
+                        str(regime),
+                        int(stack.index[i]),
+                        arc.clip in problem.held_out,
+                        bool(stack.weight[i, k].max() > 0),
+                        *map(float, arc.position[k]),
+                        *map(float, before[number][i, k]),
+                        *map(float, left),
+                    )
+                )
     rows.sort(key=lambda r: (r[0], r[1], r[2]))
     return pa.table([pa.array(c, f.type) for c, f in zip(zip(*rows, strict=True), SCHEMA, strict=True)], schema=SCHEMA)
 

@@ -17,8 +17,8 @@ RIGHT_NONE = (0.6, 0.85, 0.95, 0.97, 0.97, 0.97)
 FEW_CLIPS = {1: 0.8, 2: 0.85, 3: 0.93}
 """Number of fitted clips -> highest confidence. All 22 development worlds of one clip were right, but real clips differ
 from each other more than simulated ones."""
-DOUBTFUL = 0.5  # highest confidence where the noise is all that a model left, or where positions were smoothed
-IMPERFECT = 0.8  # highest confidence where a model leaves more than noise, though little of what there was
+DOUBTFUL = 0.5  # highest confidence where a model's residuals count as noise, or where positions were smoothed
+IMPERFECT = 0.8  # highest confidence where residuals exceed the noise, though not by much
 SMOOTHED = 1e-4  # m: positions with less noise were smoothed: no camera is so exact from a metre away
 UNKNOWN_SHARE = 0.9, 0.02  # probability of an effect that is not listed, where the answer is `unknown` and elsewhere
 
@@ -39,8 +39,8 @@ def probabilities(found: Selection) -> dict[str, float]:
 def confidence(found: Selection, names: tuple[str, ...]) -> float:
     """The probability that the verdict, or the set of equivalent effects that contains it, is right.
 
-    Verdicts on smoothed positions are never rated sure. Nor are those on up to three fitted clips, which hardly show
-    how much clips differ from each other.
+    Verdicts on smoothed positions are never rated sure. Nor are those on up to three fitted clips, which show
+    too little of how much clips differ.
     """
     problem = found.problem
     smoothed = problem.noise_inflated or problem.sigma < SMOOTHED

@@ -12,7 +12,7 @@ from pipeline.discrepancy.selection.selection import Selection
 from pipeline.scene.effects.registry import effect_kinds, kind_of_scene_parameter
 
 MOVED = 4.0  # standard errors by which a calibrated number must differ from what was stated to be mentioned
-ABSORBED_SHARE = 1 / 3  # of what a number that scales gravity explains: a law that explains as much may be behind it
+ABSORBED_SHARE = 1 / 3  # of what an effect that scales gravity explains: a law that explains this may be the cause
 Sets = tuple[tuple[str, ...], ...]
 
 
@@ -43,9 +43,9 @@ def alike_each(chosen: Candidate, tried: Sequence[Candidate]) -> Sets:
 
 
 def absorbed_laws(calibration: Calibration, chosen: Candidate, singles: Sequence[Candidate]) -> tuple[str, ...]:
-    """Laws that a chosen number which only scales gravity may have absorbed.
+    """Laws that the chosen effect may have absorbed, if it only scales gravity.
 
-    They explain much of what it explains, and what tells them from it is no larger than what the clips leave of both.
+    They explain at least `ABSORBED_SHARE` of what it explains, and the rest is within the residuals of both.
     """
     kinds = effect_kinds()
     if len(chosen.effects) != 1 or kinds[chosen.name].discovery.gravity_scale is None:

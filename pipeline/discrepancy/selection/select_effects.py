@@ -35,9 +35,9 @@ MOST_DROPS = 2  # times that arcs are dropped by the best model
 def select_effects(problem: Problem, effects: Sequence[str], progress: Progress) -> Selection:
     """The selection for a problem, with nuisances where the clips disagree.
 
-    Where the selection leaves more of several clips than noise, each arc gets a length scale of its own, and that
-    selection counts if it explains the rest. One or two fitted clips may each have slow tracking errors: what even the
-    length scales leave is then taken for noise.
+    If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
+    counts if it explains the rest. One or two fitted clips may have slow tracking errors: if their residuals still
+    exceed the noise, these residuals count as noise, and the selection is repeated once more.
 
     Args:
         problem: What is fitted.

@@ -18,7 +18,7 @@ class Selection:
         singles: A model for each effect alone, the best first.
         chosen: The model that wins, possibly without effects.
         alike: Sets of effects that cannot be told from one of the chosen model's.
-        excess_share: What the chosen model leaves beyond noise, as a share of what the calibrated model leaves.
+        excess_share: Residual of the chosen model beyond noise, as a share of the calibrated model's.
         excess_z: The same as a z-score.
         unknown: Whether that is too much, or a number that only scales gravity may have absorbed another law.
         untestable: Names of effects that the measurements could not show.

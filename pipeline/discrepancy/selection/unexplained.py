@@ -1,4 +1,4 @@
-"""What a model leaves beyond noise, and the arcs that it does not explain."""
+"""The residual of a model beyond noise, and the arcs that it does not explain."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REST_Z = 3.0  # largest excess of the arcs that stay
 
 
 def excess(calibration: Calibration, found: Candidate) -> tuple[float, float]:
-    """What a model leaves beyond noise: as a z-score, and as a share of what the calibrated model leaves."""
+    """Residual of a model beyond noise: as a z-score, and as a share of the calibrated model's."""
     count, none = len(calibration.bounces), calibration.none
 
     def beyond(c: Candidate) -> tuple[float, float]:
@@ -38,7 +38,7 @@ def excess(calibration: Calibration, found: Candidate) -> tuple[float, float]:
 
 
 def is_unexplained(calibration: Calibration, chosen: Candidate) -> bool:
-    """Whether a model leaves too much beyond noise to be the answer."""
+    """Whether the residual of a model beyond noise is too large for the model to be the answer."""
     z, share = excess(calibration, chosen)
     few = has_few_clips(calibration.problem)
     rest = _share_of_noise(calibration, chosen)
@@ -53,7 +53,7 @@ def has_few_clips(problem: Problem) -> bool:
 
 
 def _share_of_noise(calibration: Calibration, found: Candidate) -> float:
-    """What a model leaves beyond noise, as a share of the noise."""
+    """Residual of a model beyond noise, as a share of the noise."""
     freedom = max(found.problem.rows - found.parameters, 1)
     left = found.position_chi2 * calibration.noise_scale / freedom - 1
     if calibration.restitution is None:
@@ -104,7 +104,7 @@ def drop_unexplained_arcs(calibration: Calibration, best: Candidate, only_at_imp
 
 
 def independent_share(found: Candidate) -> float:
-    """The worth of a sample, relative to one with the noise alone, if all that a model leaves is correlated noise."""
+    """Information of a sample relative to one with the noise alone, if a model's residuals are correlated noise."""
     problem = found.problem
     rows = []
     for stack, left in zip(problem.stacks, residuals_m(problem, found), strict=True):

@@ -29,7 +29,7 @@ def leave_one_out(time: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def rough_sigma(residuals: np.ndarray) -> float:
-    """Robust standard deviation of the residuals of `leave_one_out`, which impacts and outliers hardly change.
+    """Standard deviation of the residuals of `leave_one_out`, robust to impacts and outliers.
 
     Coordinates that do not move at all (a two-dimensional recording) do not count.
     """

@@ -1,4 +1,4 @@
-"""The noise of a recording: what polynomials in time leave of the arcs, without any physics.
+"""The noise of a recording: the residuals of polynomials in time that are fitted to the arcs, without any physics.
 
 The degree is the same for all arcs and chosen by BIC; the polynomials may bend at unexplained velocity jumps. The
 residuals tell the size of the noise, whether it is white, and which samples are outliers.

@@ -38,7 +38,7 @@ class Problem:
         outliers: Number of samples that were removed.
         frame_rate: Samples per second, where they are regular.
         dropped: Number of arcs that were removed because the best model does not explain them.
-        noise_inflated: Whether the noise is all that a model left (`inflate_noise`).
+        noise_inflated: Whether the residuals of a model count as noise (`inflate_noise`).
     """
 
     known: KnownScene
@@ -174,7 +174,7 @@ def with_length_scale_nuisance(problem: Problem) -> Problem:
 
 
 def inflate_noise(problem: Problem, share: float) -> Problem:
-    """The problem with a noise variance that is larger by 1 / share, so that a model leaves nothing beyond noise."""
+    """The problem with a noise variance that is larger by 1 / share, so that a model's residuals count as noise."""
     weight = share**0.5
     return replace(
         problem,

@@ -53,7 +53,7 @@ class Hiding:
         largest: Largest size that is sane.
         scenarios: The experiments in which the effect shows, as often as they are drawn.
         engines: The engines that can simulate it, of `ENGINES`.
-        wrong_law: How its law may be perturbed, of `pipeline.hidden.engine.WRONG_LAWS`.
+        wrong_law: How its law may be perturbed, of `pipeline.hidden.law_perturbation.WRONG_LAWS`.
         shows_in_spin: Whether it changes spins and not positions.
         draw: (launches, strength, sign, rng) -> parameters, of an effect whose size has no detection limit.
     """

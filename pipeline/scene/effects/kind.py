@@ -128,5 +128,5 @@ class EffectKind:
 
     @property
     def is_single_blow(self) -> bool:
-        """Whether it may be a blow that happens once, and is told from other such effects only by several blows."""
+        """Whether it may be a single blow, which only several blows tell from other such effects."""
         return self.kick is not None or self.discovery.fit_hits is not None

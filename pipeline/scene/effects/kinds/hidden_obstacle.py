@@ -31,8 +31,15 @@ def collide(values: Values, position: np.ndarray, velocity: np.ndarray, reach: n
 
 def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str, ...]) -> None:
     number = sum(geom.name is not None and geom.name.startswith("hidden_obstacle") for geom in root.worldbody.geom)
-    root.worldbody.add("geom", name=f"hidden_obstacle_{number}", type="sphere", size=[values["size"]],
-                       pos=values["position"], condim=6, rgba=[0.5, 0.5, 0.5, 0.3])  # fmt: skip
+    root.worldbody.add(
+        "geom",
+        name=f"hidden_obstacle_{number}",
+        type="sphere",
+        size=[values["size"]],
+        pos=values["position"],
+        condim=6,
+        rgba=[0.5, 0.5, 0.5, 0.3],
+    )
 
 
 def fit_hits(hits: Hits) -> HitFit:
