@@ -8,14 +8,14 @@ Shapes: P parameter sets, A arcs, K steps, n samples.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.discrepancy.tracks.stack import ArcStack
 from pipeline.scene.effects.body import Body
-from pipeline.scene.effects.kind import EffectKind
+from pipeline.scene.effects.kind import EffectKind, Law
 
 
 @dataclass(frozen=True)
@@ -109,18 +109,21 @@ def _body(stack: ArcStack, shape: tuple[int, int], start_time: np.ndarray) -> Bo
     )
 
 
-def _forces(effects: Sequence[ActingEffect], body: Body) -> np.ndarray:
-    air = [e for e in effects if e.kind.air_velocity is not None]
-    if air:
-        body.air_velocity = sum(
-            (np.where(e.acts[:, None], e.kind.air_velocity(e.values, body), 0.0) for e in air if e.kind.air_velocity),
-            np.zeros(3),
-        )
-    total = np.zeros(body.velocity.shape)
-    for e in effects:
-        if e.kind.force is not None and e.kind.kick is None:
-            total += np.where(e.acts[:, None], e.kind.force(e.values, body), 0.0)
+def _total(laws: Iterable[tuple[ActingEffect, Law | None]], body: Body) -> np.ndarray:
+    """Sum of vectors (P, A, 3) that laws of effects give; None gives nothing."""
+    total = np.zeros(3)
+    for effect, law in laws:
+        if law is not None:
+            total = total + np.where(effect.acts[:, None], law(effect.values, body), 0.0)
     return total
+
+
+def _forces(effects: Sequence[ActingEffect], body: Body) -> np.ndarray:
+    """Forces (P, A, 3) N but for blows, in air that moves as effects say."""
+    if any(e.kind.air_velocity is not None for e in effects):
+        body.air_velocity = _total(((e, e.kind.air_velocity) for e in effects), body)
+    forces = ((e, e.kind.force) for e in effects if e.kind.kick is None)
+    return np.zeros(body.velocity.shape) + _total(forces, body)
 
 
 def _kicks(stack: ArcStack, effects: Sequence[ActingEffect]) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -203,14 +206,7 @@ def _slide(
         body.position, body.velocity = x + step / 2 * v, v + step / 2 * acceleration
         body.angular_velocity, body.others = spin, stack.others[:, 2 * k + 1]
         if belts:
-            body.ground_velocity = sum(
-                (
-                    np.where(e.acts[:, None], e.kind.ground_velocity(e.values, body), 0.0)
-                    for e in belts
-                    if e.kind.ground_velocity
-                ),
-                np.zeros(3),
-            )
+            body.ground_velocity = _total(((e, e.kind.ground_velocity) for e in belts), body)
         force = _forces(effects, body)
         normal = np.maximum(weight - force[..., 2], 0.0)
         for e in presses:
