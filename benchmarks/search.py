@@ -29,8 +29,8 @@ from pipeline.search.cmaes import Budget, search
 from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.search.parameters import search_space
 from pipeline.search.target import Target, make_target
-from pipeline.vision.mujoco_render import Canvas
-from pipeline.vision.render_backend import choose_backend
+from pipeline.vision.rendering.mujoco_render import Canvas
+from pipeline.vision.rendering.render_backend import choose_backend
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes

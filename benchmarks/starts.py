@@ -37,14 +37,14 @@ from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
 from pipeline.search.cmaes import Budget, search
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.fit import fit
-from pipeline.search.found import Found, Record
+from pipeline.search.fit_scene import fit
 from pipeline.search.guess import guess_scene
-from pipeline.search.solve import solve
+from pipeline.search.search_result import Found, Record
+from pipeline.search.search_scene import solve
 from pipeline.search.target import Target, make_target
 from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.dis import DIS
-from pipeline.vision.motion_masks import masks_from_motion
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.recordings.motion_masks import masks_from_motion
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from stages.graph.suite import Suite, greedy_row, open_suite, reference

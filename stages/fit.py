@@ -18,7 +18,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.scene.text import write_scene
 from pipeline.search.certainty import certainties
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.solve import solve
+from pipeline.search.search_scene import solve
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult

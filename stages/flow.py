@@ -19,11 +19,11 @@ from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
-from pipeline.vision.dis import DIS
-from pipeline.vision.flow_noise import flow_like_rafts
-from pipeline.vision.flow_picture import flow_picture, scaled_max_px
-from pipeline.vision.measured_flow import measured_flow
-from pipeline.vision.raft import RAFT, load_raft
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.flow.flow_noise import add_raft_noise
+from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
+from pipeline.vision.flow.measured_flow import measured_flow
+from pipeline.vision.flow.raft import RAFT, load_raft
 from stages.graph.main import run
 from stages.graph.params import load
 from stages.graph.run_shards import run_shards
@@ -44,7 +44,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
             if p["noise"]:
                 rng = clip_rng(p["seed"], shard.suite, clip, "flow noise")
                 masks = rendered.array(clip, "mask")[schedule.pairs[:, 0]]
-                flow = flow_like_rafts(rng, flow, masks, p["noise"])
+                flow = add_raft_noise(rng, flow, masks, p["noise"])
         else:
             rgb = rendered.array(clip, "rgb")
             recorded = rendered.row(clip)["recorded"] if rendered.tables else schedule.frame_steps / STEPS_PER_SECOND

@@ -17,7 +17,7 @@ from pipeline.errors import ParamsError
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from pipeline.vision.user_clip import find_clips, read_user_clip
+from pipeline.vision.recordings.user_clip import find_clips, read_user_clip
 from stages.graph.main import run
 from stages.graph.params import load
 from stages.graph.run_shards import run_shards

@@ -19,7 +19,7 @@ from pipeline.evaluation.prediction import predict
 from pipeline.evaluation.scene_scores import HEIGHT, WIDTH
 from pipeline.scene.text import write_scene
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.solve import solve
+from pipeline.search.search_scene import solve
 from pipeline.search.target import make_target, resize_masks
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard

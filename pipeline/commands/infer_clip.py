@@ -25,11 +25,11 @@ from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking
 from pipeline.search.certainty import Certainty, certainties, hardly
 from pipeline.search.evaluator import Evaluator, Rewards
-from pipeline.search.found import Found
-from pipeline.search.solve import solve
+from pipeline.search.search_result import Found
+from pipeline.search.search_scene import solve
 from pipeline.shards.content_hash import hash_path
-from pipeline.vision.dis import DIS
-from pipeline.vision.raft import RAFT, load_raft
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.flow.raft import RAFT, load_raft
 
 LEAST_SEARCH = 200
 STARTS = 3

@@ -18,8 +18,8 @@ from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.text import write_scene
 from pipeline.viewer.footage import Footage, Motion, Pictures
 from pipeline.viewer.recording import save
-from pipeline.vision.render_backend import choose_backend
-from pipeline.vision.video import write_video
+from pipeline.vision.recordings.video import write_video
+from pipeline.vision.rendering.render_backend import choose_backend
 
 
 @dataclass(frozen=True)

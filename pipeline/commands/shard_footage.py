@@ -25,8 +25,8 @@ from pipeline.shards.dataset import Clip, open_shards
 from pipeline.shards.manifest import MANIFEST
 from pipeline.shards.shard import MAIN_TABLE
 from pipeline.viewer.footage import Footage, Motion, Pictures
-from pipeline.vision.appearance import plain_appearance
-from pipeline.vision.render import render_rgb
+from pipeline.vision.rendering.appearance import plain_appearance
+from pipeline.vision.rendering.render import render_rgb
 
 #: Stages whose rows are answers, the furthest first; the truth is in `sample`.
 ANSWERS = ("fit", "cmaes", "best_of_k", "infer")

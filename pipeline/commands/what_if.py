@@ -26,8 +26,8 @@ from pipeline.scene.scene import Scene
 from pipeline.scene.text import write_scene
 from pipeline.viewer.footage import Footage, Motion, Pictures
 from pipeline.viewer.recording import save
-from pipeline.vision.render_backend import choose_backend
-from pipeline.vision.video import write_video
+from pipeline.vision.recordings.video import write_video
+from pipeline.vision.rendering.render_backend import choose_backend
 
 ORIGINAL, EDITED = "original", "edited"
 #: The columns of measured motion (docs/formats.md), and the velocity.

@@ -12,8 +12,8 @@ import numpy as np
 from pipeline.physics.batch import stack_scenes
 from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.found import Found, Record
 from pipeline.search.parameters import Space, search_space
+from pipeline.search.search_result import Found, Record
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ import numpy as np
 from pipeline.physics.batch import stack_scenes
 from pipeline.scene.scene import BASIC_SHAPES, Camera, Scene
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.fit import HORIZONS, Island
-from pipeline.search.found import Record
+from pipeline.search.fit_scene import HORIZONS, Island
 from pipeline.search.guess import CAMERA, guess_scene
+from pipeline.search.search_result import Record
 
 ROUNDS = {"sphere": 1, "cylinder": 3, "box": 3}  # of variations: the more ways to turn, the more
 DOUBT = 3.0  # times the cost of the best shape, up to which the next best may be the right one

@@ -11,10 +11,10 @@ from pipeline.clips.schedule import Schedule
 from pipeline.metrics.overlap import assign, pair_iou, sequence_iou
 from pipeline.physics.batch import BatchSimulator, SceneBatch, States, stack_scenes
 from pipeline.scene.scene import Scene
-from pipeline.search.pooling import Pooling, Residuals
+from pipeline.search.pooled_residuals import Pooling, Residuals
 from pipeline.search.reward import Measured, Totals, measure_kernel
 from pipeline.search.target import REFERENCE_WIDTH, Target
-from pipeline.vision.surface import KINDS
+from pipeline.vision.rendering.surface import KINDS
 
 INVALID_REWARD = -100.0
 

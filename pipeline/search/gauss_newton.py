@@ -15,7 +15,7 @@ from pipeline.physics.batch import SceneBatch
 from pipeline.scene.solid import bounding_radii
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.parameters import Space
-from pipeline.search.pooling import INVALID_COST
+from pipeline.search.pooled_residuals import INVALID_COST
 
 DAMPINGS = 10.0 ** np.arange(-2.0, 3.5, 1.0)  # times the one that served last: tried together
 LEAST_DAMPING, MOST_DAMPING = 1e-5, 1e3

@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.scene.solid import reach_below
 from pipeline.search.target import Target
-from pipeline.vision.camera import Pinhole, focal_px, pinhole
+from pipeline.vision.rendering.camera import Pinhole, focal_px, pinhole
 
 CAMERA = Camera((0.0, -2.0, 0.95), fov=37.0, pitch=-22.4)
 GRAVITY = 7.0  # m/s²; the scale of a clip is not known, so neither is this

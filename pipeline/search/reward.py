@@ -1,7 +1,7 @@
 """The reward of candidates, compiled: masks and exact flow of every frame against the target's, in parallel.
 
 Reward = IoU - EPE over the whole frame (px of 480x320 per frame interval). See docs/formats.md, "Metrics". Where a
-search wants to know in which direction to go, each object's mask and flow are pooled too (`pipeline.search.pooling`).
+search wants to know in which direction to go, each object's mask and flow are pooled too (`pipeline.search.pooled_residuals`).
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from numba import prange
 
 from pipeline.compiled import parallel_kernel
 from pipeline.metrics.overlap import Counts
-from pipeline.search.pooling import pool_frame
+from pipeline.search.pooled_residuals import pool_frame
 from pipeline.search.target import Target
-from pipeline.vision.exact_flow import exact_flow_frame
-from pipeline.vision.rasteriser import fill_background, rasterise_frame
+from pipeline.vision.rendering.exact_flow import exact_flow_frame
+from pipeline.vision.rendering.rasteriser import fill_background, rasterise_frame
 
 
 @dataclass(frozen=True)

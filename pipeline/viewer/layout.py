@@ -7,9 +7,9 @@ import rerun.blueprint as rrb
 from rerun.encodings import Plane3D
 
 from pipeline.viewer.footage import Footage, Pictures
-from pipeline.viewer.plots import PLOTS
+from pipeline.viewer.motion import PLOTS
 from pipeline.viewer.timeline import SIM_TIME
-from pipeline.vision.camera import pinhole
+from pipeline.vision.rendering.camera import pinhole
 
 CAMERA = "world/camera"
 REPLAYED = "replayed"

@@ -8,8 +8,8 @@ import rerun as rr
 
 from pipeline.viewer.footage import Pictures
 from pipeline.viewer.timeline import at_frames
-from pipeline.vision.appearance import object_colour
-from pipeline.vision.flow_picture import flow_picture
+from pipeline.vision.flow.flow_picture import flow_picture
+from pipeline.vision.rendering.appearance import object_colour
 
 JPEG_QUALITY = 92
 MASK_OPACITY = 0.35

@@ -8,7 +8,7 @@ import rerun as rr
 from pipeline.viewer.event_text import event_text
 from pipeline.viewer.footage import Motion
 from pipeline.viewer.timeline import at_times, send_steps
-from pipeline.vision.appearance import object_colour
+from pipeline.vision.rendering.appearance import object_colour
 
 PLOTS = {"speed": "speed, m/s", "height": "height above the ground, m"}
 

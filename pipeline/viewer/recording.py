@@ -12,12 +12,11 @@ import rerun as rr
 from pipeline.scene.mjcf import camera_quaternion
 from pipeline.scene.scene import Camera
 from pipeline.shards.output_errors import writing_to
-from pipeline.viewer.bodies import log_bodies
 from pipeline.viewer.footage import Footage
 from pipeline.viewer.layout import CAMERA, REPLAYED, blueprint
+from pipeline.viewer.motion import log_bodies, log_events, log_plots
 from pipeline.viewer.pictures import log_pictures, mask_classes
-from pipeline.viewer.plots import log_events, log_plots
-from pipeline.vision.camera import focal_px
+from pipeline.vision.rendering.camera import focal_px
 
 APPLICATION = "dynamics"
 DEFAULT_SIZE = (480, 320)

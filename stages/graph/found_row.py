@@ -5,7 +5,7 @@ from typing import Any
 import pyarrow as pa
 
 from pipeline.scene.text import write_scene
-from pipeline.search.found import Found
+from pipeline.search.search_result import Found
 
 FOUND = [
     ("scene", pa.string()),

@@ -11,7 +11,7 @@ from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import Scene
 from pipeline.search.cmaes import Budget, Found, search
 from pipeline.search.parameters import BOUNDS, search_space
-from pipeline.vision.camera import pinhole
+from pipeline.vision.rendering.camera import pinhole
 
 BUDGET = Budget(population=6, iterations=6, sigma=0.05)
 

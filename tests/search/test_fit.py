@@ -12,14 +12,14 @@ from pipeline.physics.overlap import penetration, separated, sunk
 from pipeline.scene.scene import BASIC_SHAPES, Scene, SceneObject
 from pipeline.search.composition import compose, likely
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.fit import ISLAND, Island, fit
-from pipeline.search.found import DEEPEST, Record
+from pipeline.search.fit_scene import ISLAND, Island, fit
 from pipeline.search.gauss_newton import Descent, evaluate, neighbours, slope, stepped_together
 from pipeline.search.guess import guess_scene, on_ground, track
-from pipeline.search.moves import moved, outline, with_outline
+from pipeline.search.jumps import moved, outline, with_outline
 from pipeline.search.parameters import search_space
-from pipeline.search.solve import COMPOSING, solve
-from pipeline.vision.camera import pinhole, project
+from pipeline.search.search_result import DEEPEST, Record
+from pipeline.search.search_scene import COMPOSING, solve
+from pipeline.vision.rendering.camera import pinhole, project
 
 TIMES = SCHEDULE.pairs[:, 0] / SCHEDULE.fps
 

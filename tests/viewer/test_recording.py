@@ -16,9 +16,9 @@ from pipeline.language.events import Event
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject
-from pipeline.viewer.bodies import LONGEST_ARROW, contact_arrows, shape
 from pipeline.viewer.event_text import event_text
 from pipeline.viewer.footage import Footage, Motion, Pictures
+from pipeline.viewer.motion import LONGEST_ARROW, contact_arrows, shape
 from pipeline.viewer.recording import save
 
 SCHEDULE = Schedule()

@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import VideoError
-from pipeline.vision.mask_file import read_masks
-from pipeline.vision.video import fit_to
+from pipeline.vision.recordings.mask_file import read_masks
+from pipeline.vision.recordings.video import fit_to
 
 SIZE = (48, 32)
 

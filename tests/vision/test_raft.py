@@ -7,7 +7,7 @@ from published_raft import published_large, published_small
 from torch.nn import functional as F
 
 from pipeline.errors import ModelError
-from pipeline.vision.raft import RAFT, Correlation, convex_upsample, load_raft, resize_flow, sequence_loss
+from pipeline.vision.flow.raft import RAFT, Correlation, convex_upsample, load_raft, resize_flow, sequence_loss
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import OutputError, VideoError
-from pipeline.vision.video import fit_to, read_clip, write_video
+from pipeline.vision.recordings.video import fit_to, read_clip, write_video
 
 
 def numbered(count, height=64, width=96):
@@ -70,7 +70,7 @@ def test_the_bytes_do_not_depend_on_what_memory_held_before(rng, tmp_path):
     np.save(tmp_path / "noise.npy", rng.integers(0, 256, (4, 224, 336, 3), dtype=np.uint8))
     program = """
 import sys, numpy
-from pipeline.vision.video import write_video
+from pipeline.vision.recordings.video import write_video
 write_video(sys.argv[2], numpy.load(sys.argv[1]))
 """
     written = []

@@ -1,4 +1,4 @@
-"""OpenCV's dense inverse search (Kroeger et al., ECCV 2016) as a flow of the same shape as RAFT's."""
+"""Optical flow by OpenCV's dense inverse search (Kroeger et al., ECCV 2016), with the interface of RAFT."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ PRESETS = {
 
 
 class DIS:
-    """Dense inverse search with one of OpenCV's PRESETS. It works on the frames' luminance."""
+    """Dense inverse search on luminance, with one of OpenCV's `PRESETS`."""
 
     def __init__(self, preset: str = "medium") -> None:
         if preset not in PRESETS:
-            raise ValueError(f"no preset {preset!r} of DIS: {', '.join(PRESETS)}")
+            raise ValueError(f"unknown DIS preset {preset!r}; valid: {', '.join(PRESETS)}")
         self.preset = preset
 
     def flow(
@@ -28,10 +28,17 @@ class DIS:
         size: tuple[int, int] | None = None,
         batch: int = 8,
     ) -> np.ndarray:
-        """Flow of each pair, (B, H, W, 2) float32, px of the frames given, x right and y down.
+        """Flow from each frame of `frames_a` to that of `frames_b`.
 
-        frames_a, frames_b: (B, H, W, 3) uint8 RGB. size: (width, height) in px at which it works; None: the frames'
-        own. `iterations` and `batch` are RAFT's and change nothing here: the preset fixes its iterations.
+        Args:
+            frames_a: (B, H, W, 3) uint8 RGB.
+            frames_b: (B, H, W, 3) uint8 RGB.
+            iterations: Ignored; the preset fixes the iterations.
+            size: Working size (width, height), px; None: that of the frames.
+            batch: Ignored.
+
+        Returns:
+            (B, H, W, 2) float32, px of the given frames, x right and y down.
         """
         count, height, width = check_frames(frames_a, frames_b)
         search = cv2.DISOpticalFlow.create(PRESETS[self.preset])
@@ -48,9 +55,11 @@ class DIS:
 
 
 def check_frames(frames_a: np.ndarray, frames_b: np.ndarray) -> tuple[int, int, int]:
-    """(B, H, W) of two equally shaped (B, H, W, 3) uint8 arrays."""
+    """(B, H, W) of two arrays (B, H, W, 3) uint8. Raises ValueError where their shapes or types are wrong."""
     if frames_a.shape != frames_b.shape or frames_a.ndim != 4 or frames_a.shape[-1] != 3:
-        raise ValueError(f"two arrays (B, H, W, 3) are needed, not {frames_a.shape} and {frames_b.shape}")
+        raise ValueError(
+            f"frames must be two arrays of one shape (B, H, W, 3), not {frames_a.shape} and {frames_b.shape}"
+        )
     if frames_a.dtype != np.uint8 or frames_b.dtype != np.uint8:
-        raise ValueError(f"frames are uint8, not {frames_a.dtype} and {frames_b.dtype}")
+        raise ValueError(f"frames must be uint8, not {frames_a.dtype} and {frames_b.dtype}")
     return frames_a.shape[0], frames_a.shape[1], frames_a.shape[2]

@@ -11,10 +11,10 @@ from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import rank
 from pipeline.search.composition import compose
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.fit import ISLAND, fit
-from pipeline.search.found import Found, Record
+from pipeline.search.fit_scene import ISLAND, fit
 from pipeline.search.guess import CAMERA
 from pipeline.search.parameters import rollable
+from pipeline.search.search_result import Found, Record
 
 COMPOSING = 1800  # simulations, from which a search has enough left after a guess has found its shapes
 

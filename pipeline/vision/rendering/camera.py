@@ -1,7 +1,7 @@
-"""A pinhole camera: its pose, and where points of the world fall in the image.
+"""A pinhole camera and the projection of points into its image.
 
-The centre of pixel (col, row) is at (col + 0.5, row + 0.5) px; x runs right, y down. Pixels are square and the
-principal point is the middle of the image.
+The centre of pixel (col, row) is at (col + 0.5, row + 0.5) px; x points right and y down. Pixels are square and the
+principal point is the centre of the image.
 """
 
 from __future__ import annotations
@@ -17,7 +17,13 @@ from pipeline.scene.scene import Camera
 
 @dataclass(frozen=True)
 class Pinhole:
-    """position_world: (3,) m. rotation_world: (3, 3), columns right, up, back (it looks along -back)."""
+    """The pose and field of view of a camera.
+
+    Attributes:
+        position_world: (3,) m.
+        rotation_world: (3, 3), columns right, up, back; the camera looks along -back.
+        fov_y_deg: Vertical field of view.
+    """
 
     position_world: np.ndarray
     rotation_world: np.ndarray
@@ -25,7 +31,7 @@ class Pinhole:
 
 
 def pinhole(camera: Camera) -> Pinhole:
-    """The pinhole of a scene's camera: from its pitch (looking along +y, right = +x) or its orientation."""
+    """The pinhole of a scene's camera, from its pitch (it looks along +y, right is +x) or its orientation."""
     if camera.orientation is not None:
         rotation = matrix_from_quaternion(np.array(camera.orientation))
     else:
@@ -37,14 +43,22 @@ def pinhole(camera: Camera) -> Pinhole:
 
 
 def focal_px(fov_y_deg: float, height: int) -> float:
-    """Focal length, px, of an image `height` px high that spans `fov_y_deg`."""
+    """Focal length, px, of an image that is `height` px high and has the vertical field of view `fov_y_deg`."""
     return height / (2.0 * math.tan(math.radians(fov_y_deg) / 2.0))
 
 
 def project(points_world: np.ndarray, camera: Pinhole, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-    """Image points (..., 2) px and planar depths (...) m of points (..., 3) m.
+    """Project points of the world into the image.
 
-    Points with a depth of zero or less are not in front of the camera: their image point means nothing.
+    Args:
+        points_world: (..., 3) m.
+        camera: The camera.
+        width: Width of the image, px.
+        height: Height of the image, px.
+
+    Returns:
+        Image points (..., 2) px and planar depths (...) m. A point with a depth of zero or less is not in front of
+        the camera; its image point is meaningless.
     """
     local = (np.asarray(points_world, dtype=np.float64) - camera.position_world) @ camera.rotation_world
     depth = -local[..., 2]

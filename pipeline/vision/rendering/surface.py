@@ -1,7 +1,7 @@
-"""The five analytic shapes as surfaces: where a ray meets them, and their normals.
+"""Ray intersections and normals of the five analytic shapes.
 
-Everything is in the body's own frame, in m. `half` are the half lengths along the body's axes
-(`scene.half_extents`); a capsule's include its caps. The axis of cylinders and capsules is the body's z.
+Everything is in the body frame, in m. Half extents (hx, hy, hz) are those of `scene.half_extents`; a capsule's include
+its caps. The axis of cylinders and capsules is z.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pipeline.errors import SceneError
 from pipeline.scene.scene import SIZE_KEYS, SceneObject, half_extents
 
 SPHERE, CYLINDER, BOX, CAPSULE, ELLIPSOID = range(5)
-#: Code of each shape that has an analytic surface: its place in `SIZE_KEYS`.
+#: Code of each shape that has an analytic surface: its position in `SIZE_KEYS`.
 KINDS: dict[str, int] = {shape: code for code, shape in enumerate(SIZE_KEYS) if code <= ELLIPSOID}
 assert [KINDS[s] for s in ("sphere", "cylinder", "box", "capsule", "ellipsoid")] == list(range(5))
 
@@ -24,7 +24,7 @@ _TINY = 1e-14
 
 
 def shape_arrays(objects: Sequence[SceneObject]) -> tuple[np.ndarray, np.ndarray]:
-    """Kinds int64 (N,) and half lengths float64 (N, 3) m. Raises SceneError on a mesh."""
+    """Codes int64 (N,) and half extents float64 (N, 3) m of objects. Raises SceneError where an object is a mesh."""
     for i, obj in enumerate(objects):
         if obj.shape not in KINDS:
             raise SceneError(f"objects[{i}].shape: {obj.shape} has no analytic surface; {', '.join(KINDS)} have")
@@ -34,7 +34,7 @@ def shape_arrays(objects: Sequence[SceneObject]) -> tuple[np.ndarray, np.ndarray
 
 @kernel
 def _quadratic(a: float, b: float, c: float) -> tuple[float, float]:
-    """The ordered roots of a t² + 2 b t + c; (inf, -inf) where there are none."""
+    """The roots of a t² + 2 b t + c in increasing order; (inf, -inf) where there are none."""
     discriminant = b * b - a * c
     if discriminant < 0.0 or a < _TINY * _TINY:
         return np.inf, -np.inf
@@ -44,7 +44,7 @@ def _quadratic(a: float, b: float, c: float) -> tuple[float, float]:
 
 @kernel
 def _slab(o: float, d: float, half: float) -> tuple[float, float]:
-    """The interval of t where |o + t d| <= half."""
+    """The interval of t in which |o + t d| <= half; (inf, -inf) where it is empty."""
     if abs(d) < _TINY:
         if abs(o) <= half:
             return -np.inf, np.inf
@@ -61,10 +61,16 @@ def _slab(o: float, d: float, half: float) -> tuple[float, float]:
 def intersect(
     kind: int, hx: float, hy: float, hz: float, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> float:
-    """The smallest t >= 0 with o + t d on the surface; inf where the ray misses.
+    """The smallest t >= 0 at which the ray o + t d meets the surface; inf where it misses.
 
-    The shapes are convex, so a ray is inside for one interval of t. From inside, the way out is what is met, as
-    in MuJoCo's `mj_ray`.
+    The shapes are convex, so a ray is inside for one interval of t. A ray that starts inside meets the surface where
+    it leaves, as in MuJoCo's `mj_ray`.
+
+    Args:
+        kind: Code of the shape.
+        hx, hy, hz: Half extents, m.
+        ox, oy, oz: Origin of the ray, m.
+        dx, dy, dz: Direction of the ray, of any length.
     """
     enter, leave = np.inf, -np.inf
     if kind == SPHERE:
@@ -80,7 +86,7 @@ def intersect(
     elif kind == CYLINDER:
         a = dx * dx + dy * dy
         c = ox * ox + oy * oy - hx * hx
-        if a < _TINY * _TINY:  # along the axis
+        if a < _TINY * _TINY:  # parallel to the axis
             r0, r1 = (-np.inf, np.inf) if c <= 0.0 else (np.inf, -np.inf)
         else:
             r0, r1 = _quadratic(a, ox * dx + oy * dy, c)
@@ -88,11 +94,11 @@ def intersect(
         enter = max(r0, z0)
         leave = min(r1, z1)
     elif kind == CAPSULE:
-        # A union of three convex bodies that is convex itself: its interval runs from the first to the last.
+        # A convex union of a cylinder and two spheres: its interval is the hull of their three intervals.
         a = dx * dx + dy * dy
         b = ox * dx + oy * dy
         c = ox * ox + oy * oy - hx * hx
-        if b * b >= a * c:  # else it misses even the infinite cylinder
+        if b * b >= a * c:  # otherwise the ray misses even the infinite cylinder
             length = hz - hx
             if a >= _TINY * _TINY:
                 r0, r1 = _quadratic(a, b, c)
@@ -117,7 +123,7 @@ def intersect(
 
 @kernel
 def normal(kind: int, hx: float, hy: float, hz: float, px: float, py: float, pz: float) -> tuple[float, float, float]:
-    """The outward unit normal at a point of the surface; at a box's or cylinder's edge, one of its sides'."""
+    """The outward unit normal at the surface point p; on the edge of a box or cylinder, that of one adjacent face."""
     nx, ny, nz = px, py, pz
     if kind == BOX:
         x, y, z = abs(px) / hx, abs(py) / hy, abs(pz) / hz

@@ -1,7 +1,7 @@
-"""Procedural solid textures: how much of a surface's second colour there is at a point.
+"""Procedural solid textures: the share of a material's second colour at a point.
 
-They are functions of the point in the body's own frame, so they turn with the body, which is what makes a
-rotation visible. Deterministic: a seed picks one of many variants.
+They are functions of the point in the body frame, so they rotate with the body and make its rotation visible. A seed
+selects one of many variants.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TEXTURES: dict[str, int] = {"plain": PLAIN, "stripes": STRIPES, "checker": CHECK
 
 @kernel
 def lattice(i: int, j: int, k: int, seed: int) -> float:
-    """A number in [0, 1) for a point of the integer lattice: a hash."""
+    """A hash of a point of the integer lattice, in [0, 1)."""
     h = np.uint32(i * 374761393 + j * 668265263 + k * 1274126177 + seed * 1440670441)
     h = np.uint32((h ^ (h >> np.uint32(13))) * np.uint32(1274126177))
     h = np.uint32((h ^ (h >> np.uint32(16))) * np.uint32(2246822519))
@@ -29,7 +29,7 @@ def lattice(i: int, j: int, k: int, seed: int) -> float:
 
 @kernel
 def value_noise(x: float, y: float, z: float, seed: int) -> float:
-    """Smooth noise in [0, 1] with features of size one: lattice values, interpolated by 3 t² - 2 t³."""
+    """Value noise in [0, 1] with features of size 1: lattice values, interpolated by 3 t² - 2 t³."""
     fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
     i, j, k = int(fx), int(fy), int(fz)
     u, v, w = x - fx, y - fy, z - fz
@@ -49,20 +49,26 @@ def _soft_step(value: float, softness: float) -> float:
 
 @kernel
 def texture(kind: int, scale: float, seed: int, px: float, py: float, pz: float, footprint: float) -> float:
-    """Share of the second colour, in [0, 1], at a point (m). scale: size of the pattern's features, m.
+    """Share of the second colour, in [0, 1], at a point.
 
-    footprint: what a pixel covers there, m. Edges are as soft as it, and a pattern finer than it fades to grey, so
-    that little is left to alias.
+    Edges are blurred over the footprint and patterns finer than it fade to their mean, which suppresses aliasing.
+
+    Args:
+        kind: Code of `TEXTURES`.
+        scale: Size of the features, m.
+        seed: Variant.
+        px, py, pz: The point in the body frame, m.
+        footprint: Length that a pixel covers at the point, m.
     """
     if kind == PLAIN:
         return 0.0
     x, y, z = px / scale, py / scale, pz / scale
     softness = max(footprint / scale, 0.02)
-    # Off the lattice: a flat face must not lie on the border between two cells.
+    # Offset from the lattice, so that a flat face does not coincide with the border between two cells.
     ox, oy, oz = lattice(1, 0, 0, seed), lattice(0, 1, 0, seed), lattice(0, 0, 1, seed)
     mix = 0.5
     if kind == STRIPES:
-        # Across one of the body's diagonals, so that no turn about an axis leaves them as they are.
+        # Oblique to the body axes, so that no rotation about an axis leaves the stripes unchanged.
         angle = 6.283185307179586 * ox
         along = 0.8 * (x * math.cos(angle) + y * math.sin(angle)) + 0.6 * z + oz
         mix = _soft_step(abs(along - 2.0 * math.floor(along * 0.5) - 1.0) - 0.5, softness)

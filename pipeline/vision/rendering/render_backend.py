@@ -1,6 +1,6 @@
-"""Which renderer makes the RGB pictures here: MuJoCo's through EGL or OSMesa, or our own ray caster.
+"""Choice of the renderer of RGB pictures: MuJoCo's through EGL or OSMesa, or the ray caster.
 
-OpenGL may fail by killing its process, so each platform is tried in a process of its own, once.
+OpenGL may fail by killing its process. So each platform is tried once, in a separate process.
 """
 
 from __future__ import annotations
@@ -28,16 +28,15 @@ print("rendered")
 
 
 def choose_backend(choice: str) -> tuple[str, str]:
-    """The backend, "mujoco" or "raycast", and why, in words. `choice`: one of `CHOICES`.
+    """The backend, "mujoco" or "raycast", and the reason in words. choice: one of `CHOICES`.
 
-    "mujoco" sets MUJOCO_GL for this process and its children. The environment's MUJOCO_GL, where it is set to a
-    platform of `GL_PLATFORMS`, is the only one tried. Raises ParamsError where "mujoco" is asked for and no platform
-    works.
+    If "mujoco" is chosen, MUJOCO_GL is set for this process and its children. If MUJOCO_GL is already one of
+    `GL_PLATFORMS`, only that platform is tried. Raises ParamsError where `choice` is "mujoco" and no platform works.
     """
     if choice not in CHOICES:
         raise ParamsError(f"render backend {choice!r}: valid are {', '.join(CHOICES)}")
     if choice == "raycast":
-        return "raycast", "our own ray caster, as asked for"
+        return "raycast", "the ray caster, as requested"
     wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
     problems = []
     for platform in (wanted,) if wanted in GL_PLATFORMS else GL_PLATFORMS:
@@ -47,13 +46,13 @@ def choose_backend(choice: str) -> tuple[str, str]:
             return "mujoco", f"MuJoCo's renderer through {platform}"
         problems.append(f"{platform}: {problem}")
     if choice == "mujoco":
-        raise ParamsError(f"MuJoCo's renderer was asked for and no OpenGL platform works ({'; '.join(problems)})")
-    return "raycast", f"our own ray caster, as no OpenGL platform works ({'; '.join(problems)})"
+        raise ParamsError(f"MuJoCo's renderer was requested, but no OpenGL platform works ({'; '.join(problems)})")
+    return "raycast", f"the ray caster, because no OpenGL platform works ({'; '.join(problems)})"
 
 
 @functools.cache
 def gl_problem(platform: str, timeout_s: float = 60.0) -> str | None:
-    """What goes wrong when MuJoCo renders through a platform of `GL_PLATFORMS`; None where it works."""
+    """The error message when MuJoCo renders through a platform of `GL_PLATFORMS`; None where it works."""
     environment = {**os.environ, "MUJOCO_GL": platform, "PYOPENGL_PLATFORM": platform}
     try:
         done = subprocess.run(
@@ -64,12 +63,14 @@ def gl_problem(platform: str, timeout_s: float = 60.0) -> str | None:
     if "rendered" in done.stdout:
         return None
     lines = done.stderr.strip().splitlines()
-    return lines[-1] if lines else f"the process ended with {done.returncode}"
+    return lines[-1] if lines else f"the process exited with code {done.returncode}"
 
 
 def gl_platform() -> str:
-    """The OpenGL platform to render through: MUJOCO_GL's where it is one of `GL_PLATFORMS`, else the first that
-    works here. PyOpenGL is told, as long as it has not been imported. Raises ParamsError where none works."""
+    """The OpenGL platform: MUJOCO_GL where it is one of `GL_PLATFORMS`, else the first that works.
+
+    Also sets PYOPENGL_PLATFORM, which PyOpenGL reads when it is imported. Raises ParamsError where none works.
+    """
     if os.environ.get("MUJOCO_GL", "").strip().lower() not in GL_PLATFORMS:
         choose_backend("mujoco")
     platform = os.environ["MUJOCO_GL"].strip().lower()

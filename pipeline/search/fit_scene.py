@@ -21,10 +21,10 @@ import numpy as np
 from pipeline.physics.batch import stack_scenes, unstack
 from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.found import Found, Record
 from pipeline.search.gauss_newton import Descent, neighbours
-from pipeline.search.moves import moved
+from pipeline.search.jumps import moved
 from pipeline.search.parameters import Space, search_space
+from pipeline.search.search_result import Found, Record
 
 VARIATIONS = 64
 ALTERNATIVES = 6  # of the variations, of which a leap takes one

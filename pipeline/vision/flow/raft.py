@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pipeline.errors import ModelError
-from pipeline.vision.dis import DIS, check_frames
+from pipeline.vision.flow.dis import DIS, check_frames
 
 CELL = 8  # px of the image to a cell of the feature grid
 LEVELS = 4  # of the correlation pyramid

@@ -1,7 +1,7 @@
-"""An `Appearance` put on a `dm_control.mjcf` document, so that MuJoCo's renderer shows what our ray caster does.
+"""Adds an `Appearance` to an MJCF document, so that MuJoCo's renderer shows what the ray caster `shade` shows.
 
-The procedural textures are painted on cube maps, once per clip; textures, materials, lights and render quality are
-added, and nothing that physics sees is touched.
+The procedural textures are baked into cube maps, once per clip. Textures, materials, lights and render quality are
+added; the physics is not changed.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from dm_control import mjcf
 from PIL import Image
 
 from pipeline.compiled import kernel
-from pipeline.vision.appearance import Appearance, Backdrop, Colour, Material
-from pipeline.vision.look import sky_colour
-from pipeline.vision.surface import CAPSULE, KINDS, intersect
-from pipeline.vision.texture import TEXTURES, texture
+from pipeline.vision.rendering.appearance import Appearance, Backdrop, Colour, Material
+from pipeline.vision.rendering.shading_tables import sky_colour
+from pipeline.vision.rendering.surface import CAPSULE, KINDS, intersect
+from pipeline.vision.rendering.texture import TEXTURES, texture
 
-#: Faces of a cube map in the order of the picture: axis of the normal, its sign, and (axis, sign) along the columns
-#: and rows. R, L, U, D, F, B of MuJoCo's `gridlayout` are OpenGL's +x, -x, +y, -y, +z, -z.
+#: Faces of a cube map in the order of the picture: axis and sign of the normal, then axis and sign of the columns, then
+#: of the rows. R, L, U, D, F, B of MuJoCo's `gridlayout` are OpenGL's +x, -x, +y, -y, +z, -z.
 _FACES = (
     (0, 1, 2, -1, 1, -1),
     (0, -1, 2, 1, 1, -1),
@@ -29,12 +29,12 @@ _FACES = (
     (2, 1, 0, 1, 1, -1),
     (2, -1, 0, -1, 1, -1),
 )
-_FLOOR_TILE_M = 8.0  # a floor's texture repeats after this length
+_FLOOR_TILE_M = 8.0  # period of the floor texture
 _SHADOW_MAP = 1024
-_EXTENT_M = 4.0  # what the shadow map of a far light spans, about its middle
+_EXTENT_M = 4.0  # width of the shadow map of a directional light
 
 
-def dress(
+def add_appearance(
     root: mjcf.RootElement,
     appearance: Appearance,
     width: int,
@@ -43,10 +43,18 @@ def dress(
     object_texture_px: int = 64,
     floor_texture_px: int = 512,
 ) -> None:
-    """Add an appearance to a document whose bodies and their geoms are named alike and whose plane is `ground`.
+    """Add an appearance to the document of a scene (`scene_mjcf`).
 
-    Materials go to the bodies in the document's order. width, height: of the pictures, px. Compile it with
-    `root.get_assets()`: the textures are files in memory.
+    Compile the document with `root.get_assets()`: the textures are files in memory.
+
+    Args:
+        root: The document; it is changed. Its bodies take the materials in order; its plane is named `ground`.
+        appearance: What to add.
+        width: Width of the pictures, px.
+        height: Height of the pictures, px.
+        shadows: Whether lights cast shadows.
+        object_texture_px: Side of the faces of the objects' cube maps.
+        floor_texture_px: Side of the floor's texture.
     """
     quality = getattr(root.visual, "global")
     quality.offwidth, quality.offheight = width, height
@@ -60,7 +68,7 @@ def dress(
     root.visual.map.zfar = 2.0 * appearance.haze / _EXTENT_M
     root.visual.map.znear = 0.02 / _EXTENT_M
     root.visual.rgba.haze = [*appearance.backdrop.horizon, 1]
-    root.visual.map.haze = 0.7  # of the way to the horizon, which zfar sets
+    root.visual.map.haze = 0.7  # share of the distance to the horizon, zfar, that the haze covers
     for i, light in enumerate(appearance.lights):
         far = light.position is None
         place = light.position or tuple(4 * v for v in light.towards or ())
@@ -82,7 +90,7 @@ def dress(
     geoms = [body.geom[0] for body in root.worldbody.body]
     assert len(geoms) == len(appearance.materials), "an appearance has one material for each object"
     for i, (geom, material) in enumerate(zip(geoms, appearance.materials, strict=True)):
-        name = f"look_{i}"
+        name = f"material_{i}"
         _add_cube(root, name, _object_faces(geom, material, object_texture_px), type="cube")
         _add_material(root, name, material, texuniform=False)
         geom.material = name
@@ -106,7 +114,7 @@ def _add_material(root: mjcf.RootElement, name: str, material: Material, **keys:
 
 
 def _add_cube(root: mjcf.RootElement, name: str, faces: np.ndarray, **keys: Any) -> None:
-    """faces: uint8 (6, S, S, 3), in the order of `_FACES`."""
+    """Add a cube map with faces uint8 (6, S, S, 3) in the order of `_FACES`."""
     strip = faces.reshape(-1, faces.shape[2], 3)
     root.asset.add("texture", name=name, file=_png(strip), gridsize=[6, 1], gridlayout="RLUDFB", **keys)
 
@@ -118,7 +126,7 @@ def _png(picture: np.ndarray) -> mjcf.Asset:
 
 
 def cube_points(size: int) -> np.ndarray:
-    """Points (6, S, S, 3) of a cube map's texels on the cube [-1, 1]³, in the order of `_FACES`."""
+    """Centres (6, S, S, 3) of the texels of a cube map on the cube [-1, 1]³, in the order of `_FACES`."""
     centres = (np.arange(size) + 0.5) / size * 2 - 1
     points = np.empty((6, size, size, 3))
     for face, (axis, sign, col_axis, col_sign, row_axis, row_sign) in enumerate(_FACES):
@@ -129,19 +137,29 @@ def cube_points(size: int) -> np.ndarray:
 
 
 @kernel
-def _paint(
-    kind: int, half: np.ndarray, look: int, scale: float, seed: int, points: np.ndarray, texel: float, mix: np.ndarray
+def _bake_texture(
+    shape: int, half: np.ndarray, kind: int, scale: float, seed: int, points: np.ndarray, texel: float, mix: np.ndarray
 ) -> None:
-    """Share of the second colour, mix (M,), where the rays from the centre to points (M, 3) of the cube that MuJoCo
-    stretches over the shape leave its surface. texel: size of a texel, m."""
+    """Evaluate the texture on a shape, at the points where rays from its centre through the texels leave it.
+
+    Args:
+        shape: Code of the shape; -1 for the cube itself.
+        half: Half extents, (3,) m. MuJoCo stretches the cube map over the shape by them.
+        kind: Code of the texture.
+        scale: Size of the texture's features, m.
+        seed: Variant of the texture.
+        points: (M, 3) on the cube [-1, 1]³.
+        texel: Size of a texel, m.
+        mix: (M,), output: share of the second colour.
+    """
     for m in range(points.shape[0]):
         x, y, z = points[m, 0] * half[0], points[m, 1] * half[1], points[m, 2] * half[2]
-        t = 1.0 if kind < 0 else intersect(kind, half[0], half[1], half[2], 0.0, 0.0, 0.0, x, y, z)
-        mix[m] = texture(look, scale, seed, t * x, t * y, t * z, texel)
+        t = 1.0 if shape < 0 else intersect(shape, half[0], half[1], half[2], 0.0, 0.0, 0.0, x, y, z)
+        mix[m] = texture(kind, scale, seed, t * x, t * y, t * z, texel)
 
 
 def _object_faces(geom: Any, material: Material, size: int) -> np.ndarray:
-    """A cube map uint8 (6, S, S, 3) with a material's texture; a mesh's is painted on its bounding cube."""
+    """The cube map uint8 (6, S, S, 3) of a geom with the texture of a material; for a mesh, that of a cube."""
     kind, half = KINDS.get(geom.type, -1), np.full(3, 0.15)
     if kind >= 0:
         sizes = [float(v) for v in geom.size]
@@ -153,18 +171,20 @@ def _object_faces(geom: Any, material: Material, size: int) -> np.ndarray:
             half = np.array(sizes)
     points = cube_points(size).reshape(-1, 3)
     mix = np.empty(len(points))
-    _paint(kind, half, TEXTURES[material.texture], material.scale, material.seed, points, 2 * half.mean() / size, mix)
+    _bake_texture(
+        kind, half, TEXTURES[material.texture], material.scale, material.seed, points, 2 * half.mean() / size, mix
+    )
     return _blend(material.colour, material.second_colour, mix).reshape(6, size, size, 3)
 
 
 def _floor_picture(material: Material, size: int) -> np.ndarray:
-    """A floor's texture uint8 (S, S, 3); the repeated square is centred in the origin, y up."""
+    """The texture of the floor, uint8 (S, S, 3), of a square tile centred on the origin, y up."""
     centres = ((np.arange(size) + 0.5) / size - 0.5) * _FLOOR_TILE_M
     points = np.zeros((size, size, 3))
     points[..., 0], points[..., 1] = centres[None, :], -centres[:, None]
     mix = np.empty(size * size)
     flat = np.ones(3)
-    _paint(
+    _bake_texture(
         -1,
         flat,
         TEXTURES[material.texture],
@@ -178,7 +198,7 @@ def _floor_picture(material: Material, size: int) -> np.ndarray:
 
 
 def _sky_faces(backdrop: Backdrop, size: int) -> np.ndarray:
-    """The backdrop as a cube map uint8 (6, S, S, 3); a sky box's second axis points up."""
+    """The backdrop as a cube map uint8 (6, S, S, 3). The second axis of a sky box points up."""
     points = cube_points(size).reshape(-1, 3)
     directions = points / np.linalg.norm(points, axis=1, keepdims=True)
     world = np.stack([directions[:, 0], -directions[:, 2], directions[:, 1]], axis=1)

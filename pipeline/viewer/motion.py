@@ -13,7 +13,7 @@ from pipeline.scene.mjcf import mesh_vertices
 from pipeline.scene.scene import SceneObject, half_extents
 from pipeline.viewer.footage import Motion
 from pipeline.viewer.timeline import send_steps
-from pipeline.vision.appearance import object_colour
+from pipeline.vision.rendering.appearance import object_colour
 
 ARROW_LENGTH = 0.01  # m for each m/s² that the force gives the body: a resting ball's weight is 10 cm long
 LONGEST_ARROW = 0.5  # m

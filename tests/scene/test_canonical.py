@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from pipeline.physics.simulate import simulate
+from pipeline.scene.canonical import CUBE_ROTATIONS, canonical_object
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject, half_extents
 from pipeline.scene.solid import unit_inertia
-from pipeline.scene.symmetry import CUBE_ROTATIONS, canonical_object
-from pipeline.vision.camera import pinhole
-from pipeline.vision.rasteriser import rasterise
+from pipeline.vision.rendering.camera import pinhole
+from pipeline.vision.rendering.rasteriser import rasterise
 
 SHAPES = [s for s in SIZE_KEYS if s != "mesh"]
 CAMERA = Camera((0, -2, 1), 40, pitch=-20)

@@ -1,8 +1,8 @@
 """A shaded ray caster: RGB pictures of analytic shapes on a floor, without OpenGL.
 
-Lambert and Blinn-Phong shading, shadow rays, one mirror reflection, procedural textures that turn with the body,
-and four rays where neighbouring pixels differ much. Colours are added up as displayed, without a gamma, as MuJoCo's
-renderer does. Deterministic: the same arguments give the same bytes.
+Lambert and Blinn-Phong shading, shadow rays, one mirror reflection, procedural textures fixed to the body, and four
+rays for pixels with high contrast to a neighbour. Colours are added in display space, without gamma, as in MuJoCo's
+renderer. Deterministic: the same arguments give the same bytes.
 """
 
 from __future__ import annotations
@@ -16,14 +16,15 @@ from pipeline.compiled import inlined_kernel, kernel
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import SceneObject
 from pipeline.scene.solid import bounding_radii
-from pipeline.vision.appearance import Appearance
-from pipeline.vision.camera import Pinhole, focal_px
-from pipeline.vision.look import (
+from pipeline.vision.rendering.appearance import Appearance
+from pipeline.vision.rendering.camera import Pinhole, focal_px
+from pipeline.vision.rendering.rasteriser import fill_background, rasterise_frame
+from pipeline.vision.rendering.ray_queries import FLOOR, SKY, ambient_occlusion, nearest_hit, visible_share
+from pipeline.vision.rendering.shading_tables import (
     AMBIENT,
     AXES,
     CENTRE,
     COLOUR,
-    DISC,
     GROUND,
     HALF,
     HAZE,
@@ -41,130 +42,16 @@ from pipeline.vision.look import (
     SPECULAR,
     TEXTURE,
     TOWARDS,
-    look_tables,
+    shading_tables,
     sky,
     store,
 )
-from pipeline.vision.rasteriser import fill_background, rasterise_frame
-from pipeline.vision.surface import intersect, normal, shape_arrays
-from pipeline.vision.texture import texture
+from pipeline.vision.rendering.surface import normal, shape_arrays
+from pipeline.vision.rendering.texture import texture
 
-FLOOR, SKY = -1, -2
-_CONTRAST = 20  # of 255, between neighbours: from here on a pixel gets four rays
-_LIT_CONTRAST = 0.3  # lights, likewise
-_SHADOW_SAMPLES = 8
-#: Points of the unit disc that a soft shadow samples: a spiral by the golden angle.
-_DISC = np.array(
-    [
-        (
-            math.sqrt((k + 0.5) / _SHADOW_SAMPLES) * math.cos(2.399963 * k),
-            math.sqrt((k + 0.5) / _SHADOW_SAMPLES) * math.sin(2.399963 * k),
-        )
-        for k in range(_SHADOW_SAMPLES)
-    ]
-)
-
-
-@inlined_kernel
-def _meets(body: np.ndarray, i: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
-    """t of the ray o + t d (world) on body i; inf where it misses."""
-    x, y, z = ox - body[i, CENTRE], oy - body[i, CENTRE + 1], oz - body[i, CENTRE + 2]
-    return intersect(
-        int(body[i, KIND]),
-        body[i, HALF],
-        body[i, HALF + 1],
-        body[i, HALF + 2],
-        body[i, AXES] * x + body[i, AXES + 3] * y + body[i, AXES + 6] * z,
-        body[i, AXES + 1] * x + body[i, AXES + 4] * y + body[i, AXES + 7] * z,
-        body[i, AXES + 2] * x + body[i, AXES + 5] * y + body[i, AXES + 8] * z,
-        body[i, AXES] * dx + body[i, AXES + 3] * dy + body[i, AXES + 6] * dz,
-        body[i, AXES + 1] * dx + body[i, AXES + 4] * dy + body[i, AXES + 7] * dz,
-        body[i, AXES + 2] * dx + body[i, AXES + 5] * dy + body[i, AXES + 8] * dz,
-    )
-
-
-@inlined_kernel
-def _nearest(
-    body: np.ndarray, ground: float, skip: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
-) -> tuple[int, float]:
-    """What a ray with a unit direction meets first, and at which distance. Body `skip` is passed over."""
-    found, best = SKY, np.inf
-    if dz < 0.0 and oz >= ground:
-        found, best = FLOOR, (ground - oz) / dz
-    for i in range(body.shape[0]):
-        if i == skip:
-            continue
-        x, y, z = body[i, CENTRE] - ox, body[i, CENTRE + 1] - oy, body[i, CENTRE + 2] - oz
-        along = x * dx + y * dy + z * dz
-        if x * x + y * y + z * z - along * along > body[i, RADIUS] ** 2 or along < -body[i, RADIUS]:
-            continue
-        t = _meets(body, i, ox, oy, oz, dx, dy, dz)
-        if t < best:
-            found, best = i, t
-    return found, best
-
-
-@inlined_kernel
-def _lit_share(body: np.ndarray, light: np.ndarray, k: int, skip: int, px: float, py: float, pz: float) -> float:
-    """Share of a light's disc that a point sees. The shapes are convex: body `skip`, the point's own, never hides
-    what its normal faces."""
-    lx, ly, lz = light[k, TOWARDS], light[k, TOWARDS + 1], light[k, TOWARDS + 2]
-    reach = np.inf
-    radius = light[k, DISC]
-    if light[k, NEAR] != 0.0:
-        lx, ly, lz = lx - px, ly - py, lz - pz
-        reach = math.sqrt(lx * lx + ly * ly + lz * lz)
-        lx, ly, lz = lx / reach, ly / reach, lz / reach
-        radius /= reach
-    # Two directions across the ray.
-    if abs(lx) < 0.6:
-        ax, ay, az = 0.0, lz, -ly
-    else:
-        ax, ay, az = -lz, 0.0, lx
-    scale = 1.0 / math.sqrt(ax * ax + ay * ay + az * az)
-    ax, ay, az = ax * scale, ay * scale, az * scale
-    bx, by, bz = ly * az - lz * ay, lz * ax - lx * az, lx * ay - ly * ax
-    samples = _SHADOW_SAMPLES if radius > 0.0 else 1
-    blocked = 0
-    for i in range(body.shape[0]):
-        if i == skip:
-            continue
-        x, y, z = body[i, CENTRE] - px, body[i, CENTRE + 1] - py, body[i, CENTRE + 2] - pz
-        along = x * lx + y * ly + z * lz
-        wide = body[i, RADIUS] + radius * max(along, 0.0)
-        if along < -body[i, RADIUS] or x * x + y * y + z * z - along * along > wide * wide:
-            continue
-        for m in range(samples):
-            if blocked & (1 << m):
-                continue
-            u, v = radius * _DISC[m, 0], radius * _DISC[m, 1]
-            if samples == 1:
-                u, v = 0.0, 0.0
-            t = _meets(body, i, px, py, pz, lx + u * ax + v * bx, ly + u * ay + v * by, lz + u * az + v * bz)
-            if t < reach:
-                blocked |= 1 << m
-    free = 0
-    for m in range(samples):
-        free += 1 - ((blocked >> m) & 1)
-    return free / samples
-
-
-@inlined_kernel
-def _openness(body: np.ndarray, skip: int, px: float, py: float, pz: float, nx: float, ny: float, nz: float) -> float:
-    """Share of the light from everywhere that is left near other body, each taken as a sphere."""
-    open_share = 1.0
-    for i in range(body.shape[0]):
-        if i == skip:
-            continue
-        radius = (body[i, HALF] + body[i, HALF + 1] + body[i, HALF + 2]) / 3.0
-        x, y, z = body[i, CENTRE] - px, body[i, CENTRE + 1] - py, body[i, CENTRE + 2] - pz
-        squared = x * x + y * y + z * z
-        if squared > 16.0 * radius * radius:
-            continue
-        distance = math.sqrt(max(squared, radius * radius))
-        facing = 0.5 + 0.5 * (x * nx + y * ny + z * nz) / distance
-        open_share *= 1.0 - max(facing, 0.0) * ((radius / distance) ** 2 - 0.0625) / 0.9375
-    return max(open_share, 0.2)
+#: Contrast between neighbouring pixels above which a pixel gets four rays: of 255, and in visible lights.
+_CONTRAST = 20
+_LIT_CONTRAST = 0.3
 
 
 @inlined_kernel
@@ -184,9 +71,10 @@ def _surface(
     dz: float,
     t: float,
 ) -> tuple[float, float, float, float, float, float, float]:
-    """Colour, normal, and the number of lights that reach it, of what a ray met at point p.
+    """Colour, normal and number of visible lights at the point p where a ray meets body i or the FLOOR.
 
-    The ray: unit direction d, t metres long. i: the body, or FLOOR. pixel: the angle that a pixel spans, rad.
+    d: unit direction of the ray. t: its length, m. pixel: angle that a pixel spans, rad. shadows: whether lights can be
+    hidden.
     """
     row = i
     if i == FLOOR:
@@ -220,7 +108,7 @@ def _surface(
 
     around = world[AMBIENT] * (0.75 + 0.25 * nz)
     if shadows:
-        around *= _openness(body, i, px, py, pz, nx, ny, nz)
+        around *= ambient_occlusion(body, i, px, py, pz, nx, ny, nz)
     lit = 0.0
     sum_r, sum_g, sum_b = around * red, around * green, around * blue
     for k in range(light.shape[0]):
@@ -232,7 +120,7 @@ def _surface(
         lambert = nx * lx + ny * ly + nz * lz
         if lambert <= 0.0:
             continue
-        share = _lit_share(body, light, k, i, px, py, pz) if shadows else 1.0
+        share = visible_share(body, light, k, i, px, py, pz) if shadows else 1.0
         lit += share
         if share == 0.0:
             continue
@@ -250,7 +138,7 @@ def _surface(
 
 @inlined_kernel
 def _haze(world: np.ndarray, t: float, dx: float, dy: float, red: float, green: float, blue: float) -> RGB:
-    """A floor's colour, faded into the horizon's with distance."""
+    """The colour of the floor, blended with that of the horizon by distance."""
     ratio = t / world[HAZE]
     kept = math.exp(-ratio * ratio)
     if kept > 0.999:
@@ -275,8 +163,10 @@ def _colour(
     dy: float,
     dz: float,
 ) -> tuple[float, float, float, float]:
-    """The colour seen along a ray with unit direction d that meets i (a body, FLOOR or SKY) at
-    distance t; and the number of lights that reach it."""
+    """Colour along the ray o + t d with unit direction d, and the number of lights visible from its end.
+
+    i: what the ray meets at distance t: a body, FLOOR or SKY.
+    """
     if i == SKY:
         red, green, blue = sky(world, dx, dy, dz)
         return red, green, blue, 0.0
@@ -291,8 +181,8 @@ def _colour(
     if mirror > 0.0:
         facing = dx * nx + dy * ny + dz * nz
         rx, ry, rz = dx - 2 * facing * nx, dy - 2 * facing * ny, dz - 2 * facing * nz
-        mirror += (1.0 - mirror) * 0.5 * (1.0 + facing) ** 4  # Schlick's, weakened
-        j, s = _nearest(body, world[GROUND], i, px, py, pz, rx, ry, rz)
+        mirror += (1.0 - mirror) * 0.5 * (1.0 + facing) ** 4  # a weaker form of Schlick's approximation
+        j, s = nearest_hit(body, world[GROUND], i, px, py, pz, rx, ry, rz)
         if j == SKY:
             sr, sg, sb = sky(world, rx, ry, rz)
         else:
@@ -320,9 +210,9 @@ def _colour(
 
 @kernel
 def _differs(picture: np.ndarray, mask: np.ndarray, lit: np.ndarray, row: int, col: int) -> bool:
-    """Whether one of a pixel's four neighbours is of another object or light, or on an object, of another colour.
+    """Whether a pixel differs from one of its four neighbours in object, in visible lights, or in colour.
 
-    On the floor the textures' own edges are soft: colour does not count.
+    Colour counts on objects only: the texture of the floor is filtered already.
     """
     height, width = mask.shape
     for side in range(4):
@@ -356,8 +246,19 @@ def _shade_frame(
     lit: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Fill out uint8 (H, W, 3) of one frame; mask, depth: its own from `rasterise_frame`; draft: like out, and
-    lit: float32 (H, W), to work in."""
+    """Fill out uint8 (H, W, 3) with the picture of one frame.
+
+    Args:
+        body, material, light, world: Tables of `shading_tables`.
+        eye: Position of the camera, (3,) m.
+        camera: Rotation of the camera, (3, 3), columns right, up, back.
+        focal: Focal length, px.
+        antialias: Whether pixels with high contrast get four rays.
+        mask, depth: (H, W) of this frame, from `rasterise_frame`.
+        draft: uint8 (H, W, 3), work space.
+        lit: float32 (H, W), work space: number of visible lights.
+        out: Output.
+    """
     height, width = mask.shape
     pixel = 1.0 / focal
     ox, oy, oz = eye[0], eye[1], eye[2]
@@ -390,7 +291,7 @@ def _shade_frame(
                 dx = (camera[0, 0] * x + camera[0, 1] * y - camera[0, 2]) / length
                 dy = (camera[1, 0] * x + camera[1, 1] * y - camera[1, 2]) / length
                 dz = (camera[2, 0] * x + camera[2, 1] * y - camera[2, 2]) / length
-                i, t = _nearest(body, world[GROUND], SKY, ox, oy, oz, dx, dy, dz)
+                i, t = nearest_hit(body, world[GROUND], SKY, ox, oy, oz, dx, dy, dz)
                 r, g, b, _ = _colour(body, material, light, world, 0.5 * pixel, i, t, ox, oy, oz, dx, dy, dz)
                 red += min(r, 1.0)
                 green += min(g, 1.0)
@@ -410,9 +311,22 @@ def shade(
     shadows: bool = True,
     antialias: bool = True,
 ) -> np.ndarray:
-    """Pictures uint8 (F, H, W, 3): positions (F, N, 3) m, quaternions (F, N, 4) wxyz, ground height m or None.
+    """Shaded pictures uint8 (F, H, W, 3) of F frames.
 
-    Raises SceneError where an object is a mesh.
+    Args:
+        objects: N objects of analytic shapes.
+        positions: (F, N, 3) m.
+        quaternions: (F, N, 4) wxyz.
+        camera: The camera.
+        appearance: Materials of the objects, floor, backdrop and lights.
+        width: Width of the picture, px.
+        height: Height of the picture, px.
+        ground: Height of the floor, m; None for no floor.
+        shadows: Whether lights cast shadows.
+        antialias: Whether pixels with high contrast get four rays.
+
+    Raises:
+        SceneError: An object is a mesh.
     """
     assert len(appearance.materials) == len(objects), "an appearance has one material for each object"
     kinds, half_sizes = shape_arrays(objects)
@@ -423,7 +337,7 @@ def shade(
     rotation = np.ascontiguousarray(camera.rotation_world, dtype=np.float64)
     fov = float(camera.fov_y_deg)
     plane = math.nan if ground is None else float(ground)
-    look = look_tables(appearance, plane, shadows)
+    tables = shading_tables(appearance, plane, shadows)
     out = np.empty((len(positions), height, width, 3), dtype=np.uint8)
     draft = np.empty((height, width, 3), dtype=np.uint8)
     lit = np.empty((height, width), dtype=np.float32)
@@ -433,9 +347,9 @@ def shade(
     fill_background(eye, rotation, fov, plane, background)
     body = np.empty((len(objects), 17))
     body[:, KIND], body[:, HALF:CENTRE], body[:, RADIUS] = kinds, half_sizes, radius
-    turned = matrix_from_quaternion(quaternions).reshape(len(positions), len(objects), 9)
+    rotations = matrix_from_quaternion(quaternions).reshape(len(positions), len(objects), 9)
     for k in range(len(positions)):
         rasterise_frame(kinds, half_sizes, positions[k], quaternions[k], eye, rotation, fov, background, mask, depth)
-        body[:, CENTRE:AXES], body[:, AXES:RADIUS] = positions[k], turned[k]
-        _shade_frame(body, *look, eye, rotation, focal_px(fov, height), antialias, mask, depth, draft, lit, out[k])
+        body[:, CENTRE:AXES], body[:, AXES:RADIUS] = positions[k], rotations[k]
+        _shade_frame(body, *tables, eye, rotation, focal_px(fov, height), antialias, mask, depth, draft, lit, out[k])
     return out

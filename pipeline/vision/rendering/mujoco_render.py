@@ -1,4 +1,4 @@
-"""RGB pictures and segmentations by MuJoCo's own renderer."""
+"""RGB pictures and segmentations by MuJoCo's renderer."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 
 from pipeline.scene.mjcf import scene_mjcf
 from pipeline.scene.scene import Scene
-from pipeline.vision.appearance import Appearance
-from pipeline.vision.dress import dress
-from pipeline.vision.render_backend import gl_platform
+from pipeline.vision.rendering.appearance import Appearance
+from pipeline.vision.rendering.mjcf_appearance import add_appearance
+from pipeline.vision.rendering.render_backend import gl_platform
 
 
 def render_mujoco(
@@ -26,9 +26,9 @@ def render_mujoco(
     height: int,
     shadows: bool = True,
 ) -> np.ndarray:
-    """Pictures uint8 (F, H, W, 3) of a scene's camera: positions (F, N, 3) m, quaternions (F, N, 4) wxyz."""
+    """Pictures uint8 (F, H, W, 3) from the camera of a scene; arguments as `render.render_rgb`."""
     root = scene_mjcf(scene)
-    dress(root, appearance, width, height, shadows)
+    add_appearance(root, appearance, width, height, shadows)
     model = mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
     with Canvas(model, width, height) as canvas:
         canvas.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
@@ -38,10 +38,11 @@ def render_mujoco(
 
 
 class Canvas:
-    """A model in MuJoCo's offscreen renderer: one free body an object, in order, and a camera `camera`.
+    """MuJoCo's offscreen renderer for one model with a free body per object, in order, and the camera `camera`.
 
-    What `mujoco.Renderer` is, but with one OpenGL context for the life of the process: the first drawing in a new
-    one takes 0.15 s on a CPU. A context manager; the model's offscreen buffer must hold width x height.
+    It differs from `mujoco.Renderer` in that one OpenGL context serves the whole process: the first picture in a new
+    context takes 0.15 s on a CPU. Use it as a context manager. The offscreen buffer of the model must hold width x
+    height.
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
@@ -54,7 +55,7 @@ class Canvas:
         _gl_context(gl_platform(), width, height).make_current()
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
-        # Body of each geom; the last for pixels that show none.
+        # Body of each geom; the last entry is for pixels that show no geom.
         self._body = np.append(model.geom_bodyid, 0).astype(np.uint8)
 
     def __enter__(self) -> Canvas:
@@ -64,7 +65,7 @@ class Canvas:
         self._context.free()
 
     def picture(self, position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-        """RGB uint8 (H, W, 3) with the bodies at position (N, 3), m, quaternion (N, 4)."""
+        """RGB uint8 (H, W, 3) with the bodies at position (N, 3) m and quaternion (N, 4)."""
         self.data.qpos[:] = np.concatenate([position, quaternion], axis=1).ravel()
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
@@ -77,14 +78,14 @@ class Canvas:
         return pixels[::-1]
 
     def segmentation(self, position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-        """Mask uint8 (H, W) as `rasterise` gives it: 0 for background and ground, i + 1 for object i."""
+        """Mask uint8 (H, W) as from `rasterise`: 0 for background and ground, i + 1 for object i."""
         flags = (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR)
         for flag in flags:
             self.scene.flags[flag] = True
         colour = self.picture(position, quaternion).astype(np.int64)
         for flag in flags:
             self.scene.flags[flag] = False
-        segment = colour @ np.array([1, 256, 65536])  # 0: nothing, else index in the scene + 1
+        segment = colour @ np.array([1, 256, 65536])  # 0: background, else index in the scene + 1
         geoms = np.array([g.objid for g in self.scene.geoms[: self.scene.ngeom]], dtype=np.int64)
         return self._body[np.append(-1, geoms)[segment]]
 

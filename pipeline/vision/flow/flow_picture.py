@@ -1,7 +1,7 @@
-"""Flow as a uint8 picture, which is how the model is given it. Scales are fixed, so that a magnitude can be read.
+"""Flow as a uint8 picture, the form in which the model receives it.
 
-Flows are px per frame interval; `max_px` is the longest that is told apart, in the same px. The default suits
-480x320 and 1/30 s; at another size or rate scale it with them (`scaled_max_px`).
+The scale is fixed, so that a colour always means the same flow. Flow is px per frame interval. It saturates at
+`max_px`, whose default is meant for 480x320 and 1/30 s; `scaled_max_px` gives that of other sizes and intervals.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ import numpy as np
 
 from pipeline.compiled import kernel
 
-MAX_PX = 32.0  # at 480 px of width and 1/30 s: what 2 m/s gives at 1.4 m through a lens of 44 degrees
+MAX_PX = 32.0  # px at 480 px of width and 1/30 s: 2 m/s at a distance of 1.4 m with a field of view of 44 degrees
 REFERENCE_WIDTH = 480
 KINDS = ("wheel", "channels")
 
-# Lengths of the six sectors of the Middlebury colour wheel (Baker et al., IJCV 2011).
+#: First colour, last colour and length of the six sectors of the Middlebury colour wheel (Baker et al., IJCV 2011).
 SECTORS = (
     ("red", "yellow", 15),
     ("yellow", "green", 6),
@@ -34,17 +34,18 @@ COLOURS = {
 
 
 def scaled_max_px(width: int, seconds: float = 1 / 30) -> float:
-    """The default `max_px` for pictures `width` px wide whose frames are `seconds` apart."""
+    """`MAX_PX` scaled to pictures `width` px wide with an interval of `seconds` between frames."""
     return MAX_PX * width / REFERENCE_WIDTH * seconds * 30
 
 
 def flow_picture(flow_px: np.ndarray, kind: str = "channels", max_px: float = MAX_PX) -> np.ndarray:
-    """(..., H, W, 2) px to (..., H, W, 3) uint8. NaN counts as no motion; longer flows than `max_px` saturate.
+    """Flow (..., H, W, 2) px as a picture (..., H, W, 3) uint8.
 
-    wheel: Middlebury's colour wheel, white at rest, full colour at `max_px`. channels: see `encode_channels`.
+    NaN counts as zero flow; flow beyond `max_px` saturates. kind: "wheel" is Middlebury's colour wheel, white for no
+    motion and full colour at `max_px`; "channels" is described at `encode_channels`.
     """
     if kind not in KINDS:
-        raise ValueError(f"no kind {kind!r} of flow picture: {', '.join(KINDS)}")
+        raise ValueError(f"unknown kind of flow picture {kind!r}; valid: {', '.join(KINDS)}")
     flow_px = np.asarray(flow_px, np.float32)
     return encode_wheel(np.nan_to_num(flow_px), max_px) if kind == "wheel" else encode_channels(flow_px, max_px)
 
@@ -52,8 +53,8 @@ def flow_picture(flow_px: np.ndarray, kind: str = "channels", max_px: float = MA
 def encode_channels(flow_px: np.ndarray, max_px: float = MAX_PX) -> np.ndarray:
     """u and v as 128 + 127 sign(u) sqrt(|u| / max_px), and the magnitude as 255 sqrt(|flow| / max_px).
 
-    The square root gives slow motion its share of the 127 steps: one step is 0.002 px at rest and 0.5 px at 32 px.
-    NaN counts as no motion.
+    The square root resolves slow motion: one of the 127 steps is 0.002 px at rest and 0.5 px at 32 px. NaN counts as
+    zero flow.
     """
     flow_px = np.ascontiguousarray(flow_px, np.float32)
     out = np.empty((*flow_px.shape[:-1], 3), np.uint8)
@@ -74,19 +75,19 @@ def _encode_channels(flow_px: np.ndarray, max_px: np.float32, out: np.ndarray) -
 
 
 def decode_channels(picture: np.ndarray, max_px: float = MAX_PX) -> np.ndarray:
-    """The flow (..., H, W, 2), px, of a picture of kind `channels`, up to its rounding; saturated flows stay so."""
+    """The flow (..., H, W, 2), px, of a picture of kind `channels`, up to rounding and saturation."""
     root = (picture[..., :2].astype(np.float32) - 128) / 127
     return np.sign(root) * root**2 * max_px
 
 
 def wheel() -> np.ndarray:
-    """The 55 colours of the wheel, (55, 3) in 0 to 255, counted clockwise as seen (y down) from motion to the left."""
+    """The 55 colours of the wheel, (55, 3) in 0 to 255, clockwise in the image (y down) from motion to the left."""
     arcs = [np.linspace(COLOURS[a], COLOURS[b], length, endpoint=False, dtype=np.float64) for a, b, length in SECTORS]
     return np.floor(np.concatenate(arcs))
 
 
 def encode_wheel(flow_px: np.ndarray, max_px: float = MAX_PX) -> np.ndarray:
-    """Direction as hue, magnitude as saturation; beyond `max_px` the colour is darkened, as Middlebury's is."""
+    """Direction as hue and magnitude as saturation; beyond `max_px` the colour is darkened, as in Middlebury's code."""
     colours = wheel()
     u, v = flow_px[..., 0] / max_px, flow_px[..., 1] / max_px
     length = np.hypot(u, v)[..., None]

@@ -1,8 +1,8 @@
-"""Instance masks, planar depth and normals of moving analytic shapes: the inner loop of the searches.
+"""Instance masks and planar depth of moving analytic shapes, by ray casting. The inner loop of the searches.
 
-One ray a pixel, through the pixel's centre. Rays are (x, y, -1) in the camera's frame, so that the ray
-parameter of a hit is its planar depth. Each object visits only the pixels of the rectangle that bounds its
-projection. Pixel for pixel this is what `mj_multiRay` gives (tests/vision/test_rasteriser.py).
+One ray is cast through the centre of each pixel. Rays are (x, y, -1) in the camera frame, so the ray parameter of a
+hit is its planar depth. For each object only the pixels in the bounding rectangle of its projection are visited. The
+result agrees with `mj_multiRay` (tests/vision/test_rasteriser.py).
 """
 
 from __future__ import annotations
@@ -16,22 +16,24 @@ import numpy as np
 from pipeline.compiled import kernel
 from pipeline.scene.rotation import fill_matrix
 from pipeline.scene.scene import SceneObject
-from pipeline.vision.camera import Pinhole
-from pipeline.vision.surface import BOX, CAPSULE, CYLINDER, SPHERE, intersect, normal, shape_arrays
+from pipeline.vision.rendering.camera import Pinhole
+from pipeline.vision.rendering.surface import BOX, CAPSULE, CYLINDER, SPHERE, intersect, shape_arrays
 
 _NOTHING, _RECTANGLE, _EVERYTHING = range(3)
-_MARGIN_PX = 1e-3  # against rounding of the rectangle
+_MARGIN_PX = 1e-3  # tolerance for rounding errors of the rectangle
 
 
 @dataclass(frozen=True)
 class Rendering:
-    """mask: uint8 (F, H, W), 0 where there is no object, i + 1 where object i is nearest. depth: float32 (F, H, W)
-    planar depth, m, the ground's included, inf where there is nothing. normals: float32 (F, H, W, 3) of the
-    objects, world frame, 0 elsewhere; None where they were not asked for."""
+    """Masks and depths of F frames.
+
+    Attributes:
+        mask: uint8 (F, H, W): i + 1 where object i is nearest, 0 for the ground and the background.
+        depth: float32 (F, H, W): planar depth of objects and ground, m; inf for the background.
+    """
 
     mask: np.ndarray
     depth: np.ndarray
-    normals: np.ndarray | None = None
 
 
 @kernel
@@ -42,8 +44,10 @@ def camera_frame(
     camera_rotation: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Write into out (4, 3) the camera as a body at position (3,), quaternion (4,) sees it: rows right, up, back,
-    centre (m)."""
+    """The camera in the body frame, written into out (4, 3): rows right, up, back and centre (m).
+
+    position (3,) m and quaternion (4,) are the pose of the body.
+    """
     body = np.empty((3, 3))
     fill_matrix(quaternion, body)
     for j in range(3):
@@ -62,10 +66,10 @@ def camera_frame(
 
 @kernel
 def bounds(kind: int, half: np.ndarray, view: np.ndarray) -> tuple[int, float, float, float, float]:
-    """The rectangle that bounds a shape's projection: what it covers, x0, x1, y0, y1 of the rays (x, y, -1).
+    """Bounding rectangle of a shape's projection: one of the three codes above, then x0, x1, y0, y1 of rays (x, y, -1).
 
-    view: (4, 3), from `camera_frame`. Every shape is the convex hull of a few ellipsoids, some of them flat: a
-    box's are its corners, a cylinder's its two discs, a capsule's its two spheres. An ellipsoid with centre c and
+    view: (4, 3), from `camera_frame`. Each shape is the convex hull of a few ellipsoids, possibly degenerate: the
+    corners of a box, the two discs of a cylinder, the two spheres of a capsule. An ellipsoid with centre c and
     covariance Q is bounded by its tangent planes through the camera, (c_x - u c_z)² = Q_xx - 2 u Q_xz + u² Q_zz.
     """
     pieces, reach = 1, 0.0
@@ -75,7 +79,7 @@ def bounds(kind: int, half: np.ndarray, view: np.ndarray) -> tuple[int, float, f
         pieces, reach = 2, half[2]
     elif kind == CAPSULE:
         pieces, reach = 2, half[2] - half[0]
-    # Covariance weights of the body's axes.
+    # Variances along the body axes.
     wx, wy, wz = half[0] * half[0], half[1] * half[1], half[2] * half[2]
     if kind == BOX:
         wx, wy, wz = 0.0, 0.0, 0.0
@@ -118,7 +122,7 @@ def bounds(kind: int, half: np.ndarray, view: np.ndarray) -> tuple[int, float, f
             else:
                 y0 = min(y0, (b - root) / a)
                 y1 = max(y1, (b + root) / a)
-    if not far > 0.0:  # also where the pose is not a number
+    if not far > 0.0:  # also where the pose is NaN
         return _NOTHING, 0.0, 0.0, 0.0, 0.0
     if near <= 1e-9:
         return _EVERYTHING, 0.0, 0.0, 0.0, 0.0
@@ -129,7 +133,7 @@ def bounds(kind: int, half: np.ndarray, view: np.ndarray) -> tuple[int, float, f
 
 @kernel
 def pixel_range(low: float, high: float, count: int) -> tuple[int, int]:
-    """First and one past the last pixel whose centre lies within [low, high] px."""
+    """First pixel whose centre lies within [low, high] px, and one past the last."""
     first = math.ceil(min(max(low - 0.5 - _MARGIN_PX, 0.0), float(count)))
     last = math.floor(min(max(high - 0.5 + _MARGIN_PX, -1.0), count - 1.0))
     return int(first), int(last) + 1
@@ -139,7 +143,10 @@ def pixel_range(low: float, high: float, count: int) -> tuple[int, int]:
 def pixel_rectangle(
     kind: int, half: np.ndarray, view: np.ndarray, focal: float, width: int, height: int
 ) -> tuple[int, int, int, int]:
-    """First and past-the-last columns and rows that a shape can touch; view: (4, 3), from `camera_frame`."""
+    """The pixels that a shape can cover: first column, one past the last column, first row, one past the last row.
+
+    view: (4, 3), from `camera_frame`.
+    """
     covers, x0, x1, y0, y1 = bounds(kind, half, view)
     if covers == _NOTHING:
         return 0, 0, 0, 0
@@ -154,9 +161,9 @@ def pixel_rectangle(
 def fill_background(
     camera_position: np.ndarray, camera_rotation: np.ndarray, fov_y_deg: float, ground: float, depth: np.ndarray
 ) -> None:
-    """Write the ground's planar depth into depth (H, W), inf where it is not seen; ground: height, m, or nan.
+    """Write the planar depth of the ground into depth (H, W), inf where it is not visible.
 
-    As in MuJoCo the plane is seen from above only.
+    ground: height, m, or nan for none. As in MuJoCo the plane is visible from above only.
     """
     height, width = depth.shape
     depth[:] = np.inf
@@ -186,12 +193,23 @@ def rasterise_frame(
     mask: np.ndarray,
     depth: np.ndarray,
 ) -> tuple[int, int, int, int]:
-    """Fill mask uint8 (H, W) and depth float32 (H, W) of one frame.
+    """Fill the mask and the depth of one frame.
 
-    Returns the first and past-the-last rows and columns outside which no object can be.
+    Args:
+        kinds: int64 (N,), codes of `surface.KINDS`.
+        half_sizes: (N, 3) m.
+        position: (N, 3) m.
+        quaternion: (N, 4).
+        camera_position: (3,) m.
+        camera_rotation: (3, 3), columns right, up, back.
+        fov_y_deg: Vertical field of view.
+        background: float32 (H, W), from `fill_background`; it depends on the camera and the ground only.
+        mask: uint8 (H, W), output.
+        depth: float32 (H, W), output, m.
 
-    kinds: int64 (N,), codes of `surface.KINDS`. half_sizes: (N, 3) m. position: (N, 3) m. quaternion: (N, 4).
-    background: float32 (H, W), from `fill_background` (it depends on the camera and the ground only).
+    Returns:
+        The rectangle outside which there is no object: first row, one past the last row, first column, one past the
+        last column.
     """
     height, width = mask.shape
     mask[:] = 0
@@ -225,46 +243,6 @@ def rasterise_frame(
 
 
 @kernel
-def fill_normals(
-    kinds: np.ndarray,
-    half_sizes: np.ndarray,
-    position: np.ndarray,
-    quaternion: np.ndarray,
-    camera_position: np.ndarray,
-    camera_rotation: np.ndarray,
-    fov_y_deg: float,
-    mask: np.ndarray,
-    depth: np.ndarray,
-    normals: np.ndarray,
-) -> None:
-    """Write the objects' outward unit normals, world frame, of one frame into normals float32 (H, W, 3)."""
-    height, width = mask.shape
-    normals[:] = 0.0
-    focal = height / (2.0 * math.tan(math.radians(fov_y_deg) * 0.5))
-    count = kinds.shape[0]
-    views = np.empty((count, 4, 3))
-    bodies = np.empty((count, 3, 3))
-    for i in range(count):
-        camera_frame(position[i], quaternion[i], camera_position, camera_rotation, views[i])
-        fill_matrix(quaternion[i], bodies[i])
-    point = np.empty(3)
-    for row in range(height):
-        y = (0.5 * height - row - 0.5) / focal
-        for col in range(width):
-            if mask[row, col] == 0:
-                continue
-            i = mask[row, col] - 1
-            x = (col + 0.5 - 0.5 * width) / focal
-            for k in range(3):
-                ray = x * views[i, 0, k] + y * views[i, 1, k] - views[i, 2, k]
-                point[k] = views[i, 3, k] + depth[row, col] * ray
-            half = half_sizes[i]
-            nx, ny, nz = normal(kinds[i], half[0], half[1], half[2], point[0], point[1], point[2])
-            for k in range(3):
-                normals[row, col, k] = bodies[i, k, 0] * nx + bodies[i, k, 1] * ny + bodies[i, k, 2] * nz
-
-
-@kernel
 def rasterise_frames(
     kinds: np.ndarray,
     half_sizes: np.ndarray,
@@ -277,7 +255,10 @@ def rasterise_frames(
     mask: np.ndarray,
     depth: np.ndarray,
 ) -> None:
-    """`rasterise_frame` for F frames of one camera: position (F, N, 3), quaternion (F, N, 4), buffers (F, H, W)."""
+    """`rasterise_frame` for F frames of one camera: position (F, N, 3), quaternion (F, N, 4), mask, depth (F, H, W).
+
+    ground: height, m, or nan for none.
+    """
     background = np.empty(mask.shape[1:], dtype=np.float32)
     fill_background(camera_position, camera_rotation, fov_y_deg, ground, background)
     for frame in range(mask.shape[0]):
@@ -303,13 +284,22 @@ def rasterise(
     width: int,
     height: int,
     ground: float | None = 0.0,
-    with_normals: bool = False,
 ) -> Rendering:
-    """Masks and depths of F frames: positions (F, N, 3) m, quaternions (F, N, 4) wxyz, ground height m or None.
+    """Masks and depths of F frames.
 
-    Raises SceneError where an object is a mesh.
+    Args:
+        objects: N objects of analytic shapes.
+        positions: (F, N, 3) m.
+        quaternions: (F, N, 4) wxyz.
+        camera: The camera.
+        width: Width of the image, px.
+        height: Height of the image, px.
+        ground: Height of the ground plane, m; None for no ground.
+
+    Raises:
+        SceneError: An object is a mesh.
     """
-    assert len(objects) < 256, "a mask has room for 255 objects"
+    assert len(objects) < 256, "a uint8 mask holds at most 255 objects"
     kinds, half_sizes = shape_arrays(objects)
     positions = np.ascontiguousarray(positions, dtype=np.float64)
     quaternions = np.ascontiguousarray(quaternions, dtype=np.float64)
@@ -324,20 +314,4 @@ def rasterise(
     rasterise_frames(
         kinds, half_sizes, positions, quaternions, eye, rotation, float(camera.fov_y_deg), plane, mask, depth
     )
-    if not with_normals:
-        return Rendering(mask, depth)
-    normals = np.empty((frames, height, width, 3), dtype=np.float32)
-    for k in range(frames):
-        fill_normals(
-            kinds,
-            half_sizes,
-            positions[k],
-            quaternions[k],
-            eye,
-            rotation,
-            float(camera.fov_y_deg),
-            mask[k],
-            depth[k],
-            normals[k],
-        )
-    return Rendering(mask, depth, normals)
+    return Rendering(mask, depth)

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from pipeline.errors import VideoError
-from pipeline.vision.video import Fit
+from pipeline.vision.recordings.video import Fit
 
 KEY = "masks"
 

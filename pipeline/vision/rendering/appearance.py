@@ -1,6 +1,6 @@
-"""How a scene looks: floor, backdrop, lights and materials; and how a camera's sensor treats the picture.
+"""The appearance of a scene: materials, floor, backdrop and lights; and the sensor of the camera.
 
-Colours are RGB in [0, 1] as displayed. Nothing here changes where anything is.
+Colours are RGB in [0, 1], in display space. An appearance does not affect geometry or motion.
 """
 
 from __future__ import annotations
@@ -13,17 +13,27 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from pipeline.vision.texture import TEXTURES
+from pipeline.vision.rendering.texture import TEXTURES
 
 Colour = tuple[float, float, float]
 BACKDROPS = ("plain", "gradient", "clouds")
-_BRIGHTEST = 1.1  # ambient and all lights together
+_BRIGHTEST = 1.1  # upper bound of the sum of ambient light and all lights
 
 
 @dataclass(frozen=True)
 class Material:
-    """A surface: two colours, mixed by a texture whose features are `scale` m large; `mirror` is the share of light
-    that it reflects as a mirror, `specular` and `shininess` Blinn and Phong's."""
+    """The material of a surface.
+
+    Attributes:
+        colour: First colour.
+        second_colour: Colour that the texture mixes in.
+        texture: A key of `TEXTURES`.
+        scale: Size of the texture's features, m.
+        specular: Specular coefficient of Blinn-Phong shading.
+        shininess: Specular exponent of Blinn-Phong shading.
+        mirror: Share of the light that is reflected as by a mirror.
+        seed: Variant of the texture.
+    """
 
     colour: Colour
     second_colour: Colour = (0.0, 0.0, 0.0)
@@ -37,8 +47,14 @@ class Material:
 
 @dataclass(frozen=True)
 class Light:
-    """A light far away in direction `towards` (unit vector to it), or at `position`, m. `radius`: of its disc, m at a
-    distance of 1 m for a far light; it makes shadows soft."""
+    """A directional light or a point light, with soft shadows where its radius is not zero.
+
+    Attributes:
+        colour: Colour times intensity.
+        towards: Unit vector towards a directional light; None for a point light.
+        position: Position of a point light, (3,) m; None for a directional light.
+        radius: Radius of its disc, m; for a directional light, of a disc at a distance of 1 m.
+    """
 
     colour: Colour
     towards: tuple[float, float, float] | None = None
@@ -46,12 +62,19 @@ class Light:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        assert (self.towards is None) != (self.position is None), "a light is far away or has a position"
+        assert (self.towards is None) != (self.position is None), "a light has either a direction or a position"
 
 
 @dataclass(frozen=True)
 class Backdrop:
-    """What is seen where nothing is: from `horizon` to `zenith`; `clouds` is the strength of a noise, 0 to 1."""
+    """The background behind objects and floor: a gradient with noise.
+
+    Attributes:
+        horizon: Colour at the horizon.
+        zenith: Colour above.
+        clouds: Strength of the noise, 0 to 1.
+        seed: Variant of the noise.
+    """
 
     horizon: Colour = (0.75, 0.82, 0.9)
     zenith: Colour = (0.35, 0.5, 0.75)
@@ -61,8 +84,16 @@ class Backdrop:
 
 @dataclass(frozen=True)
 class Appearance:
-    """materials: one for each object, in the scene's order. haze: distance at which the floor has faded into the
-    backdrop, m."""
+    """What the objects and their surroundings look like.
+
+    Attributes:
+        materials: One for each object, in the order of the scene.
+        floor: Material of the ground.
+        backdrop: The background.
+        lights: All lights.
+        ambient: Intensity of the ambient light.
+        haze: Distance over which the floor fades into the backdrop, m.
+    """
 
     materials: tuple[Material, ...]
     floor: Material
@@ -74,7 +105,14 @@ class Appearance:
 
 @dataclass(frozen=True)
 class Sensor:
-    """noise: standard deviation, share of full scale. blur: sigma, px. gamma and brightness: exponent and factor."""
+    """The sensor of a camera.
+
+    Attributes:
+        noise: Standard deviation, as a share of full scale.
+        blur: Sigma of a Gaussian, px.
+        gamma: Exponent.
+        brightness: Factor.
+    """
 
     noise: float = 0.0
     blur: float = 0.0
@@ -82,7 +120,7 @@ class Sensor:
     brightness: float = 1.0
 
 
-#: Object colours of the plain appearance: hues far apart.
+#: Object colours of the plain appearance, with well separated hues.
 PALETTE: tuple[Colour, ...] = (
     (0.84, 0.24, 0.20),
     (0.18, 0.45, 0.80),
@@ -96,13 +134,13 @@ PALETTE: tuple[Colour, ...] = (
 
 
 def object_colour(index: int) -> tuple[int, int, int]:
-    """The plain appearance's colour of object `index`, 0 to 255: what it is drawn in wherever it is drawn."""
+    """RGB in 0 to 255 in which object `index` is drawn in every picture, plot and viewer."""
     red, green, blue = PALETTE[index % len(PALETTE)]
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
 def plain_appearance(n_objects: int) -> Appearance:
-    """The same for every scene: a checkerboard floor, coloured checkered objects, one light."""
+    """The default appearance: a checkerboard floor, checkered objects in the colours of `PALETTE`, one light."""
     materials = tuple(
         Material(colour, tuple(0.55 * c for c in colour), "checker", 0.12, seed=i)  # type: ignore[arg-type]
         for i, colour in enumerate(PALETTE[i % len(PALETTE)] for i in range(n_objects))
@@ -127,18 +165,31 @@ def sample_appearance(
     floor_scale: tuple[float, float] = (0.1, 0.7),
     ambient: tuple[float, float] = (0.25, 0.5),
 ) -> Appearance:
-    """A random appearance for `n_objects` objects.
+    """A random appearance.
 
-    textures, floor_textures, backdrops: weights of the kinds (`TEXTURES`, `BACKDROPS`; None: all alike, fewer plain
-    ones). texture_scale, floor_scale: ranges, m, drawn evenly in the logarithm. ambient: range of the light from
-    everywhere.
+    Args:
+        rng: Random generator.
+        n_objects: Number of objects.
+        textures: Weights of the objects' textures, by key of `TEXTURES`; None: equal, but fewer plain ones.
+        floor_textures: Weights of the floor's textures; None: mostly checkers and noise.
+        backdrops: Weights of the backdrops, by `BACKDROPS`; None: equal.
+        max_lights: Largest number of lights.
+        point_light_probability: Share of lights that are point lights.
+        soft_shadow_probability: Share of lights with soft shadows.
+        metal_probability: Share of objects with a mirror reflection.
+        texture_scale: Range of the size of features, m, log-uniform.
+        floor_scale: Range of the size of the floor's features, m, log-uniform.
+        ambient: Range of the ambient light.
+
+    Raises:
+        ValueError: A kind is unknown, or all weights are zero.
     """
     textures = textures or {"plain": 0.5, "stripes": 1.0, "checker": 1.0, "noise": 1.0, "spots": 1.0}
     floor_textures = floor_textures or {"plain": 0.4, "stripes": 0.5, "checker": 1.5, "noise": 1.5, "spots": 0.3}
     backdrops = backdrops or {"plain": 1.0, "gradient": 1.0, "clouds": 1.0}
-    _known(textures, TEXTURES, "textures")
-    _known(floor_textures, TEXTURES, "floor_textures")
-    _known(backdrops, BACKDROPS, "backdrops")
+    _check_weights(textures, TEXTURES, "textures")
+    _check_weights(floor_textures, TEXTURES, "floor_textures")
+    _check_weights(backdrops, BACKDROPS, "backdrops")
     hue = rng.random()
     materials = tuple(
         _object_material(
@@ -158,9 +209,9 @@ def sample_appearance(
     count = int(rng.integers(1, max_lights + 1))
     around = float(rng.uniform(*ambient))
     lights = [_light(rng, i, point_light_probability, soft_shadow_probability) for i in range(count)]
-    # So bright that what faces all lights is just saturated where it is white.
-    dimmed = min(1.0, (_BRIGHTEST - around) / sum(max(light.colour) for light in lights))
-    lights = [replace(light, colour=tuple(dimmed * c for c in light.colour)) for light in lights]  # type: ignore[arg-type]
+    # A white surface that faces all lights is just saturated.
+    dimming = min(1.0, (_BRIGHTEST - around) / sum(max(light.colour) for light in lights))
+    lights = [replace(light, colour=tuple(dimming * c for c in light.colour)) for light in lights]  # type: ignore[arg-type]
     return Appearance(
         materials,
         _floor_material(rng, floor_textures, floor_scale),
@@ -179,12 +230,12 @@ def sample_sensor(
     gamma: tuple[float, float] = (0.85, 1.2),
     brightness: tuple[float, float] = (0.8, 1.2),
 ) -> Sensor:
-    """A random sensor, each number drawn evenly from its range."""
+    """A random sensor; each number is drawn uniformly from its range."""
     return Sensor(*(float(rng.uniform(*bounds)) for bounds in (noise, blur, gamma, brightness)))
 
 
 def apply_sensor(frames: np.ndarray, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
-    """Frames uint8 (F, H, W, 3) as the sensor gives them: blurred, with its gamma and brightness, then noisy."""
+    """Frames uint8 (F, H, W, 3) with the sensor's blur, then its gamma and brightness, then its noise."""
     tone = np.arange(256) / 255.0
     tone = np.clip(255.0 * sensor.brightness * tone**sensor.gamma, 0, 255).astype(np.float32)
     out = np.empty_like(frames)
@@ -207,7 +258,7 @@ def _object_material(
 ) -> Material:
     value = rng.uniform(0.45, 0.95)
     colour = colorsys.hsv_to_rgb(hue, rng.uniform(0.25, 0.9), value)
-    if rng.random() < 0.5:  # a shade of the same hue, or another
+    if rng.random() < 0.5:  # the same hue, or any
         second = colorsys.hsv_to_rgb(hue, rng.uniform(0.1, 0.8), value * rng.uniform(0.3, 0.7))
     else:
         second = colorsys.hsv_to_rgb(rng.random(), rng.uniform(0.0, 0.8), rng.uniform(0.1, 1.0))
@@ -260,7 +311,7 @@ def _choice(rng: np.random.Generator, weights: dict[str, float]) -> str:
     return str(rng.choice(list(weights), p=[w / total for w in weights.values()]))
 
 
-def _known(weights: dict[str, float], valid: Sequence[str] | dict[str, int], name: str) -> None:
+def _check_weights(weights: dict[str, float], valid: Sequence[str] | dict[str, int], name: str) -> None:
     unknown = set(weights) - set(valid)
     if unknown or sum(weights.values()) <= 0:
         raise ValueError(f"{name}: {sorted(unknown) or 'no weight'}; valid kinds are {list(valid)}")

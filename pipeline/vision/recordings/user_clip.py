@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import VideoError
-from pipeline.vision.dis import DIS
-from pipeline.vision.mask_file import read_masks
-from pipeline.vision.motion_masks import masks_from_motion
-from pipeline.vision.video import Clip, frame_times, read_clip
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.recordings.mask_file import read_masks
+from pipeline.vision.recordings.motion_masks import masks_from_motion
+from pipeline.vision.recordings.video import Clip, frame_times, read_clip
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg")
 
