@@ -1,7 +1,7 @@
 """The reward of candidates, compiled: masks and exact flow of every frame against the target's, in parallel.
 
 Reward = IoU - EPE over the whole frame (px of 480x320 per frame interval). See docs/formats.md, "Metrics". Where a
-search wants to know in which direction to go, each object's mask and flow are pooled too (`pipeline.search.pooled_residuals`).
+search wants to know in which direction to go, each object's mask and flow are pooled too (`pooled_residuals`).
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ import pytest
 from pipeline.errors import ParamsError, SceneError
 from pipeline.scene.mjcf import scene_mjcf
 from pipeline.scene.scene import Camera, Scene, SceneObject
-from pipeline.vision import render_backend
+from pipeline.vision.rendering import render_backend
 from pipeline.vision.rendering.appearance import plain_appearance, sample_appearance
 from pipeline.vision.rendering.camera import pinhole
 from pipeline.vision.rendering.mjcf_appearance import add_appearance
@@ -92,7 +92,7 @@ def test_without_opengl_the_ray_caster_is_chosen_and_says_why(monkeypatch: pytes
 
 def test_an_opengl_that_kills_its_process_is_survived(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(render_backend, "_PROBE", "import os; os.abort()")
-    assert "ended with" in (gl_problem.__wrapped__("egl") or "")
+    assert "exited with" in (gl_problem.__wrapped__("egl") or "")
 
 
 def test_an_unknown_backend_is_named_with_those_that_are_valid() -> None:

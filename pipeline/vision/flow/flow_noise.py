@@ -84,8 +84,8 @@ RAFT_RANGES: dict[str, tuple[float, float]] = {
 }
 CELL_PX = 16.0  # a cell of RAFT's grid: 8 px of 240x160
 #: Sigma, px, and share of the variance of the components of the background's error, besides the cells. Its correlation
-#: at 8, 16, 32, 64 and 128 px is 0.87, 0.67, 0.46, 0.24 and 0.08; that of RAFT's error is 0.84, 0.71, 0.49, 0.23 and 0.09
-#: (60 clips, more than 24 px from objects).
+#: at 8, 16, 32, 64 and 128 px is 0.87, 0.67, 0.46, 0.24 and 0.08; that of RAFT's error is 0.84, 0.71, 0.49, 0.23 and
+#: 0.09 (60 clips, more than 24 px from objects).
 BLOTCHES = ((8.0, 0.3), (24.0, 0.38), (64.0, 0.22))
 CELL_SHARE = 0.1
 SHADOWS = 0.7  # share of clips whose shadows move
@@ -266,7 +266,7 @@ def upsampled(field: np.ndarray, stride: int, shape: tuple[int, ...]) -> np.ndar
 
 @kernel
 def _cast_shadows(flow: np.ndarray, foreground: np.ndarray, caster: np.ndarray, strength: float) -> None:
-    """Add a share of the objects' flow to the background under their shadows. caster: (2, 3), from `shadow_to_object`."""
+    """Add a share of the objects' flow to the background under their shadows. caster: `shadow_to_object` (2, 3)."""
     height, width = foreground.shape
     for y in range(height):
         for x in range(width):

@@ -1,4 +1,4 @@
-"""Instance masks made elsewhere: a folder of PNGs, one PNG, or an NPZ with the key `masks`."""
+"""Instance masks from files: a folder of PNGs, one PNG, or an NPZ with the key `masks`."""
 
 from __future__ import annotations
 
@@ -10,38 +10,51 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from pipeline.errors import VideoError
-from pipeline.vision.recordings.video import Fit
+from pipeline.vision.recordings.letterbox import Letterbox
 
 KEY = "masks"
 
 
-def read_masks(path: Path | str, size: tuple[int, int], count: int | None = None, fit: Fit | None = None) -> np.ndarray:
-    """Ids (T, H, W) uint8 at `size` (width, height), 0 for the background, else 1 to N in the order of their values.
+def read_masks(
+    path: Path | str, size: tuple[int, int], count: int | None = None, letterbox: Letterbox | None = None
+) -> np.ndarray:
+    """Read instance masks.
 
-    A folder's PNGs are taken in the order of their names; grey values, palette indices or colours are ids, black is
-    the background. count: how many frames there must be. fit: of the clip they belong to, so that masks of the
-    source's size are cropped as it was; without it they are resized. Raises VideoError.
+    PNGs of a folder are read in the order of their names. Grey values, palette indices or colours are ids; black is the
+    background.
+
+    Args:
+        path: A folder of PNGs, a PNG, or an NPZ.
+        size: (width, height) of the result, px.
+        count: Number of masks that is required; None: any.
+        letterbox: That of the clip. Masks of the size of the recording are cropped by it, others are resized.
+
+    Returns:
+        Ids (T, H, W) uint8: 0 for the background, else 1 to N in the order of the values in the file.
+
+    Raises:
+        VideoError: The file cannot be read or the masks cannot be used.
     """
     path = Path(path)
     masks = read_values(path)
     if count is not None and len(masks) != count:
-        raise VideoError(f"{path} has {len(masks)} masks, the clip has {count} frames: one mask a frame is needed")
+        raise VideoError(f"{path} has {len(masks)} masks, the clip has {count} frames: one mask per frame is needed")
     values = np.unique(masks)
     values = values[values != 0]
     if not len(values):
         raise VideoError(f"{path}: the masks are empty (all background)")
     if len(values) > 255:
-        raise VideoError(f"{path} has {len(values)} different ids, at most 255 can be told apart: is it a picture?")
+        raise VideoError(f"{path} has {len(values)} different ids, at most 255 are possible: is it a picture?")
     ids = np.where(masks == 0, 0, np.searchsorted(values, masks) + 1).astype(np.uint8)
-    if fit is not None and fit.source == (ids.shape[2], ids.shape[1]):
-        return np.stack([fit.apply(m, nearest=True) for m in ids])
+    if letterbox is not None and letterbox.source == (ids.shape[2], ids.shape[1]):
+        return np.stack([letterbox.apply(m, nearest=True) for m in ids])
     return np.stack([cv2.resize(m, size, interpolation=cv2.INTER_NEAREST_EXACT) for m in ids])
 
 
 def read_values(path: Path) -> np.ndarray:
-    """The file's or folder's own values, (T, H, W) integers."""
+    """The values in a file or folder, (T, H, W) integers."""
     if not path.exists():
-        raise VideoError(f"{path}: there are no masks there; give a folder of PNGs, a PNG, or an NPZ with `{KEY}`")
+        raise VideoError(f"{path}: there are no masks there; valid: a folder of PNGs, a PNG, or an NPZ with `{KEY}`")
     if path.is_dir():
         files = sorted(p for p in path.iterdir() if p.suffix.lower() == ".png")
         if not files:
@@ -55,11 +68,11 @@ def read_values(path: Path) -> np.ndarray:
         return read_png(path)[None]
     if path.suffix.lower() == ".npz":
         return read_npz(path)
-    raise VideoError(f"{path} is no mask file: a folder of PNGs, a PNG, or an NPZ with `{KEY}` is")
+    raise VideoError(f"{path} is no mask file; valid: a folder of PNGs, a PNG, or an NPZ with `{KEY}`")
 
 
 def read_png(path: Path) -> np.ndarray:
-    """(H, W) int64: grey value, palette index, or the colour as one number; transparent is 0."""
+    """Values (H, W) int64: grey value, palette index, or the colour as one number; 0 where transparent."""
     try:
         with Image.open(path) as image:
             if image.mode in ("RGBA", "LA", "PA"):

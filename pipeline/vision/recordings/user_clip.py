@@ -1,4 +1,4 @@
-"""A user's clip with its masks: given beside the video, or found from motion."""
+"""A clip of a user with its masks, which are given as files or found from motion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpe
 
 @dataclass(frozen=True)
 class UserClip:
-    """The clip, its masks (T, H, W) uint8 and where they came from: "motion" or a file's name."""
+    """A clip, its masks (T, H, W) uint8, and their source: "motion" or the name of a file."""
 
     clip: Clip
     masks: np.ndarray
@@ -26,9 +26,9 @@ class UserClip:
 
 
 def find_clips(folder: Path) -> list[Path]:
-    """The clips of a folder in the order of their names: videos, and folders that hold a video. Raises `VideoError`."""
+    """The clips of a folder in the order of their names: videos, and folders with a video. Raises VideoError."""
     if not folder.is_dir():
-        raise VideoError(f"suites.real.path: {folder} is no folder; valid: a folder of videos, or null")
+        raise VideoError(f"suites.real.path: {folder} is not a folder; valid: a folder of videos, or null")
     return [p for p in sorted(folder.iterdir()) if _is_video(p) or (p.is_dir() and any(map(_is_video, p.iterdir())))]
 
 
@@ -39,10 +39,18 @@ def _is_video(path: Path) -> bool:
 def read_user_clip(
     place: Path, start: float, seconds: float, fps: float, assume_fps: float | None, masks: Path | None = None
 ) -> UserClip:
-    """The clip at `place`, a video or a folder with one and its masks. `masks`: a mask file or folder to use instead,
-    with one mask for each frame of the clip, or for each frame of the recording.
+    """Read a clip and its masks; without masks, moving objects are segmented by their motion.
 
-    Raises `VideoError` for a video that cannot be used, masks that do not fit, or a clip in which nothing moves.
+    Args:
+        place: A video, or a folder with a video and possibly `masks.npz` or a folder `masks`.
+        start: Start of the clip, s.
+        seconds: Length of the clip, s.
+        fps: Frame rate of the clip.
+        assume_fps: Frame rate of the recording where its time stamps are wrong; None: they are used.
+        masks: Mask file or folder to use instead, with one mask per frame of the clip or of the recording.
+
+    Raises:
+        VideoError: The video cannot be used, the masks do not match it, or nothing moves.
     """
     video = _video_of(place)
     if masks is None and place.is_dir():
@@ -64,8 +72,8 @@ def _video_of(place: Path) -> Path:
 
 
 def _given_masks(path: Path, clip: Clip, video: Path, assume_fps: float | None) -> np.ndarray:
-    """Ids (T, H, W) of the clip's frames, 1 to N."""
-    masks = read_masks(path, (clip.frames.shape[2], clip.frames.shape[1]), fit=clip.fit)
+    """Masks (T, H, W) uint8 of the frames of the clip, from a file with one mask per frame of clip or recording."""
+    masks = read_masks(path, (clip.frames.shape[2], clip.frames.shape[1]), letterbox=clip.letterbox)
     if len(masks) == len(clip.frames):
         return masks
     times = frame_times(video, assume_fps)

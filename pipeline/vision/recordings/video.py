@@ -1,7 +1,7 @@
-"""Video files: any recording to frames at regular times and one size, and frames to a file that browsers play.
+"""Video files: reading frames at regular times in one size, and writing files that browsers play.
 
-PyAV is used: its wheel brings FFmpeg, gives every frame's own time stamp and the rotation that phones write, and
-encodes H.264. OpenCV's wheel does neither of the last two reliably.
+PyAV is used because its wheel includes FFmpeg, gives the time stamp of each frame and the rotation that phones record,
+and encodes H.264. OpenCV's wheel does the last two unreliably.
 """
 
 from __future__ import annotations
@@ -18,80 +18,34 @@ import cv2
 import numpy as np
 
 from pipeline.errors import OutputError, VideoError
+from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for
 
 SIZE = (480, 320)  # px, width and height
 FPS = 30.0
-KEPT_SHARE = 0.6  # of the picture; where cropping would keep less, bars are added instead
-SEEK_FROM = 2.0  # s; earlier starts are reached by decoding
-
-
-@dataclass(frozen=True)
-class Fit:
-    """How a source picture of `source` (width, height) px becomes one of `size`: the window that is kept
-    (left, top, width, height; source px) and the place it takes (left, top, width, height; target px)."""
-
-    source: tuple[int, int]
-    size: tuple[int, int]
-    window: tuple[int, int, int, int]
-    place: tuple[int, int, int, int]
-
-    def apply(self, picture: np.ndarray, nearest: bool = False) -> np.ndarray:
-        """(h, w, ...) of the source to (H, W, ...). Bars take the median colour of the picture's border, or 0."""
-        left, top, width, height = self.window
-        cut = picture[top : top + height, left : left + width]
-        x, y, w, h = self.place
-        shrinks = w * h < width * height
-        how = cv2.INTER_NEAREST_EXACT if nearest else cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-        inner = cut if (w, h) == (width, height) else cv2.resize(cut, (w, h), interpolation=how)
-        if (w, h) == self.size:
-            return inner
-        border = np.concatenate([cut[0], cut[-1], cut[:, 0], cut[:, -1]])
-        fill = np.zeros_like(border[0]) if nearest else np.median(border, axis=0).astype(picture.dtype)
-        out = np.empty((self.size[1], self.size[0], *picture.shape[2:]), picture.dtype)
-        out[:] = fill
-        out[y : y + h, x : x + w] = inner
-        return out
+SEEK_FROM = 2.0  # s; up to there frames are decoded from the beginning
 
 
 @dataclass(frozen=True)
 class Clip:
-    """frames: (T, H, W, 3) uint8 RGB. times: (T,) s from the clip's start, regular. source_times: (T,) s, when each
-    frame was recorded, from the file's first. source_size: (width, height) px, upright. notes: what was changed or
-    assumed, a sentence each."""
+    """A part of a video at a regular frame rate.
+
+    Attributes:
+        frames: (T, H, W, 3) uint8 RGB.
+        times: (T,) s from the start of the clip, regular.
+        source_times: (T,) s from the first frame of the file: when each frame was recorded.
+        source_fps: Frame rate of the recording.
+        source_size: (width, height) px, upright.
+        letterbox: From the upright recording to `frames`.
+        notes: What was changed or assumed, a sentence each.
+    """
 
     frames: np.ndarray
     times: np.ndarray
     source_times: np.ndarray
     source_fps: float
     source_size: tuple[int, int]
-    fit: Fit
+    letterbox: Letterbox
     notes: list[str] = field(default_factory=list)
-
-
-def fit_to(source: tuple[int, int], size: tuple[int, int]) -> tuple[Fit, str | None]:
-    """The fit of a source to a size, both (width, height) px, and a note where their shapes differ.
-
-    The middle is cut out, which keeps square pixels and the optical axis in the middle and only narrows the field of
-    view. Where that would keep less than KEPT_SHARE of the picture (portrait), bars are added instead.
-    """
-    (sw, sh), (w, h) = source, size
-    ratio = (sw / sh) / (w / h)
-    if abs(ratio - 1) < 0.01:
-        return Fit(source, size, (0, 0, sw, sh), (0, 0, w, h)), None
-    if min(ratio, 1 / ratio) >= KEPT_SHARE:
-        kw, kh = (round(sh * w / h), sh) if ratio > 1 else (sw, round(sw * h / w))
-        side = "horizontal" if ratio > 1 else "vertical"
-        note = (
-            f"cropped from {sw}x{sh} to the middle {kw}x{kh}: the camera that is found has "
-            f"{min(ratio, 1 / ratio):.0%} of the recording's {side} field of view (as a tangent)"
-        )
-        return Fit(source, size, ((sw - kw) // 2, (sh - kh) // 2, kw, kh), (0, 0, w, h)), note
-    pw, ph = (w, round(w * sh / sw)) if ratio > 1 else (round(h * sw / sh), h)
-    note = (
-        f"{sw}x{sh} is far from {w}x{h} in shape: the whole picture is kept, {pw}x{ph} between bars; objects that "
-        "leave it vanish behind them"
-    )
-    return Fit(source, size, (0, 0, sw, sh), ((w - pw) // 2, (h - ph) // 2, pw, ph)), note
 
 
 def read_clip(
@@ -102,35 +56,46 @@ def read_clip(
     size: tuple[int, int] = SIZE,
     assume_fps: float | None = None,
 ) -> Clip:
-    """`seconds` of a video from `start` (s) on, as round(seconds * fps) frames of `size` (width, height).
+    """Read a part of a video as round(seconds * fps) frames.
 
-    Each frame is the one recorded nearest to its time, by the file's own time stamps (so a variable frame rate is
-    no matter), or by counting frames at `assume_fps` where the header is wrong, as in slow motion. Then `start` and
-    `seconds` too are in that time. Raises VideoError.
+    Each frame is the recorded one that is nearest in time, by the time stamps of the file. Variable frame rates are
+    handled.
+
+    Args:
+        path: Video file.
+        start: Start of the clip, s.
+        seconds: Length of the clip, s.
+        fps: Frame rate of the clip.
+        size: (width, height) px.
+        assume_fps: Frame rate that replaces the time stamps where they are wrong, as in slow motion. `start` and
+            `seconds` then refer to that time.
+
+    Raises:
+        VideoError: The file is not a readable video, or the clip is not within it.
     """
     path = Path(path)
     count = round(seconds * fps)
     if not (seconds > 0 and fps > 0 and start >= 0 and count >= 2):
         raise VideoError(
-            f"{path}: start {start:g} s, {seconds:g} s at {fps:g} FPS is no clip: start is 0 or more, and at least 2 "
-            "frames are needed"
+            f"{path}: {seconds:g} s from {start:g} s at {fps:g} FPS is not a valid clip: the start must be 0 or "
+            "more, and at least 2 frames are needed"
         )
     if assume_fps is not None and not 0 < assume_fps < float("inf"):
-        raise VideoError(f"{path}: a recording has a positive frame rate, not {assume_fps:g}")
+        raise VideoError(f"{path}: the frame rate must be positive and finite, not {assume_fps:g}")
     check_file(path)
     decoder = Decoder(path, start, assume_fps)
-    fit: Fit | None = None
+    letterbox: Letterbox | None = None
     note = None
     frames: list[np.ndarray] = []
     recorded: list[float] = []
     wanted = start + np.arange(count) / fps
     before: tuple[float, np.ndarray] | None = None
     for time, picture in decoder:
-        if fit is None:
-            fit, note = fit_to((picture.shape[1], picture.shape[0]), size)
+        if letterbox is None:
+            letterbox, note = letterbox_for((picture.shape[1], picture.shape[0]), size)
         if before is not None:
             while len(frames) < count and wanted[len(frames)] <= (before[0] + time) / 2:
-                frames.append(fit.apply(before[1]))
+                frames.append(letterbox.apply(before[1]))
                 recorded.append(before[0])
         before = (time, picture)
         if len(frames) == count:
@@ -138,32 +103,32 @@ def read_clip(
     decoder.close()
     check_decoded(path, decoder, start)
     assert before is not None
-    assert fit is not None
+    assert letterbox is not None
     slack = 0.5 * max(1 / fps, decoder.interval) + 1e-6
     while len(frames) < count and wanted[len(frames)] <= before[0] + slack:
-        frames.append(fit.apply(before[1]))
+        frames.append(letterbox.apply(before[1]))
         recorded.append(before[0])
     if len(frames) < count:
         end = before[0] + decoder.interval
         broken = " before it breaks off" if decoder.broken else ""
         raise VideoError(
-            f"{path} is {end:.2f} s long{broken}: {seconds:g} s from {start:g} s on do not fit, "
-            f"{max(end - start, 0):.2f} s would"
+            f"{path} is {end:.2f} s long{broken}: a clip of {seconds:g} s from {start:g} s on does not fit; at most "
+            f"{max(end - start, 0):.2f} s do"
         )
     notes = [*decoder.notes(assume_fps), *([note] if note else []), *repeats(recorded, fps)]
     return Clip(
-        np.stack(frames),
-        np.arange(count) / fps,
-        np.array(recorded),
-        decoder.fps,
-        fit.source,
-        fit,
-        notes,
+        frames=np.stack(frames),
+        times=np.arange(count) / fps,
+        source_times=np.array(recorded),
+        source_fps=decoder.fps,
+        source_size=letterbox.source,
+        letterbox=letterbox,
+        notes=notes,
     )
 
 
 def frame_times(path: Path | str, assume_fps: float | None = None) -> np.ndarray:
-    """Times (N,), s from the first, of all frames of a video, from its packets, without decoding. Raises VideoError."""
+    """Times (N,) of all frames of a video, s from the first, read from its packets. Raises VideoError."""
     decoder = Decoder(Path(path), 0.0, None)
     try:
         stamps = [p.pts for p in decoder.container.demux(decoder.stream) if p.pts is not None]
@@ -193,15 +158,15 @@ def check_decoded(path: Path, decoder: Decoder, start: float) -> None:
     if decoder.count == 0 and start > 0 and not decoder.broken:
         raise VideoError(f"{path}: {start:g} s is after its end")
     if decoder.count == 0:
-        raise VideoError(f"{path} is broken: not one frame of it can be decoded")
+        raise VideoError(f"{path} is broken: none of its frames can be decoded")
     if decoder.count == 1 and not decoder.seeked:
-        raise VideoError(f"{path} has one frame only: motion needs two or more")
+        raise VideoError(f"{path} has one frame only: at least two are needed")
     if start > decoder.last + decoder.interval:
         raise VideoError(f"{path} is {decoder.last + decoder.interval:.2f} s long: {start:g} s is after its end")
 
 
 def repeats(recorded: list[float], fps: float) -> list[str]:
-    """A note on frames that had to be shown twice, since the recording has fewer."""
+    """A note on frames that repeat because the recording has fewer."""
     same = int((np.diff(recorded) <= 0).sum())
     if not same:
         return []
@@ -209,7 +174,7 @@ def repeats(recorded: list[float], fps: float) -> list[str]:
 
 
 class Decoder:
-    """Iterates over (time, s from the first frame; upright RGB picture (h, w, 3) uint8) of a video file."""
+    """Iterates over the frames of a video file: time, s from the first, and upright RGB picture (h, w, 3) uint8."""
 
     def __init__(self, path: Path, start: float, assume_fps: float | None) -> None:
         self.path = path
@@ -242,7 +207,7 @@ class Decoder:
             self.container.seek(int((self.first + start) / self.tick), stream=self.stream)
             self.seeked = True
         except av.FFmpegError:
-            pass  # decode from the beginning, then
+            pass  # decode from the beginning instead
 
     @property
     def interval(self) -> float:
@@ -258,7 +223,7 @@ class Decoder:
             for frame in self.container.decode(self.stream):
                 time = self._time(frame)
                 if self.count and time <= self.last:
-                    continue  # a damaged stream may repeat or turn back its stamps
+                    continue  # time stamps of a damaged stream may repeat or go back
                 if self.count:
                     self._steps.append(time - self.last)
                 self.count, self.last = self.count + 1, time
@@ -283,9 +248,9 @@ class Decoder:
     def notes(self, assume_fps: float | None) -> list[str]:
         out = []
         if assume_fps is not None and abs(assume_fps / self.header_fps - 1) > 0.005:
-            out.append(f"the header says {self.header_fps:.4g} FPS; {assume_fps:g} FPS was assumed as told")
+            out.append(f"the header says {self.header_fps:.4g} FPS; {assume_fps:g} FPS is used as given")
         elif assume_fps is None:
-            out.append(f"time base: the file's own time stamps, {self.fps:.4g} FPS")
+            out.append(f"time base: the time stamps of the file, {self.fps:.4g} FPS")
         steps = np.array(self._steps)
         if assume_fps is None and len(steps) > 2 and np.ptp(np.quantile(steps, [0.02, 0.98])) > 0.25 * np.median(steps):
             out.append(
@@ -293,9 +258,9 @@ class Decoder:
                 "by time stamps"
             )
         if self.rotation:
-            out.append(f"turned upright by {self.rotation} degrees anticlockwise, as the file says")
+            out.append(f"rotated by {self.rotation} degrees anticlockwise, as the file states")
         if abs(self.aspect - 1) > 0.005:
-            out.append(f"pixels {self.aspect:.3g} times as wide as high were made square")
+            out.append(f"pixels that are {self.aspect:.3g} times as wide as high were made square")
         if self.broken:
             out.append(f"the file breaks off after {self.last:.2f} s")
         return out
@@ -304,15 +269,16 @@ class Decoder:
         self.container.close()
 
 
-# With AVX-512, x264 reads memory that nobody wrote, and the bytes then vary from run to run.
+# With AVX-512, x264 reads uninitialised memory, and the bytes then vary from run to run.
 _NO_AVX512 = {"x264-params": "asm=sse4.2"} if platform.machine() in ("x86_64", "AMD64") else {}
 _X264 = {"crf": "18", "threads": "1"} | _NO_AVX512
 
 
 def write_video(path: Path | str, frames: np.ndarray, fps: float = FPS) -> None:
-    """(T, H, W, 3) uint8 RGB to an H.264 mp4 (yuv420p, playable while it loads), renamed when complete.
+    """Write frames (T, H, W, 3) uint8 RGB as H.264 mp4 (yuv420p, playable while it loads).
 
-    An odd width or height gets its last column or row twice. Raises OutputError.
+    The file gets its name when it is complete. An odd width or height is padded with the last column or row. Raises
+    OutputError.
     """
     path = Path(path)
     temporary = path.with_name(path.name + ".part")
