@@ -12,7 +12,7 @@ import pyarrow as pa
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
-from pipeline.search.cmaes import Budget, search
+from pipeline.search.cmaes import Budget, cmaes_search
 from pipeline.search.evaluator import Evaluator
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
@@ -33,7 +33,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
     for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
         starts = distinct_starts(ranked, clip, p["starts"])
         evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
-        found = search(evaluator, starts, Budget(p["population"], p["iterations"], p["sigma"]),
+        found = cmaes_search(evaluator, starts, Budget(p["population"], p["iterations"], p["sigma"]),
                        clip_rng(p["seed"], shard.suite, clip, "cmaes"))  # fmt: skip
         rows.append({"clip": clip, **found_row(found)})
         invalid += found.invalid

@@ -18,7 +18,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.scene.text import write_scene
 from pipeline.search.certainty import certainties
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.search_scene import solve
+from pipeline.search.search_scene import search_scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -41,15 +41,15 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
     for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
         evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
         starts = distinct_starts(ranked, clip, p["starts"])
-        solved = solve(evaluator, starts, p["simulations"], clip_rng(p["seed"], shard.suite, clip, "fit"))
-        found = solved.found.scene
+        searched = search_scene(evaluator, starts, p["simulations"], clip_rng(p["seed"], shard.suite, clip, "fit"))
+        found = searched.result.scene
         pairs = evaluator.pairs(found)
         instance = dict(pairs.tolist())
-        rows.append({"clip": clip, "guess": None if solved.guess is None else write_scene(solved.guess),
-                     "guess_simulations": solved.guess_simulations, **found_row(solved.found),
+        rows.append({"clip": clip, "guess": None if searched.guess is None else write_scene(searched.guess),
+                     "guess_simulations": searched.guess_simulations, **found_row(searched.result),
                      "instance": [instance.get(i, -1) for i in range(len(found.objects))],
                      "certainty": [asdict(c) for c in certainties(evaluator, found, pairs)]})  # fmt: skip
-        invalid += solved.found.invalid
+        invalid += searched.result.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)
 

@@ -1,10 +1,10 @@
-"""In which direction a candidate is wrong: each object's mask and flow, pooled, against the instance's.
+"""Smooth residuals between the masks and flow of candidates and those of the target, for Gauss-Newton.
 
-Counting pixels tells how good a candidate is and nothing about where to go. So each object's mask, and its flow
-times its mask, are spread over the nodes of a grid by tents (bilinear weights), which change smoothly as the object
-moves; the tents of coarser grids are sums of finer ones. The difference to the instance's, in shares of its area, is
-a residual for Gauss-Newton: its square is about 1 - IoU where the two overlap. Area and centroid, which follow from
-the same sums, lead where they do not.
+The reward counts pixels, so it has no useful derivative. Here each object's mask, and its flow times its mask, are
+pooled: they are distributed over the nodes of a grid by bilinear weights (hat functions), which change smoothly as the
+object moves. Coarser grids are sums of finer ones. The difference from the pooled mask and flow of the instance, in
+units of its area, is the residual. Its square is about 1 - IoU where the two overlap. Where they do not, area and
+centroid, which follow from the same sums, give a direction.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ import numpy as np
 from pipeline.compiled import kernel
 from pipeline.search.target import REFERENCE_WIDTH, Target
 
-CELLS = 24  # of the finest grid, over the width of the picture
-LEVELS = 3  # grids, each of half as many cells as the one before
-FLOW_PX, FLOW_SHARE = 12.0, 0.25  # px of 480x320, and share of the instance's mean flow, that count as its whole area
-CENTROID_PX = 80.0  # px of 480x320 that count as its whole area
-AREA_WEIGHT = 0.3  # of a factor e in area
-LOST = 3.0  # residual of centroid and area where one of the two is not seen
+CELLS = 24  # of the finest grid across the width of the picture
+LEVELS = 3  # grids, each with half as many cells as the one before
+#: An error of the flow by FLOW_PX (px of 480x320) plus FLOW_SHARE of the instance's mean flow counts as its whole area.
+FLOW_PX, FLOW_SHARE = 12.0, 0.25
+CENTROID_PX = 80.0  # px of 480x320: an error of the centroid that counts as the whole area
+AREA_WEIGHT = 0.3  # residual for a factor e in area
+LOST = 3.0  # residual of centroid and area where only one of object and instance is visible
 INVALID_COST = 1e6
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """values (B, N, R) float32 of each object, 0 where it has no instance; cost (B, N): their squares' sum."""
+    """values: (B, N, R) float32 of each object, 0 where it has no instance. cost: (B, N), their sums of squares."""
 
     values: np.ndarray
     cost: np.ndarray
@@ -37,8 +38,15 @@ class Residuals:
 def pool_frame(
     mask: np.ndarray, flow: np.ndarray, within: tuple[int, int, int, int], cell: int, out: np.ndarray
 ) -> None:
-    """Fill out (N, 3, h, w) with the tent-weighted sums of mask (H, W), and of flow (H, W, 2) on it, in px, at nodes
-    `cell` px apart, the first at the picture's corner. within: the rows and columns outside which the mask is 0."""
+    """Pool the masks and flow of one frame with bilinear weights.
+
+    Args:
+        mask: (H, W), i + 1 for object i.
+        flow: (H, W, 2) px.
+        within: Rectangle outside which the mask is 0: first row, one past the last, first column, one past the last.
+        cell: Spacing of the nodes, px; the first is at the corner of the picture.
+        out: (N, 3, h, w), output: pooled mask and flow of each object.
+    """
     out[:] = 0
     inverse = 1.0 / cell
     top, bottom, left, right = within
@@ -64,8 +72,8 @@ def pool_frame(
                 out[i, channel, j + 1, k + 1] += b * a * value
 
 
-class Pooling:
-    """The target's pooled pictures, and the residuals of candidates against them."""
+class PooledTarget:
+    """The pooled masks and flow of a target, and the residuals of candidates against them."""
 
     def __init__(self, target: Target) -> None:
         self.cell = max(1, round(target.width / CELLS))
@@ -91,13 +99,19 @@ class Pooling:
         self._halvings = [_halving(n, LEVELS) for n in nodes]
 
     def _place(self, pooled: np.ndarray, areas: np.ndarray) -> np.ndarray:
-        """Centroids (..., 2), px: tents add up to the position of each pixel."""
+        """Centroids (..., 2), px. They are exact because bilinear weights reproduce positions."""
         rows, columns = (np.arange(n, dtype=np.float32) * self.cell for n in pooled.shape[-2:])
         sums = np.stack([pooled.sum(-2) @ columns, pooled.sum(-1) @ rows], -1)
         return sums / np.maximum(areas, 1e-9)[..., None]
 
     def residuals(self, pooled: np.ndarray, pairs: np.ndarray, valid: np.ndarray) -> Residuals:
-        """Of candidates (B, F, N, 3, h, w), each frame a share of the whole."""
+        """Residuals of candidates, with equal weights for all frames.
+
+        Args:
+            pooled: (B, F, N, 3, h, w), from `pool_frame`.
+            pairs: (P, 2) objects and instances.
+            valid: (B,); others get `INVALID_COST`.
+        """
         count, frames, objects = pooled.shape[:3]
         share = 1 / np.sqrt(frames)
         columns = []
@@ -131,7 +145,7 @@ class Pooling:
 
 
 def _halving(nodes: int, levels: int) -> list[np.ndarray]:
-    """Matrices that sum the tents of a grid of so many nodes into those of half as many cells, level by level."""
+    """Matrices, level by level, that sum the weights of a grid of `nodes` nodes to those of half as many cells."""
     out = []
     for _ in range(levels - 1):
         coarse = nodes // 2 + 1

@@ -1,4 +1,4 @@
-"""What a search comes back with, and what it cost."""
+"""The result of a search and the record of its best scenes."""
 
 from __future__ import annotations
 
@@ -12,13 +12,24 @@ from pipeline.physics.overlap import penetration, separated
 from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
 
-DEEPEST = 1e-3  # m of overlap that an answer may have
+DEEPEST = 1e-3  # m, the largest overlap of objects in a result
 
 
 @dataclass(frozen=True)
-class Found:
-    """The best scene, its reward and IoU; spent, history: simulations, and the best reward after so many; the cost.
-    improved: each best scene on the way, and after how many simulations it was found."""
+class SearchResult:
+    """The best scene of a search and what it cost.
+
+    Attributes:
+        scene: The best scene.
+        reward: Its reward.
+        iou: Its IoU.
+        spent: Numbers of simulations, in increasing order.
+        history: Best reward after each of them.
+        simulations: Simulations in all.
+        invalid: Simulations that became unstable.
+        seconds: Wall time.
+        improved: Each scene that was the best so far, with the number of simulations before it.
+    """
 
     scene: Scene
     reward: float
@@ -31,13 +42,13 @@ class Found:
     improved: tuple[tuple[int, Scene], ...]
 
     def after(self, simulations: int) -> Scene:
-        """The best scene that a search of so many simulations would have come back with."""
+        """The best scene after so many simulations."""
         known = [scene for spent, scene in self.improved if spent <= simulations]
         return known[-1] if known else self.improved[0][1]
 
 
-class Record:
-    """The best answer so far of a search: none whose objects overlap by more than DEEPEST."""
+class SearchRecord:
+    """The best scene of a search so far. Its objects overlap by no more than `DEEPEST`."""
 
     def __init__(self, evaluator: Evaluator) -> None:
         self._evaluator = evaluator
@@ -53,7 +64,14 @@ class Record:
         return self._evaluator.simulations - self._before[0]
 
     def offer(self, scene: Scene, reward: float, iou: float, pairs: np.ndarray | None = None) -> None:
-        """Keep the scene if it is the best; one that overlaps is parted first, and looked at again."""
+        """Keep the scene if it is the best. Objects that overlap are separated first, and the scene is evaluated again.
+
+        Args:
+            scene: The scene.
+            reward: Its reward.
+            iou: Its IoU.
+            pairs: Objects and instances (P, 2) for another evaluation; None: by overlap.
+        """
         if reward <= self.reward:
             return
         if penetration(scene) > DEEPEST:
@@ -67,12 +85,20 @@ class Record:
             self._improved.append((self.simulations, scene))
 
     def mark(self) -> None:
-        """Note how good the best is by now."""
+        """Add the present number of simulations and best reward to the history."""
         self._curve.append((self.simulations, self.reward))
 
-    def found(self) -> Found:
-        assert self.scene is not None, "a search has a start"
+    def result(self) -> SearchResult:
+        assert self.scene is not None, "a search needs at least one start"
         curve = np.array(self._curve, float).reshape(-1, 2)
-        return Found(self.scene, self.reward, self.iou, curve[:, 0].astype(int), curve[:, 1], self.simulations,
-                     self._evaluator.invalid - self._before[1], time.perf_counter() - self._began,
-                     tuple(self._improved))  # fmt: skip
+        return SearchResult(
+            scene=self.scene,
+            reward=self.reward,
+            iou=self.iou,
+            spent=curve[:, 0].astype(int),
+            history=curve[:, 1],
+            simulations=self.simulations,
+            invalid=self._evaluator.invalid - self._before[1],
+            seconds=time.perf_counter() - self._began,
+            improved=tuple(self._improved),
+        )
