@@ -8,7 +8,7 @@ from sampled_scenes import SCHEDULE
 from targets import evaluator, exact_target, sampled
 
 from pipeline.physics.batch import stack_scenes, unstack
-from pipeline.physics.overlap import penetration, separated, sunk
+from pipeline.physics.overlap import ground_penetration, penetration, separated
 from pipeline.scene.scene import BASIC_SHAPES, Scene, SceneObject
 from pipeline.search.composition import likely_shapes, propose_compositions
 from pipeline.search.evaluator import Evaluator
@@ -113,7 +113,7 @@ def test_moves_stand_on_the_ground_or_above_and_keep_to_the_movable(rng: np.rand
     np.testing.assert_array_equal(batch.position[0], start.position[0])
     assert len(np.unique(batch.position[:, 0], axis=0)) > 5
     for b in range(40):
-        assert sunk(unstack(batch, b, scene))[[0, 2]].max() < 1e-5
+        assert ground_penetration(unstack(batch, b, scene))[[0, 2]].max() < 1e-5
 
 
 @pytest.mark.parametrize("shape", ["box", "cylinder"])

@@ -120,7 +120,7 @@ def test_an_assumed_rate_overrules_the_header(tmp_path):
     clip = read_clip(tmp_path / "slow_motion.mp4", seconds=0.2, assume_fps=240, size=(96, 64))
     assert [number(f) for f in clip.frames] == [0, 8, 16, 24, 32, 40]
     assert clip.source_fps == 240
-    assert any("240 FPS was assumed" in n for n in clip.notes)
+    assert any("240 FPS is used" in n for n in clip.notes)
 
 
 def test_a_start_is_reached_by_decoding_and_by_seeking_alike(tmp_path):

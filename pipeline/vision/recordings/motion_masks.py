@@ -1,10 +1,10 @@
-"""Instance masks of what moves in a clip of a resting camera, from a background model and the flow; no learning.
+"""Instance masks of moving objects in a clip of a static camera, from background subtraction and optical flow.
 
-The background is the median over time. Where a body rests for most of the clip it is in the median itself, and
-leaves a ghost where it was not; such a ghost is told by its outline, which is an edge of the background and not of
-the frame, and the background is repaired there. OpenCV's MOG2 (Zivkovic 2004), trained on the frames without their
-bodies, then classifies each pixel as background, body or shadow. Connected components are split where their flow
-differs and carried from frame to frame along the flow, which gives each body one id.
+The background is the median over time. An object that rests for most of the clip is part of the median, and leaves a
+ghost in the frames where it is elsewhere. The outline of a ghost is an edge of the background but not of the frame;
+there the background is repaired. OpenCV's MOG2 (Zivkovic 2004), trained on the frames without their objects, then
+classifies each pixel as background, object or shadow. Connected components are split where their flow differs, and
+propagated from frame to frame along the flow, so that each object has one id.
 """
 
 from __future__ import annotations
@@ -14,42 +14,52 @@ import numpy as np
 
 from pipeline.errors import VideoError
 
-DIFFERENT = 18  # of 255: a channel that differs so much from the background is not noise
-SMALLEST_SHARE = 0.0004  # of the picture's area; smaller components are noise
-SHORTEST = 3  # frames; what is seen for less is noise
-LONGEST_GAP = 4  # frames that a body may be lost for and be taken for the same
-LEAST_SHIFT = 0.03  # of what the track shifts that shifts most
-SLOW_PX = 0.3  # at 480 px of width: a flow below is no motion
-APART_PX = 2.0  # at 480 px of width: parts of one component whose flow differs by more are two bodies
-APART_SPREADS = 10  # and by so many times what it differs by inside each: a rolling body's even gradient has 4
+DIFFERENT = 18  # of 255: difference of a channel from the background above which a pixel is foreground
+SMALLEST_SHARE = 0.0004  # of the picture's area: smaller components are noise
+SHORTEST = 3  # frames: shorter tracks are noise
+LONGEST_GAP = 4  # frames for which an object may be lost
+LEAST_SHIFT = 0.03  # displacement of a track relative to the largest one, below which it is noise
+SLOW_PX = 0.3  # px at 480 px of width: flow below this is no motion
+#: A component is split where the flow of its two parts differs by SPLIT_PX (at 480 px of width) and by SPLIT_RATIO
+#: times the mean deviation within the parts. For the flow of a rolling object that ratio is 4.
+SPLIT_PX, SPLIT_RATIO = 2.0, 10
 OPEN, CLOSE = np.ones((3, 3), np.uint8), np.ones((5, 5), np.uint8)
 
 
 def masks_from_motion(frames: np.ndarray, flow_px: np.ndarray) -> np.ndarray:
-    """Ids of moving bodies, (T, H, W) uint8, 0 for the background, numbered from 1 by first appearance.
+    """Segment and track the moving objects of a clip.
 
-    frames: (T, H, W, 3) uint8. flow_px: (T - 1, H, W, 2), frame t to t + 1. A body that rests throughout is not
-    found, and a shadow may be left at a body's foot. Raises VideoError where nothing moves.
+    An object that rests throughout is not found. A shadow may remain at the foot of an object.
+
+    Args:
+        frames: (T, H, W, 3) uint8.
+        flow_px: (T - 1, H, W, 2), from frame t to frame t + 1.
+
+    Returns:
+        Ids (T, H, W) uint8: 0 for the background, objects from 1 in order of first appearance.
+
+    Raises:
+        VideoError: Nothing moves.
     """
     if len(flow_px) != len(frames) - 1 or flow_px.shape[1:3] != frames.shape[1:3]:
         raise ValueError(f"{len(frames)} frames need {len(frames) - 1} flows of their size, not {flow_px.shape}")
     flow = np.asarray(flow_px, np.float32)
-    tracks = without_noise(joined(track(moving_pixels(frames), flow), flow), flow)
+    tracks = remove_noise(merge_tracks(track_objects(moving_pixels(frames), flow), flow), flow)
     if not tracks.any():
         raise VideoError(
-            "nothing moves in this clip (or too little is seen of it): masks from motion need a resting camera and "
-            "bodies that move; give --masks, or another --start"
+            "nothing moves in this clip, or it is too small: masks from motion need a static camera and moving "
+            "objects; give --masks, or another --start"
         )
     return tracks.astype(np.uint8)
 
 
 def moving_pixels(frames: np.ndarray) -> np.ndarray:
-    """(T, H, W) bool: pixels that show something other than the background."""
+    """Foreground (T, H, W) bool of frames (T, H, W, 3) uint8."""
     background = np.median(frames, axis=0).astype(np.uint8)
     smooth = np.stack([cv2.GaussianBlur(f, (0, 0), 0.8) for f in frames])
     for _ in range(2):
         rough = np.abs(smooth.astype(np.int16) - cv2.GaussianBlur(background, (0, 0), 0.8)).max(-1) > DIFFERENT
-        background = without_ghosts(background, frames, rough)
+        background = repair_background(background, frames, rough)
     rough = np.abs(smooth.astype(np.int16) - cv2.GaussianBlur(background, (0, 0), 0.8)).max(-1) > DIFFERENT
     model = cv2.createBackgroundSubtractorMOG2(history=2 * len(frames), varThreshold=25, detectShadows=True)
     model.setShadowThreshold(0.55)
@@ -61,21 +71,26 @@ def moving_pixels(frames: np.ndarray) -> np.ndarray:
         label = model.apply(frame, learningRate=0)
         body = ((label == 255) & rough[t]).astype(np.uint8)
         body = cv2.morphologyEx(cv2.morphologyEx(body, cv2.MORPH_OPEN, OPEN), cv2.MORPH_CLOSE, CLOSE)
-        out[t] = filled(body)
+        out[t] = fill_holes(body)
     return out
 
 
-def without_ghosts(background: np.ndarray, frames: np.ndarray, rough: np.ndarray) -> np.ndarray:
-    """The background (H, W, 3), repaired where a body that rests for long had got into it.
+def repair_background(background: np.ndarray, frames: np.ndarray, rough: np.ndarray) -> np.ndarray:
+    """Remove objects that rest for long from the background.
 
-    rough: (T, H, W) bool, where the frames differ from it. A component whose outline is a stronger edge in the
-    background than in the frame is a ghost; there the background becomes the median of the frames that show it.
+    A component of the foreground whose outline is a stronger edge in the background than in the frame is a ghost. There
+    the background becomes the median of the frames that show it.
+
+    Args:
+        background: (H, W, 3) uint8.
+        frames: (T, H, W, 3) uint8.
+        rough: (T, H, W) bool, where the frames differ from the background.
     """
     ghosts = np.zeros(rough.shape, bool)
-    edges = gradient(background)
+    edges = gradient_magnitude(background)
     least = SMALLEST_SHARE * rough[0].size
     for frame, away, ghost in zip(frames, rough, ghosts, strict=True):
-        own = gradient(frame)
+        own = gradient_magnitude(frame)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(away.astype(np.uint8))
         for k in range(1, count):
             if stats[k, cv2.CC_STAT_AREA] < least:
@@ -92,22 +107,22 @@ def without_ghosts(background: np.ndarray, frames: np.ndarray, rough: np.ndarray
     return repaired
 
 
-def gradient(picture: np.ndarray) -> np.ndarray:
-    """(H, W, 3) uint8 to the length of the gradient of all channels together, (H, W)."""
+def gradient_magnitude(picture: np.ndarray) -> np.ndarray:
+    """Gradient magnitude (H, W) over all channels of a picture (H, W, 3) uint8."""
     picture = picture.astype(np.float32)
     return np.linalg.norm(np.concatenate([cv2.Sobel(picture, -1, 1, 0), cv2.Sobel(picture, -1, 0, 1)], -1), axis=-1)
 
 
-def filled(body: np.ndarray) -> np.ndarray:
-    """A mask (H, W) with its holes closed: bodies have none, and a patch of the background's colour makes one."""
+def fill_holes(body: np.ndarray) -> np.ndarray:
+    """A mask (H, W) without holes. Objects have none; parts with the colour of the background would leave them."""
     contours, _ = cv2.findContours(body, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     return cv2.drawContours(np.zeros_like(body), contours, -1, 1, cv2.FILLED) > 0
 
 
 def components(foreground: np.ndarray, flow: np.ndarray | None) -> list[np.ndarray]:
-    """Masks (H, W) bool of one frame's connected parts, each split in two where it moves in two ways.
+    """Masks (H, W) bool of the connected components of a frame, each split in two where its flow has two clusters.
 
-    flow: (H, W, 2), None for the last frame.
+    foreground: (H, W) bool. flow: (H, W, 2); None for the last frame.
     """
     least = SMALLEST_SHARE * foreground.size
     count, labels, stats, _ = cv2.connectedComponentsWithStats(foreground.astype(np.uint8))
@@ -116,7 +131,7 @@ def components(foreground: np.ndarray, flow: np.ndarray | None) -> list[np.ndarr
 
 
 def split_by_flow(part: np.ndarray, flow: np.ndarray, least: float) -> list[np.ndarray]:
-    """One mask, or two where its flow has two clusters that are apart in motion and each in one piece."""
+    """One mask, or two where the flow has two distinct clusters that are both connected. least: smallest area, px."""
     samples = flow[part]
     if len(samples) < 4 * least:
         return [part]
@@ -126,7 +141,7 @@ def split_by_flow(part: np.ndarray, flow: np.ndarray, least: float) -> list[np.n
     _, label, centre = map(np.asarray, cv2.kmeans(samples, 2, unknown, criteria, 2, cv2.KMEANS_PP_CENTERS))
     apart = np.linalg.norm(centre[0] - centre[1])
     within = np.linalg.norm(samples - centre[label[:, 0]], axis=1).mean()
-    if apart < APART_PX * part.shape[1] / 480 or apart < APART_SPREADS * within:
+    if apart < SPLIT_PX * part.shape[1] / 480 or apart < SPLIT_RATIO * within:
         return [part]
     halves = []
     for k in range(2):
@@ -136,7 +151,7 @@ def split_by_flow(part: np.ndarray, flow: np.ndarray, least: float) -> list[np.n
         if count < 2:
             return [part]
         largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-        # A rim of wrong flow around a body is no second body.
+        # A thin rim of wrong flow around an object is not a second object.
         if stats[largest, cv2.CC_STAT_AREA] < max(least, 0.6 * half.sum()) or is_rim(labels == largest):
             return [part]
         halves.append(labels == largest)
@@ -144,34 +159,35 @@ def split_by_flow(part: np.ndarray, flow: np.ndarray, least: float) -> list[np.n
 
 
 def is_rim(mask: np.ndarray) -> bool:
-    """Whether a mask is long and thin: nowhere wider than a quarter of the square root of its area."""
+    """Whether a mask is thin: nowhere wider than half the square root of its area."""
     return bool(2 * cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 3).max() < 0.5 * np.sqrt(mask.sum()))
 
 
 def nearest_of(seeds: list[np.ndarray], part: np.ndarray) -> list[np.ndarray]:
-    """`part` (H, W) divided among the seeds, each pixel to the nearest."""
+    """A mask (H, W) divided among seeds (H, W): each pixel belongs to the nearest one."""
     away = [cv2.distanceTransform((~s).astype(np.uint8), cv2.DIST_L2, 5) for s in seeds]
     owner = np.argmin(away, axis=0)
     return [part & (owner == k) for k in range(len(seeds))]
 
 
-def track(foreground: np.ndarray, flow: np.ndarray) -> np.ndarray:
-    """Ids (T, H, W) int32 of the foreground's parts: each takes that of the body which the flow carries there.
+def track_objects(foreground: np.ndarray, flow: np.ndarray) -> np.ndarray:
+    """Ids (T, H, W) int32 of the components of the foreground (T, H, W).
 
-    Where two bodies meet in one part, its pixels go to the nearer; a part that none is carried to is a new body.
+    A component has the id of the object that the flow propagates there. Where there are several, each pixel belongs to
+    the nearest. Where there is none, the component is a new object.
     """
     ids = np.zeros(foreground.shape, np.int32)
     newest = 0
     for t in range(len(foreground)):
-        carried = carry(ids[t - 1], flow[t - 1]) if t else ids[0].copy()
+        predicted = propagate(ids[t - 1], flow[t - 1]) if t else ids[0].copy()
         claims: dict[int, tuple[int, np.ndarray]] = {}
         for part in components(foreground[t], flow[t] if t < len(flow) else None):
-            here = [(int(i), int(n)) for i, n in zip(*np.unique(carried[part], return_counts=True), strict=True)]
-            found = [(i, n) for i, n in here if i and n > 0.15 * (carried == i).sum()]
-            pieces = nearest_of([part & (carried == i) for i, _ in found], part) if found else [part]
+            here = [(int(i), int(n)) for i, n in zip(*np.unique(predicted[part], return_counts=True), strict=True)]
+            found = [(i, n) for i, n in here if i and n > 0.15 * (predicted == i).sum()]
+            pieces = nearest_of([part & (predicted == i) for i, _ in found], part) if found else [part]
             for piece, (i, n) in zip(pieces, found or [(0, 0)], strict=True):
                 if i and i in claims and claims[i][0] >= n:
-                    i = 0  # another part of this frame is more of that body
+                    i = 0  # another component of this frame overlaps more with that object
                 elif i and i in claims:
                     newest += 1
                     ids[t][claims[i][1]] = newest
@@ -184,8 +200,8 @@ def track(foreground: np.ndarray, flow: np.ndarray) -> np.ndarray:
     return ids
 
 
-def carry(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
-    """Ids (H, W) moved along the flow to the next frame; each body moves as a whole by its median flow."""
+def propagate(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
+    """Ids (H, W) in the next frame: each object is shifted by the median of its flow (H, W, 2)."""
     out = np.zeros_like(ids)
     for i in np.unique(ids[ids > 0]):
         dx, dy = np.median(flow[ids == i], axis=0)
@@ -199,8 +215,8 @@ def carry(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
     return out
 
 
-def joined(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
-    """Tracks (T, H, W) of which one goes on where another ends, or is a short-lived piece of another, made one."""
+def merge_tracks(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
+    """Merge tracks (T, H, W) that continue another track, or that are short-lived parts of one."""
     out = ids.copy()
     sizes = {int(i): int(n) for i, n in zip(*np.unique(ids[ids > 0], return_counts=True), strict=True)}
     for i in sorted(sizes, key=lambda k: sizes[k]):  # the smallest first
@@ -208,8 +224,8 @@ def joined(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
         seen = np.flatnonzero(mine.any(axis=(1, 2)))
         if not len(seen):
             continue
-        whole = best_whole(out, i, mine, seen)
-        before = best_before(out, i, mine, seen[0], flow)
+        whole = containing_track(out, i, mine, seen)
+        before = preceding_track(out, i, mine, seen[0], flow)
         if whole:
             out[mine] = whole
         elif before:
@@ -217,8 +233,11 @@ def joined(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
     return out
 
 
-def best_whole(ids: np.ndarray, i: int, mine: np.ndarray, seen: np.ndarray) -> int:
-    """The track that a short-lived one touches in most of its frames; 0 where there is none."""
+def containing_track(ids: np.ndarray, i: int, mine: np.ndarray, seen: np.ndarray) -> int:
+    """The track that the short-lived track `i` touches in most of its frames; 0 where there is none.
+
+    ids: (T, H, W). mine: (T, H, W) bool, the pixels of the track. seen: its frames.
+    """
     if len(seen) > 0.25 * len(ids):
         return 0
     votes: dict[int, int] = {}
@@ -231,8 +250,11 @@ def best_whole(ids: np.ndarray, i: int, mine: np.ndarray, seen: np.ndarray) -> i
     return best if best and votes[best] > 0.5 * len(seen) else 0
 
 
-def best_before(ids: np.ndarray, i: int, mine: np.ndarray, first: int, flow: np.ndarray) -> int:
-    """The track that ended up to LONGEST_GAP frames before `first` where this one begins, and is as large; or 0."""
+def preceding_track(ids: np.ndarray, i: int, mine: np.ndarray, first: int, flow: np.ndarray) -> int:
+    """The track that ends up to `LONGEST_GAP` frames before `first` near the start of track `i`, with a similar area.
+
+    ids: (T, H, W). mine: (T, H, W) bool, the pixels of the track. Returns 0 where there is none.
+    """
     centre, area = np.argwhere(mine[first]).mean(axis=0), mine[first].sum()
     for gap in range(1, LONGEST_GAP + 1):
         t = first - gap
@@ -249,11 +271,11 @@ def best_before(ids: np.ndarray, i: int, mine: np.ndarray, first: int, flow: np.
     return 0
 
 
-def without_noise(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
-    """The tracks that last and move, numbered from 1 by first appearance, at most 255.
+def remove_noise(ids: np.ndarray, flow: np.ndarray) -> np.ndarray:
+    """At most 255 tracks that are long enough and move, numbered from 1 in order of first appearance.
 
-    A track that shifts hardly anything beside the one that shifts most (its pixels times their flow, summed) is a
-    reflection, a flicker of light or a piece of a shadow.
+    A track whose displacement (sum of the lengths of its pixels' flow) is small relative to the largest one is a
+    reflection, flickering light or part of a shadow.
     """
     out = np.zeros_like(ids)
     slow = SLOW_PX * ids.shape[2] / 480
