@@ -7,9 +7,8 @@ number).
 Parameters: seed, clip, search, fit. Run: python -m stages.fit SUITE
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 
 import pyarrow as pa
 from tqdm import tqdm
@@ -24,10 +23,10 @@ from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from stages.graph.found_row import FOUND, found_row
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.params import SearchSettings
+from stages.graph.run import run, run_shards
 from stages.graph.search_target import distinct_starts, search_target
+from stages.graph.stage_params import load
 
 CERTAINTY = pa.struct({"place": pa.string(), "kind": pa.string(), "value": pa.float64(), "spread": pa.float64(),
                        "unit": pa.string(), "share": pa.float64()})  # fmt: skip
@@ -35,31 +34,48 @@ SCHEMA = pa.schema([("clip", pa.int64()), ("guess", pa.string()), ("guess_simula
                     ("instance", pa.list_(pa.int32())), ("certainty", pa.list_(CERTAINTY))])  # fmt: skip
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+@dataclass(frozen=True)
+class Parameters:
+    """What `compute` needs.
+
+    Attributes:
+        seed: Of the search.
+        schedule: The frames of a clip.
+        search: The size at which a search compares, and from how many samples it starts.
+        simulations: How many a clip's search may run.
+    """
+
+    seed: int
+    schedule: Schedule
+    search: SearchSettings
+    simulations: int
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     ranked, rendered, flow = inputs
     rows, invalid = [], 0
     for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
-        evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
-        starts = distinct_starts(ranked, clip, p["starts"])
-        searched = search_scene(evaluator, starts, p["simulations"], clip_rng(p["seed"], shard.suite, clip, "fit"))
-        found = searched.result.scene
+        target = search_target(rendered, flow, clip, parameters.schedule, parameters.search.size)
+        evaluator = Evaluator(target, parameters.schedule, threads=1)
+        starts = distinct_starts(ranked, clip, parameters.search.starts)
+        rng = clip_rng(parameters.seed, shard.suite, clip, "fit")
+        solved = search_scene(evaluator, starts, parameters.simulations, rng)
+        found = solved.result.scene
         pairs = evaluator.pairs(found)
         instance = dict(pairs.tolist())
-        rows.append({"clip": clip, "guess": None if searched.guess is None else write_scene(searched.guess),
-                     "guess_simulations": searched.guess_simulations, **found_row(searched.result),
+        rows.append({"clip": clip, "guess": None if solved.guess is None else write_scene(solved.guess),
+                     "guess_simulations": solved.guess_simulations, **found_row(solved.result),
                      "instance": [instance.get(i, -1) for i in range(len(found.objects))],
                      "certainty": [asdict(c) for c in certainties(evaluator, found, pairs)]})  # fmt: skip
-        invalid += searched.result.invalid
+        invalid += solved.result.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)
 
 
 def main(suite: str) -> None:
     params = load("fit", suite)
-    parameters = {"seed": params.seed, "clip": params.clip.model_dump(), **params.search.model_dump(),
-                  **params.fit.model_dump()}  # fmt: skip
-    run_shards("fit", suite, compute, parameters, ["best_of_k", "render", "flow"],
-               versions=["mujoco", "numba"])  # fmt: skip
+    parameters = Parameters(params.seed, params.clip.schedule, params.search, params.fit.simulations)
+    run_shards("fit", suite, compute, parameters, ["best_of_k", "render", "flow"], versions=["mujoco", "numba"])
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Which pictures of a clip the model is shown."""
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -18,8 +18,8 @@ def picture_stage(kind: str) -> str:
     return {"flow": "flow", "rgb": "render"}[kind]
 
 
-def pictures(clip: HasArrays, kind: str, schedule: dict[str, Any]) -> np.ndarray:
+def pictures(clip: HasArrays, kind: str, schedule: Schedule) -> np.ndarray:
     """(P, H, W, 3) uint8: pictures of the flow, or the RGB frames at which it starts."""
     if kind == "flow":
         return clip.array("picture")
-    return clip.array("rgb")[Schedule(**schedule).pairs[:, 0]]
+    return clip.array("rgb")[schedule.pairs[:, 0]]

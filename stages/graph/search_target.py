@@ -1,8 +1,5 @@
 """What a clip's search has to match, from its `render` and `flow` shards, and what it starts from."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from pipeline.clips.schedule import Schedule
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
@@ -10,10 +7,21 @@ from pipeline.search.target import Target, make_target
 from pipeline.shards.opened_shard import OpenShard
 
 
-def search_target(rendered: OpenShard, flow: OpenShard, clip: int, p: Mapping[str, Any]) -> Target:
-    """The masks given with the clip and the flow that was measured, at the size of the search."""
-    masks = rendered.array(clip, "mask")[Schedule(**p["clip"]).pairs[:, 0]]
-    return make_target(masks, flow.array(clip, "flow"), p["width"], p["height"])
+def search_target(rendered: OpenShard, flow: OpenShard, clip: int, schedule: Schedule, size: tuple[int, int]) -> Target:
+    """What the search of a clip has to match.
+
+    Args:
+        rendered: The `render` shard of the clip, which has its masks.
+        flow: The `flow` shard of the clip.
+        clip: The clip's index in its suite.
+        schedule: The frames of the clip.
+        size: Width and height at which the search compares, px.
+
+    Returns:
+        The masks and the measured flow of the model's frames, at that size.
+    """
+    masks = rendered.array(clip, "mask")[schedule.pairs[:, 0]]
+    return make_target(masks, flow.array(clip, "flow"), *size)
 
 
 def distinct_starts(ranked: OpenShard, clip: int, count: int) -> list[Scene]:
