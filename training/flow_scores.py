@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.vision.video import read_clip
+from pipeline.vision.recordings.video import read_clip
 from training.clip_motions import ClipMotions
 from training.flow_pairs import Pair, project_pair
 from training.pair_stream import RENDER_SIZE, Batch, stack

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from pipeline.vision.raft import CELL, Correlation
+from pipeline.vision.flow.raft_layers import CELL, Correlation
 
 LEAST_SHARE = 0.3  # of a cell's pixels that must be of moving bodies for the cell to count as one
 

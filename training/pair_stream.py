@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from pipeline.vision.dis import DIS
-from pipeline.vision.render_backend import choose_backend
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.rendering.render_backend import choose_backend
 from training.augment import augment
 from training.clip_motions import ClipMotions
 from training.flow_pairs import Pair, render_pair, sample_looks, window_pair

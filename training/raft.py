@@ -24,8 +24,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pipeline.vision.dis import DIS, PRESETS
-from pipeline.vision.raft import RAFT, sequence_loss
+from pipeline.vision.flow.dis import DIS, PRESETS
+from pipeline.vision.flow.raft import RAFT, sequence_loss
 from training.flow_scores import held_out, score
 from training.matching_loss import matching_loss
 from training.muon import Muon
