@@ -16,9 +16,10 @@ install: .venv/installed
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test]"
 	@touch $@
 
-# data/samples is in git; after `rm -rf data` it is restored from there.
+# data/samples and data/measured are in git; after `rm -rf data` they are restored from there.
 repro: install
 	@test -d data/samples || git checkout -q -- data/samples
+	@test -d data/measured || git checkout -q -- data/measured
 	dvc repro
 	@echo "the report: $(CURDIR)/reports/index.html"
 	@echo "On another kind of processor the searches end with slightly different scenes, so that git status may show changed reports and dvc.lock."
@@ -46,6 +47,6 @@ discovery-benchmark-smoke: install-benchmark
 real-motion: install-benchmark
 	python -m benchmarks.real_motion
 
-# Removes what `make repro` makes: all data but data/samples, the report's page, and the store.
+# Removes what `make repro` makes: all data but data/samples and data/measured, the report's page, and the store.
 clean:
-	rm -rf data/[!s]* data/s[!a]* reports/index.html .shards
+	rm -rf data/[!ms]* data/m[!e]* data/s[!a]* reports/index.html .shards

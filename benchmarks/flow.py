@@ -14,9 +14,9 @@ from pathlib import Path
 
 import torch
 
-from pipeline.vision.dis import DIS
-from pipeline.vision.raft import load_raft
-from pipeline.vision.render_backend import choose_backend
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.flow.raft import load_raft
+from pipeline.vision.rendering.render_backend import choose_backend
 from training.raft.flow_scores import HELD_OUT_PAIRS, Estimator, cross_engine, cross_engine_folder, held_out, score
 from training.raft.pair_stream import Batch
 

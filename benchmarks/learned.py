@@ -55,8 +55,8 @@ from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.target import make_target
 from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.flow_noise import flow_like_rafts
-from pipeline.vision.flow_picture import flow_picture, scaled_max_px
+from pipeline.vision.flow.flow_noise import add_raft_noise
+from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
 from stages.graph.clip_pictures import picture_stage, pictures
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
@@ -85,7 +85,7 @@ def picture_of_clip(suite: Suite, label: str, clip: int, kind: str, params: Para
     if kind == "noisy":
         view, rng = suite["render"][clip], clip_rng(params.seed, label, clip, "flow noise")
         masks = view.array("mask")[schedule.pairs[:, 0]]
-        flow = flow_like_rafts(rng, view.array("flow"), masks)
+        flow = add_raft_noise(rng, view.array("flow"), masks)
         found = flow_picture(flow, params.flow.picture, scaled_max_px(flow.shape[2], 1 / params.clip.fps))
     else:
         found = pictures(suite[picture_stage(kind)][clip], kind, schedule)

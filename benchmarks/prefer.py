@@ -40,10 +40,10 @@ from pipeline.model.walker import Tries
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.search.target import make_target
-from pipeline.vision.flow_picture import flow_picture, scaled_max_px
-from pipeline.vision.measured_flow import measured_flow
-from pipeline.vision.raft import load_raft
-from pipeline.vision.user_clip import find_clips, read_user_clip
+from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
+from pipeline.vision.flow.measured_flow import measured_flow
+from pipeline.vision.flow.raft import load_raft
+from pipeline.vision.recordings.user_clip import find_clips, read_user_clip
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 

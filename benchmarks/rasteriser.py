@@ -19,13 +19,13 @@ from pipeline.errors import ParamsError
 from pipeline.scene.mjcf import scene_mjcf
 from pipeline.scene.rotation import integrate
 from pipeline.scene.scene import Camera, Scene, SceneObject
-from pipeline.vision.appearance import Appearance, plain_appearance
-from pipeline.vision.camera import Pinhole, focal_px, pinhole
-from pipeline.vision.exact_flow import exact_flow
-from pipeline.vision.rasteriser import fill_background, rasterise, rasterise_frames
-from pipeline.vision.render_backend import choose_backend
-from pipeline.vision.shade import shade
-from pipeline.vision.surface import shape_arrays
+from pipeline.vision.rendering.appearance import Appearance, plain_appearance
+from pipeline.vision.rendering.camera import Pinhole, focal_px, pinhole
+from pipeline.vision.rendering.exact_flow import exact_flow
+from pipeline.vision.rendering.rasteriser import fill_background, rasterise, rasterise_frames
+from pipeline.vision.rendering.render_backend import choose_backend
+from pipeline.vision.rendering.shade import shade
+from pipeline.vision.rendering.surface import shape_arrays
 
 SHAPES = {"sphere": (0.16,), "cylinder": (0.13, 0.32), "box": (0.25, 0.3, 0.25), "capsule": (0.1, 0.4)}
 
@@ -107,11 +107,11 @@ def main() -> None:
     width, height = options.width, options.height
     try:
         _, reason = choose_backend("mujoco")
-        from pipeline.vision.mujoco_render import Canvas
+        from pipeline.vision.rendering.mujoco_render import Canvas
     except ParamsError as problem:
         reason = f"left out: {problem}"
     has_gl = not reason.startswith("left out")
-    ours, rays, gl, flow, hidden, rgb = [], [], [], [], [], []
+    ours, rays, gl, flow, rgb = [], [], [], [], []
     agreement, agreement_gl, area = [], [], []
     for _ in range(options.scenes):
         scene, positions, quaternions = sample_clip(rng, options.frames)
@@ -137,11 +137,10 @@ def main() -> None:
                 agreement_gl.append(float((draw() == segment()).mean()))
         seen = rasterise(scene.objects, *clip)
 
-        def flows(with_hidden: bool, scene: Scene = scene, clip: tuple = clip, seen: object = seen) -> object:
-            return exact_flow(scene.objects, *clip, rendering=seen, with_hidden=with_hidden)  # type: ignore[arg-type]
+        def flows(scene: Scene = scene, clip: tuple = clip, seen: object = seen) -> object:
+            return exact_flow(scene.objects, *clip, rendering=seen)  # type: ignore[arg-type]
 
-        flow.append(seconds(lambda flows=flows: flows(False)))
-        hidden.append(seconds(lambda flows=flows: flows(True)))
+        flow.append(seconds(flows))
         appearance = plain_appearance(len(scene.objects))
 
         def picture(scene: Scene = scene, clip: tuple = clip, appearance: Appearance = appearance) -> object:
@@ -158,7 +157,6 @@ def main() -> None:
         rows.append((f"segmentation, {reason}", gl, agreement_gl))
     rows += [
         ("exact flow", flow, None),
-        ("exact flow and hidden points", hidden, None),
         ("RGB, ours, soft shadows", rgb, None),
     ]
     for name, times, same in rows:

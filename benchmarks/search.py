@@ -27,12 +27,12 @@ from pipeline.physics.batch import BatchSimulator, SceneBatch, unstack
 from pipeline.physics.simulate import simulate
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.scene import Scene
-from pipeline.search.cmaes import Budget, search
+from pipeline.search.cmaes import Budget, cmaes_search
 from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.search.parameters import search_space
 from pipeline.search.target import Target, make_target
-from pipeline.vision.mujoco_render import Canvas
-from pipeline.vision.render_backend import choose_backend
+from pipeline.vision.rendering.mujoco_render import Canvas
+from pipeline.vision.rendering.render_backend import choose_backend
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes
@@ -95,10 +95,10 @@ def main() -> None:
     start = space.scene(np.clip(space.encode() + 0.05 * rng.choice([-1, 1], len(space.keys)), 0, 1))
 
     evaluator = RecordingEvaluator(target, schedule, arguments.threads)
-    search(evaluator, [start], Budget(arguments.population, 1, 0.1), rng)  # compiles
+    cmaes_search(evaluator, [start], Budget(arguments.population, 1, 0.1), rng)  # compiles
     evaluator.batches.clear()
     bar = tqdm(total=arguments.iterations, desc="ours", unit="generation", disable=None, leave=False)
-    found = search(evaluator, [start], Budget(arguments.population, arguments.iterations, 0.1), rng,
+    found = cmaes_search(evaluator, [start], Budget(arguments.population, arguments.iterations, 0.1), rng,
                    lambda *_: bar.update())  # fmt: skip
     bar.close()
     ours = found.simulations / found.seconds

@@ -34,16 +34,16 @@ from pipeline.evaluation.tables import markdown, starts_table
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
-from pipeline.search.cmaes import Budget, search
+from pipeline.search.cmaes import Budget, cmaes_search
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.fit import fit
-from pipeline.search.found import Found, Record
+from pipeline.search.fit_scene import fit_scene
 from pipeline.search.guess import guess_scene
-from pipeline.search.solve import solve
+from pipeline.search.search_result import SearchRecord, SearchResult
+from pipeline.search.search_scene import search_scene
 from pipeline.search.target import Target, make_target
 from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.dis import DIS
-from pipeline.vision.motion_masks import masks_from_motion
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.recordings.motion_masks import masks_from_motion
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from stages.graph.suite import open_suite
@@ -90,15 +90,15 @@ def start_of(
 def searched(
     kind: str, suite: Suite, clip: int, target: Target, shapes: list[str] | None, params: Params, schedule: Schedule,
     simulations: int,
-) -> Found:  # fmt: skip
+) -> SearchResult:  # fmt: skip
     """The result of a search of this kind."""
     evaluator, rng = Evaluator(target, schedule, threads=1), clip_rng(params.seed, "starts", clip, kind)
     if kind in ("guess", "motion"):
-        return solve(evaluator, [], simulations, rng).found
+        return search_scene(evaluator, [], simulations, rng).result
     start = start_of(kind.removesuffix(" CMA-ES"), suite, clip, target, shapes, params, schedule)
     if kind.endswith("CMA-ES"):
-        return search(evaluator, [start], Budget(POPULATION, simulations // POPULATION, SIGMA), rng)
-    return fit(evaluator, Record(evaluator), [start], simulations, rng)
+        return cmaes_search(evaluator, [start], Budget(POPULATION, simulations // POPULATION, SIGMA), rng)
+    return fit_scene(evaluator, SearchRecord(evaluator), [start], simulations, rng)
 
 
 def target_of(suite: Suite, clip: int, params: Params, schedule: Schedule, motion: bool) -> Target:

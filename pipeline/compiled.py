@@ -1,7 +1,7 @@
-"""The decorator of functions that numba compiles, and where their machine code is kept.
+"""Decorators for functions that numba compiles, and the folder in which the compiled code is cached.
 
-Numba notices a change in a function's own file, but not in those of the functions it calls: kernels would go on
-with old code inside. So the code is kept in a folder named by the text of all files that have kernels.
+Numba detects a change in the file of a function, but not in the files of the functions that it calls. Therefore the
+cache folder is named by a hash of all files with kernels.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numba
 
 
 def _kernel_folder() -> Path:
-    """Where the machine code goes: under NUMBA_CACHE_DIR, else the user's cache, else the temporary folder."""
+    """The cache folder: in NUMBA_CACHE_DIR, else in the user's cache, else in the temporary folder."""
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parent.rglob("*.py")):
         text = source.read_bytes()
@@ -36,10 +36,10 @@ def _kernel_folder() -> Path:
 
 numba.config.CACHE_DIR = str(_kernel_folder())  # type: ignore[attr-defined]
 
-#: Compiles a function at its first call; without the interpreter's lock, and x / 0 is inf or nan, as in NumPy.
+#: Compiles a function at its first call. It releases the GIL, and x / 0 is inf or nan as in NumPy.
 kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
-#: The same with `numba.prange` in threads.
+#: Like `kernel`, with `numba.prange` in threads.
 parallel_kernel = numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-#: As `kernel`, for a function that is called for each pixel and takes arrays: put into its callers, for otherwise each
-#: call counts references to its arrays, which doubles the time.
+#: Like `kernel`, for functions with array arguments that are called for each pixel. They are inlined, because reference
+#: counting of the arrays at each call would double the time.
 inlined_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -1,4 +1,4 @@
-"""The exceptions that a user can cause, each with one sentence that names the place and what is valid.
+"""The exceptions that a user can cause. Each message names the place of the fault and the valid values.
 
 Commands and stages catch `DynamicsError`, print its message and exit with code 2.
 """
@@ -20,7 +20,7 @@ class ParamsError(DynamicsError):
 
 
 class SimulationError(DynamicsError):
-    """A scene whose simulation goes bad (non-finite numbers, a reset by MuJoCo)."""
+    """A scene whose simulation becomes unstable (non-finite state, or a reset by MuJoCo)."""
 
 
 class VideoError(DynamicsError):
@@ -44,6 +44,6 @@ class OutputError(DynamicsError):
 
 
 def did_you_mean(word: object, valid: Iterable[object]) -> str:
-    """` (did you mean 'mass'?)` where one of the valid words is close to the one that was given, else an empty text."""
+    """` (did you mean 'mass'?)` where one of the valid words is close to `word`, else an empty string."""
     close = difflib.get_close_matches(str(word), [str(v) for v in valid], n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""

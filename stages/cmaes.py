@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pyarrow as pa
+from pipeline.cmaes_search.cmaes import Budget, cmaes_search
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
-from pipeline.search.cmaes import Budget, search
 from pipeline.search.evaluator import Evaluator
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
@@ -52,7 +52,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
         target = search_target(rendered, flow, clip, parameters.schedule, parameters.search.size)
         evaluator = Evaluator(target, parameters.schedule, threads=1)
         rng = clip_rng(parameters.seed, shard.suite, clip, "cmaes")
-        found = search(evaluator, starts, parameters.budget, rng)
+        found = cmaes_search(evaluator, starts, parameters.budget, rng)
         rows.append({"clip": clip, **found_row(found)})
         invalid += found.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}

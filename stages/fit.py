@@ -17,7 +17,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.scene.text import write_scene
 from pipeline.search.certainty import certainties
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.solve import solve
+from pipeline.search.search_scene import search_scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -59,15 +59,15 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
         evaluator = Evaluator(target, parameters.schedule, threads=1)
         starts = distinct_starts(ranked, clip, parameters.search.starts)
         rng = clip_rng(parameters.seed, shard.suite, clip, "fit")
-        solved = solve(evaluator, starts, parameters.simulations, rng)
-        found = solved.found.scene
+        solved = search_scene(evaluator, starts, parameters.simulations, rng)
+        found = solved.result.scene
         pairs = evaluator.pairs(found)
         instance = dict(pairs.tolist())
         rows.append({"clip": clip, "guess": None if solved.guess is None else write_scene(solved.guess),
-                     "guess_simulations": solved.guess_simulations, **found_row(solved.found),
+                     "guess_simulations": solved.guess_simulations, **found_row(solved.result),
                      "instance": [instance.get(i, -1) for i in range(len(found.objects))],
                      "certainty": [asdict(c) for c in certainties(evaluator, found, pairs)]})  # fmt: skip
-        invalid += solved.found.invalid
+        invalid += solved.result.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)
 

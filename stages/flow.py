@@ -20,11 +20,11 @@ from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
-from pipeline.vision.dis import DIS
-from pipeline.vision.flow_noise import flow_like_rafts
-from pipeline.vision.flow_picture import flow_picture, scaled_max_px
-from pipeline.vision.measured_flow import measured_flow
-from pipeline.vision.raft import RAFT, load_raft
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.flow.flow_noise import add_raft_noise
+from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
+from pipeline.vision.flow.measured_flow import measured_flow
+from pipeline.vision.flow.raft import RAFT, load_raft
 from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
 
@@ -92,7 +92,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
             if noise:
                 rng = clip_rng(noise.seed, shard.suite, clip, "flow noise")
                 masks = rendered.array(clip, "mask")[schedule.pairs[:, 0]]
-                flow = flow_like_rafts(rng, flow, masks, noise.strength)
+                flow = add_raft_noise(rng, flow, masks, noise.strength)
         flows.append(flow.astype(np.float32))
         pictures.append(flow_picture(flow, parameters.picture, scaled_max_px(flow.shape[2], interval)))
     return ShardResult(arrays={"flow": np.stack(flows), "picture": np.stack(pictures)})

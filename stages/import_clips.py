@@ -17,7 +17,7 @@ from pipeline.errors import ParamsError
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from pipeline.vision.user_clip import find_clips, read_user_clip
+from pipeline.vision.recordings.user_clip import find_clips, read_user_clip
 from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
 

@@ -30,7 +30,7 @@ from pipeline.shards.dataset import Clip
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from pipeline.vision.flow_picture import scaled_max_px
+from pipeline.vision.flow.flow_picture import scaled_max_px
 from stages.graph.answering_model import answering_model
 from stages.graph.clip_pictures import picture_stage, pictures
 from stages.graph.examples import Example, choose_examples, example_clip

@@ -18,7 +18,7 @@ from pipeline.evaluation.prediction import forecast_scores
 from pipeline.evaluation.scene_scores import HEIGHT, WIDTH
 from pipeline.scene.text import write_scene
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.solve import solve
+from pipeline.search.search_scene import search_scene
 from pipeline.search.target import make_target, resize_masks
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
@@ -60,7 +60,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
         masks = rendered.array(clip, "mask")
         target = make_target(masks[part.pairs[:, 0]], flow.array(clip, "flow")[:pairs], *parameters.size)
         rng = clip_rng(parameters.seed, shard.suite, clip, "predict")
-        found = solve(Evaluator(target, part, threads=1), [], parameters.simulations, rng).found
+        found = search_scene(Evaluator(target, part, threads=1), [], parameters.simulations, rng).result
         scores = forecast_scores(found.scene, resize_masks(masks, WIDTH, HEIGHT), part.frames, whole)
         rows.append({"clip": clip, "scene": write_scene(found.scene), **{k: getattr(scores, k) for k in SCORES},
                      "simulations": found.simulations})  # fmt: skip

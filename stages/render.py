@@ -20,9 +20,9 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
-from pipeline.vision.appearance import apply_sensor, sample_appearance, sample_sensor
-from pipeline.vision.render import render_rgb
-from pipeline.vision.render_backend import choose_backend
+from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
+from pipeline.vision.rendering.render import render_rgb
+from pipeline.vision.rendering.render_backend import choose_backend
 from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
 

@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.scene.rotation import integrate, quaternion_from_rotation_vector
 from pipeline.scene.scene import SIZE_KEYS, Camera, SceneObject, half_extents
 from pipeline.scene.solid import bounding_radii
-from pipeline.vision.camera import Pinhole, pinhole
+from pipeline.vision.rendering.camera import Pinhole, pinhole
 
 SECONDS = 1 / 30
 SHAPES = ("sphere", "sphere", "cylinder", "cylinder", "box", "box", "capsule", "ellipsoid")

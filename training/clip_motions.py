@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
 from pipeline.physics.simulate import simulate
-from pipeline.vision.camera import pinhole
+from pipeline.vision.rendering.camera import pinhole
 from stages.graph.params import Params
 from stages.graph.params_file import read_params_file
 from training.body_motion import BodyMotion

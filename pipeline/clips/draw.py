@@ -20,8 +20,8 @@ from pipeline.physics.overlap import penetration
 from pipeline.scene.sample import Distribution, draw_composition, draw_scene
 from pipeline.scene.scene import Scene
 from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.camera import pinhole, project
-from pipeline.vision.rasteriser import rasterise
+from pipeline.vision.rendering.camera import pinhole, project
+from pipeline.vision.rendering.rasteriser import rasterise
 
 _WIDTH, _HEIGHT = 120, 80  # the filters look at small masks: areas are stated for 480x320, 16 times as many pixels
 _AREA_SCALE = (480 * 320) / (_WIDTH * _HEIGHT)

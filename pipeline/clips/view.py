@@ -9,9 +9,9 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
-from pipeline.vision.camera import pinhole
-from pipeline.vision.exact_flow import exact_flow
-from pipeline.vision.rasteriser import rasterise
+from pipeline.vision.rendering.camera import pinhole
+from pipeline.vision.rendering.exact_flow import exact_flow
+from pipeline.vision.rendering.rasteriser import rasterise
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,10 @@ def pair_view(scene: Scene, position: np.ndarray, quaternion: np.ndarray, width:
     for p, q in zip(position, quaternion, strict=True):
         first = rasterise(scene.objects, p[:1], q[:1], pinhole(scene.camera), width, height, scene.ground)
         moved = exact_flow(scene.objects, p, q, pinhole(scene.camera), width, height, scene.ground,
-                           rendering=first, with_hidden=False)  # fmt: skip
+                           rendering=first)  # fmt: skip
         masks.append(first.mask[0])
         depths.append(first.depth[0])
-        flows.append(moved.flow_px[0])
+        flows.append(moved[0])
     return View(np.stack(masks), np.stack(depths), np.stack(flows))
 
 

@@ -13,7 +13,7 @@ from pipeline.model.base import Base
 from pipeline.model.generate import Sampling, batches, generate
 from pipeline.model.patches import resize_frames
 from pipeline.model.walker import Tries
-from pipeline.vision.flow_picture import flow_picture, scaled_max_px
+from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
 
 BATCH = 16  # sequences decoded at a time
 

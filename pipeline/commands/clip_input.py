@@ -11,10 +11,10 @@ from pipeline.clips.schedule import Schedule
 from pipeline.commands.progress import Progress
 from pipeline.errors import VideoError
 from pipeline.language.completion import MAX_OBJECTS
-from pipeline.vision.dis import DIS
-from pipeline.vision.measured_flow import measured_flow
-from pipeline.vision.raft import RAFT
-from pipeline.vision.user_clip import UserClip, read_user_clip
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.flow.measured_flow import measured_flow
+from pipeline.vision.flow.raft import RAFT
+from pipeline.vision.recordings.user_clip import UserClip, read_user_clip
 
 FLOW_SIZE = (240, 160)  # px at which the flow is measured
 FLOW_ITERATIONS = 4

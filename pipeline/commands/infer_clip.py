@@ -23,13 +23,13 @@ from pipeline.model.base import load_base
 from pipeline.model.generate import Sampling
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking
-from pipeline.search.certainty import Certainty, certainties, hardly
+from pipeline.search.certainty import Certainty, certainties, weakly_identified
 from pipeline.search.evaluator import Evaluator, Rewards
-from pipeline.search.found import Found
-from pipeline.search.solve import solve
+from pipeline.search.search_result import SearchResult
+from pipeline.search.search_scene import search_scene
 from pipeline.shards.content_hash import hash_path
-from pipeline.vision.dis import DIS
-from pipeline.vision.raft import RAFT, load_raft
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.flow.raft import RAFT, load_raft
 
 LEAST_SEARCH = 200
 STARTS = 3
@@ -100,7 +100,7 @@ def infer_clip(request: Request) -> None:
             if len(answers) > 1:
                 top = int(ranking.order[0])
                 methods.append(_method("best of K", answers[top], ranking.rewards, top, clip, len(answers)))
-        found: Found | None = None
+        found: SearchResult | None = None
         if request.search:
             with progress.step("search"):
                 found = _searched(request, evaluator, answers, ranking, progress)
@@ -111,7 +111,7 @@ def infer_clip(request: Request) -> None:
             progress.say("", line)
         known = certainties(evaluator, best.scene, evaluator.pairs(best.scene)) if found else []
         if known:
-            progress.say("note", f"hardly determined by this clip: {', '.join(hardly(known)) or 'nothing'}")
+            progress.say("note", f"hardly determined by this clip: {', '.join(weakly_identified(known)) or 'nothing'}")
         doubt = [DOUBT] if best.overlap.sequence < DOUBTFUL_IOU else []
         for line in doubt:
             progress.say("note", line)
@@ -136,13 +136,13 @@ def _answers(request: Request, clip: ClipInput) -> list[Answer]:
 
 def _searched(
     request: Request, evaluator: Evaluator, answers: list[Answer], ranking: Ranking, progress: Progress
-) -> Found:
+) -> SearchResult:
     """The search from the best answers that differ, and from a classical guess."""
     told = f"/{request.search} simulations, reward "
-    return solve(
+    return search_scene(
         evaluator, _starts(answers, ranking), request.search, np.random.default_rng(request.seed),
         lambda spent, reward: progress.detail(f" {spent}{told}{reward:.3f}"), request.incline,
-    ).found  # fmt: skip
+    ).result  # fmt: skip
 
 
 def _starts(answers: list[Answer], ranking: Ranking) -> list[Scene]:
@@ -150,7 +150,7 @@ def _starts(answers: list[Answer], ranking: Ranking) -> list[Scene]:
     return list(dict.fromkeys(order))[:STARTS]
 
 
-def _found_method(found: Found, answers: list[Answer], ranking: Ranking, clip: ClipInput) -> Method:
+def _found_method(found: SearchResult, answers: list[Answer], ranking: Ranking, clip: ClipInput) -> Method:
     """The search's own line; its words are those of the best answer with the same shapes."""
     order = [answers[int(i)] for i in ranking.order]
     nearest = next((a for a in order if a.parsed.scene.composition == found.scene.composition), order[0])
@@ -192,7 +192,7 @@ def _say_input(progress: Progress, request: Request, clip: ClipInput) -> None:
 
 def _result(
     request: Request, clip: ClipInput, answers: list[Answer], rewards: Rewards, methods: list[Method], best: Method,
-    doubt: list[str], found: Found | None, known: list[Certainty], renderer: str, events: list[str],
+    doubt: list[str], found: SearchResult | None, known: list[Certainty], renderer: str, events: list[str],
     seconds: dict[str, float],
 ) -> dict[str, Any]:  # fmt: skip
     taken, sampling = clip.taken.clip, request.sampling
@@ -205,8 +205,8 @@ def _result(
             "fps_from": "the file" if request.fps is None else "--fps",
             "resampled_fps": clip.schedule.fps,
             "source_size_px": list(taken.source_size),
-            "cropped_to_px": list(taken.fit.window),
-            "size_px": list(taken.fit.size),
+            "cropped_to_px": list(taken.letterbox.window),
+            "size_px": list(taken.letterbox.size),
             "masks_from": clip.taken.masks_from,
             "instances": clip.objects,
             "camera": "at rest, at (0, -2, h) m, looking along +y; square pixels, no distortion",

@@ -16,10 +16,10 @@ from pipeline.commands.scoring import relabelled
 from pipeline.commands.table import Row, markdown
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.text import write_scene
-from pipeline.viewer.footage import Footage, Motion, Pictures
+from pipeline.viewer.footage import Footage, MotionLayer, Pictures
 from pipeline.viewer.recording import save
-from pipeline.vision.render_backend import choose_backend
-from pipeline.vision.video import write_video
+from pipeline.vision.recordings.video import write_video
+from pipeline.vision.rendering.render_backend import choose_backend
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,6 @@ def write_outputs(folder: Path, outcome: Outcome) -> str:
     replayed = Pictures(drawn, run.masks, run.depth, first, run.flow, first)
     notes = "\n".join([f"### {outcome.title}", "", *markdown(outcome.rows), "", *(f"- {n}" for n in outcome.notes), "",
                        "**The model's words**", "", *outcome.think.splitlines()])  # fmt: skip
-    motion = Motion("replay", run.scene, run.trace, True, run.events)
+    motion = MotionLayer("replay", run.scene, run.trace, True, run.events)
     save(Footage(outcome.name, notes, (motion,), seen, replayed, clip.schedule.fps), folder / "recording.rrd")
     return reason

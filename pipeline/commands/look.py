@@ -20,7 +20,7 @@ from pipeline.shards.arrays import open_arrays
 from pipeline.shards.output_errors import writing_to
 from pipeline.shards.tables import CLIP_COLUMN, read_table
 from pipeline.viewer import recording
-from pipeline.viewer.footage import Footage, Motion, Pictures
+from pipeline.viewer.footage import Footage, MotionLayer, Pictures
 
 RECORDING = "recording.rrd"
 
@@ -80,9 +80,9 @@ def scene_footage(scene: Scene, name: str, seconds: float) -> Footage:
     seen, note = with_camera(scene, trace.position)
     text = "\n".join([f"### {name}", "", *([f"- {note}"] if note else []), "", "```yaml", write_scene(scene), "```"])
     if seen.camera is None:
-        return Footage(name, text, (Motion("scene", seen, trace),), fps=schedule.fps)
+        return Footage(name, text, (MotionLayer("scene", seen, trace),), fps=schedule.fps)
     run = replay(seen, trace, schedule)
-    motion = Motion("scene", seen, trace, True, run.events)
+    motion = MotionLayer("scene", seen, trace, True, run.events)
     return Footage(name, text, (motion,), _pictures(run, schedule), fps=schedule.fps)
 
 
@@ -129,7 +129,7 @@ def _array_footage(path: Path, clip: int) -> Footage:
 def _show_file(made: Path, file: Path | None) -> None:
     print(f"showing    {made}")
     if file is None:
-        recording.show_file(made)
+        recording.show(made)
         return
     with writing_to(file):
         shutil.copyfile(made, file)

@@ -10,8 +10,8 @@ from PIL import Image, ImageDraw
 
 from pipeline.commands.lettering import FAINT, INK, PAPER, font
 from pipeline.commands.table import Row
-from pipeline.vision.appearance import object_colour
-from pipeline.vision.flow_picture import flow_picture
+from pipeline.vision.flow.flow_picture import flow_picture
+from pipeline.vision.rendering.appearance import object_colour
 
 TILE = (384, 256)  # px, width and height
 GAP, SIDE, HEADER, LINE = 6, 128, 30, 21  # px

@@ -14,9 +14,9 @@ from pipeline.language.events import Event, Thresholds, find_events
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
-from pipeline.viewer.event_text import event_text
-from pipeline.vision.appearance import plain_appearance
-from pipeline.vision.render import render_rgb
+from pipeline.viewer.footage import event_text
+from pipeline.vision.rendering.appearance import plain_appearance
+from pipeline.vision.rendering.render import render_rgb
 
 SIZE = (480, 320)  # px, width and height
 

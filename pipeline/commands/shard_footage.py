@@ -24,9 +24,9 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.dataset import Clip, open_shards
 from pipeline.shards.manifest import MANIFEST
 from pipeline.shards.shard import MAIN_TABLE
-from pipeline.viewer.footage import Footage, Motion, Pictures
-from pipeline.vision.appearance import plain_appearance
-from pipeline.vision.render import render_rgb
+from pipeline.viewer.footage import Footage, MotionLayer, Pictures
+from pipeline.vision.rendering.appearance import plain_appearance
+from pipeline.vision.rendering.render import render_rgb
 
 #: Stages whose rows are answers, the furthest first; the truth is in `sample`.
 ANSWERS = ("fit", "cmaes", "best_of_k", "infer")
@@ -92,12 +92,12 @@ def footage(opened: Opened) -> Footage:
     truth = _row(opened, TRUTH)
     if truth is not None:
         scene = read_scene(truth["scene"])
-        motions.append(Motion("truth", scene, _trace(opened, scene), True, _events(opened)))
+        motions.append(MotionLayer("truth", scene, _trace(opened, scene), True, _events(opened)))
     answer = _answer(opened)
     if answer is not None:
         stage, row = answer
         scene = read_scene(row["scene"])
-        motions.append(Motion(stage, scene, run_scene(scene, schedule), truth is None))
+        motions.append(MotionLayer(stage, scene, run_scene(scene, schedule), truth is None))
         scores = [f"{name} {row[name]:.2f}" for name in ("reward", "iou") if row.get(name) is not None]
         opened.notes.extend([f"{stage}: {', '.join(scores)}"] if scores else [])
     seen = _pictures(opened)
@@ -164,7 +164,7 @@ def _pictures(opened: Opened) -> Pictures:
     return Pictures(found.get("rgb"), found.get("mask"), found.get("depth"), first, found.get("flow"), first)
 
 
-def _replayed(motions: list[Motion], seen: Pictures, schedule: Schedule) -> Pictures:
+def _replayed(motions: list[MotionLayer], seen: Pictures, schedule: Schedule) -> Pictures:
     """The answer as the camera sees it, at the size of the clip's pictures."""
     motion = motions[-1]
     width, height = seen.size or (240, 160)
@@ -175,7 +175,7 @@ def _replayed(motions: list[Motion], seen: Pictures, schedule: Schedule) -> Pict
     return Pictures(rgb, frame_masks(motion.scene, motion.trace, schedule, width, height))
 
 
-def _notes(opened: Opened, motions: list[Motion], index: int) -> str:
+def _notes(opened: Opened, motions: list[MotionLayer], index: int) -> str:
     lines = [f"### clip {index} of {opened.suite}", ""]
     lines += [f"- **{m.name}**: {m.scene.composition}" for m in motions]
     lines += [f"- {note}" for note in opened.notes]

@@ -24,10 +24,10 @@ from pipeline.physics.trace import Trace
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import write_scene
-from pipeline.viewer.footage import Footage, Motion, Pictures
+from pipeline.viewer.footage import Footage, MotionLayer, Pictures
 from pipeline.viewer.recording import save
-from pipeline.vision.render_backend import choose_backend
-from pipeline.vision.video import write_video
+from pipeline.vision.recordings.video import write_video
+from pipeline.vision.rendering.render_backend import choose_backend
 
 ORIGINAL, EDITED = "original", "edited"
 #: The columns of measured motion (docs/formats.md), and the velocity.
@@ -115,8 +115,8 @@ def _write(
     write_video(folder / "replay.mp4", side_by_side(frames[0], frames[1], (ORIGINAL, EDITED)), schedule.fps)
     runs = [replay(s, t, schedule) for s, t in zip(seen, traces, strict=True)]
     shown = [Pictures(f, r.masks) for f, r in zip(frames, runs, strict=True)]
-    motions = (Motion(EDITED, seen[1], traces[1], True, runs[1].events),
-               Motion(ORIGINAL, seen[0], traces[0], False, runs[0].events))  # fmt: skip
+    motions = (MotionLayer(EDITED, seen[1], traces[1], True, runs[1].events),
+               MotionLayer(ORIGINAL, seen[0], traces[0], False, runs[0].events))  # fmt: skip
     lines = markdown(table(departures(after, *traces), traces))
     notes = [*([note] if note else []), f"pictures by {reason}"]
     text = "\n".join(["### What if", "", *lines, "", *(f"- {n}" for n in notes)])

@@ -14,9 +14,9 @@ from pipeline.errors import SimulationError
 from pipeline.evaluation.scene_scores import HEIGHT, WIDTH, replay
 from pipeline.physics.batch import BatchSimulator, stack_scenes
 from pipeline.scene.scene import Scene
-from pipeline.vision.appearance import plain_appearance
-from pipeline.vision.flow_picture import flow_picture
-from pipeline.vision.render import render_raycast
+from pipeline.vision.flow.flow_picture import flow_picture
+from pipeline.vision.rendering.appearance import plain_appearance
+from pipeline.vision.rendering.render import render_raycast
 
 #: Object colours, RGB.
 PALETTE = np.array(

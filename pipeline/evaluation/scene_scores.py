@@ -14,9 +14,9 @@ from pipeline.physics.overlap import penetration
 from pipeline.scene.rotation import quaternion_conjugate, quaternion_multiply
 from pipeline.scene.scene import Scene
 from pipeline.search.target import make_target, resize_masks
-from pipeline.vision.camera import pinhole
-from pipeline.vision.exact_flow import exact_flow
-from pipeline.vision.rasteriser import rasterise
+from pipeline.vision.rendering.camera import pinhole
+from pipeline.vision.rendering.exact_flow import exact_flow
+from pipeline.vision.rendering.rasteriser import rasterise
 
 WIDTH, HEIGHT = 480, 320
 
@@ -51,8 +51,8 @@ def replay(scene: Scene, schedule: Schedule) -> Replay:
     poses = (states.position[0], states.quaternion[0])
     camera = pinhole(scene.camera)
     view = rasterise(scene.objects, *poses, camera, WIDTH, HEIGHT, scene.ground)
-    flow = exact_flow(scene.objects, *poses, camera, WIDTH, HEIGHT, scene.ground, rendering=view, with_hidden=False)
-    return Replay(view.mask, flow.flow_px)
+    flow = exact_flow(scene.objects, *poses, camera, WIDTH, HEIGHT, scene.ground, rendering=view)
+    return Replay(view.mask, flow)
 
 
 def true_reference(scene: Scene, schedule: Schedule) -> Reference:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from pipeline.language.events import Event
 from pipeline.language.grammar import Choice, Grammar, Literal, Number, spell
-from pipeline.scene.digits import DECIMALS
+from pipeline.scene.canonical import DECIMALS
 from pipeline.scene.scene import BASIC_SHAPES, SIZE_KEYS, Scene, SceneObject
 from pipeline.scene.text import read_scene
 

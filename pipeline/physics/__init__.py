@@ -1,1 +1,1 @@
-"""Running scenes: one at a time with a full trace, or many at once."""
+"""Simulation of scenes: one at a time with a full trace, or many at once."""

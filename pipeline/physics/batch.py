@@ -1,7 +1,7 @@
-"""Many scenes of one composition at once, through `mujoco.batch`: no recompilation, no Python loop over scenes.
+"""Simulation of many scenes of one composition by `mujoco.batch`, without recompilation or a loop over scenes.
 
-A composition (the shapes in order, with or without ground) is compiled once; each scene then is a row of
-model fields and a row of state. A test holds these fields against what MuJoCo's compiler makes of the same scene.
+A composition (the shapes in order, with or without ground) is compiled once. Each scene is a row of model fields and a
+row of the state. A test compares these fields with those that MuJoCo's compiler computes for the same scene.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject, half_extents, size_from_half
 from pipeline.scene.solid import bounding_radii, geom_sizes, unit_inertia
 
-#: MuJoCo's warnings are logged by it; a candidate whose numbers go bad is counted (`States.valid`), not told.
+#: Unstable candidates are reported by `States.valid`, so MuJoCo's warnings are not logged.
 logging.getLogger("absl").setLevel(logging.ERROR)
-NO_CAMERA = Camera((0.0, -2.0, 1.0), fov=45.0, pitch=-25.0)  # stands in where a scene has none to look through
-#: Fields of a batch that have a value for each object.
+NO_CAMERA = Camera((0.0, -2.0, 1.0), fov=45.0, pitch=-25.0)  # used for scenes without a camera
+#: Fields of a batch with a value for each object.
 OBJECT_FIELDS = ("half_size", "mass", "sliding_friction", "rolling_friction", "damping", "position", "velocity",
                  "angular_velocity", "quaternion")  # fmt: skip
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
@@ -36,11 +36,24 @@ _TIME = mujoco.mjtState.mjSTATE_TIME.value
 
 @dataclass
 class SceneBatch:
-    """B scenes of one composition as arrays, the form in which searches handle them.
+    """B scenes of N objects of one composition, as arrays.
 
-    shapes (N,) names. half_size (B, N, 3) m; mass, sliding_friction, rolling_friction, damping (B, N);
-    position, velocity, angular_velocity (B, N, 3) world; quaternion (B, N, 4); gravity (B, 3); ground (B,), NaN
-    for none. camera_position (B, 3), camera_rotation (B, 3, 3) columns right, up, back; fov (B,) deg.
+    Attributes:
+        shapes: (N,) names.
+        half_size: (B, N, 3) half extents, m.
+        mass: (B, N) kg.
+        sliding_friction: (B, N) coefficient.
+        rolling_friction: (B, N) m.
+        damping: (B, N) damping ratio of contacts.
+        position: (B, N, 3) m, world frame.
+        velocity: (B, N, 3) m/s, world frame.
+        angular_velocity: (B, N, 3) rad/s, world frame.
+        quaternion: (B, N, 4).
+        gravity: (B, 3) m/s².
+        ground: (B,) height, m; NaN for no ground.
+        camera_position: (B, 3) m.
+        camera_rotation: (B, 3, 3), columns right, up, back.
+        fov: (B,) vertical field of view, deg.
     """
 
     shapes: tuple[str, ...]
@@ -63,18 +76,18 @@ class SceneBatch:
         return len(self.mass)
 
     def repeated(self, count: int) -> SceneBatch:
-        """The first scene so many times."""
+        """A batch of `count` copies of the first scene."""
         return SceneBatch(self.shapes, **{f.name: np.repeat(getattr(self, f.name)[:1], count, axis=0)
                                           for f in fields(self) if f.name != "shapes"})  # fmt: skip
 
     def copy_object(self, index: int, source: SceneBatch, row: int) -> None:
-        """Make object `index` of the first scene what it is in scene `row` of `source`."""
+        """Copy object `index` of scene `row` of `source` into the first scene."""
         for name in OBJECT_FIELDS:
             getattr(self, name)[0, index] = getattr(source, name)[row, index]
 
 
 def stack_scenes(scenes: list[Scene]) -> SceneBatch:
-    """The scenes as one batch. They must share their shapes, in order, and whether there is a ground."""
+    """The scenes as one batch. They must have the same shapes, in order, and all or none a ground."""
     shapes = scenes[0].shapes
     assert all(s.shapes == shapes for s in scenes), "scenes of one batch share their composition"
     assert len({s.ground is None for s in scenes}) == 1, "scenes of one batch all have a ground, or none has"
@@ -104,8 +117,11 @@ def stack_scenes(scenes: list[Scene]) -> SceneBatch:
 
 
 def unstack(batch: SceneBatch, index: int, like: Scene) -> Scene:
-    """One scene of a batch; names, and what a batch does not hold, are those of `like`, and whether its camera has a
-    pitch or an orientation."""
+    """One scene of a batch.
+
+    Names and everything that a batch does not contain are taken from `like`, as is whether the camera has a pitch or an
+    orientation.
+    """
     assert like.camera is not None
     b = index
     objects = tuple(
@@ -128,19 +144,19 @@ def unstack(batch: SceneBatch, index: int, like: Scene) -> Scene:
 
 @functools.lru_cache(maxsize=512)
 def composition_model(shapes: tuple[str, ...], ground: bool) -> mujoco.MjModel:
-    """The compiled model of a composition; its numbers are placeholders."""
+    """The compiled model of a composition, with placeholder values."""
     objects = tuple(SceneObject(s, (0.2,) * len(SIZE_KEYS[s]) if s != "capsule" else (0.1, 0.3), 1.0,
                                 position=(float(i), 0, 1)) for i, s in enumerate(shapes))  # fmt: skip
     return compile_xml(scene_xml(Scene(objects, ground=0.0 if ground else None)))
 
 
-#: Fields of a model that scenes of one composition differ in, beside their initial state.
+#: Fields of a model in which scenes of one composition differ.
 MODEL_FIELDS = ("geom_size", "geom_rbound", "geom_aabb", "geom_pos", "geom_friction", "geom_solref", "body_mass",
                 "body_inertia", "opt.gravity", "bvh_aabb")  # fmt: skip
 
 
 def write_fields(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], scenes: SceneBatch) -> None:
-    """Write B scenes of the model's composition into arrays (B, ...) of each of MODEL_FIELDS."""
+    """Write B scenes of the model's composition into arrays (B, ...), one for each of `MODEL_FIELDS`."""
     for i, shape in enumerate(scenes.shapes):
         name = f"{shape}_{i}"
         geom, body, half = model.geom(name).id, model.body(name).id, scenes.half_size[:, i]
@@ -169,9 +185,11 @@ def initial_state(scenes: SceneBatch) -> tuple[np.ndarray, np.ndarray]:
 
 
 def scene_model(scene: Scene) -> mujoco.MjModel:
-    """The model of a scene of analytic shapes without effects, as compiled from its MJCF (to rounding), but not by way
-    of it: ten times as fast once its composition was seen."""
-    assert not scene.effects, "effects are part of the MJCF alone"
+    """The model of a scene of analytic shapes without effects, equal to that compiled from its MJCF to rounding.
+
+    It is ten times as fast as compiling, from the second scene of a composition on.
+    """
+    assert not scene.effects, "a scene with effects must be compiled from its MJCF"
     model = copy(composition_model(scene.shapes, scene.ground is not None))
     batch = stack_scenes([scene])
     write_fields(model, {name: attrgetter(name)(model)[None] for name in MODEL_FIELDS}, batch)
@@ -182,8 +200,13 @@ def scene_model(scene: Scene) -> mujoco.MjModel:
 
 @dataclass(frozen=True)
 class States:
-    """What a batch run leaves: position (B, T, N, 3), quaternion (B, T, N, 4); valid (B,), False where the
-    numbers went bad (its states are then all the initial one)."""
+    """States of a batch at T times.
+
+    Attributes:
+        position: (B, T, N, 3) m.
+        quaternion: (B, T, N, 4).
+        valid: (B,) False where the simulation became unstable; all its states are then the initial one.
+    """
 
     position: np.ndarray
     quaternion: np.ndarray
@@ -191,9 +214,13 @@ class States:
 
 
 class BatchSimulator:
-    """Runs batches of one composition; keeps its `mujoco.batch.Batch` from call to call.
+    """Simulates batches of one composition and keeps its `mujoco.batch.Batch` between calls.
 
-    Args: shapes in order; ground: whether there is a plane; size: scenes a call; threads.
+    Args:
+        shapes: The shapes in order.
+        ground: Whether there is a ground plane.
+        size: Largest number of scenes per call.
+        threads: Number of threads.
     """
 
     def __init__(self, shapes: tuple[str, ...], ground: bool, size: int, threads: int) -> None:
@@ -204,7 +231,7 @@ class BatchSimulator:
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
 
     def load(self, scenes: SceneBatch) -> None:
-        """Write the scenes into the batch and set its state to their initial one."""
+        """Write the scenes and their initial states into the batch."""
         assert scenes.shapes == self.shapes
         n = len(scenes)
         assert n <= self.size
@@ -215,12 +242,12 @@ class BatchSimulator:
         self._qpos[:n], self._qvel[:n] = initial_state(scenes)
 
     def run(self, scenes: SceneBatch, steps: np.ndarray) -> States:
-        """States at the given increasing `steps` (T,) of 1/240 s each; the initial state is step 0."""
+        """States at increasing steps (T,) of 1/240 s each. The initial state is step 0."""
         self.load(scenes)
         n, last = len(scenes), int(steps[-1])
         start = self._qpos[:n].copy()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # bad numbers are reported as `valid`
+            warnings.simplefilter("ignore")  # unstable simulations are reported by `valid`
             record = self._batch.rollout(last, record=("qpos", _TIME), ids=np.arange(n)) if last else None
         if record is None:
             qpos, valid = start[:, None], np.ones(n, bool)

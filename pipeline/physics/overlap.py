@@ -1,4 +1,4 @@
-"""How far bodies overlap, by MuJoCo's own geometry, and how to part them."""
+"""Overlap of bodies by MuJoCo's distance function, and its removal."""
 
 from __future__ import annotations
 
@@ -14,13 +14,20 @@ from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import Scene, SceneObject, half_extents
 from pipeline.scene.solid import geom_sizes, reach_below
 
-APART = 2e-4  # m of overlap that is left
+TOLERANCE = 2e-4  # m of overlap that is not removed
 ROUNDS = 30
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two objects that overlap by `depth`, m; direction (3,): the way in which the first leaves the second."""
+    """Two objects that overlap.
+
+    Attributes:
+        first: Index of the first object.
+        second: Index of the second object.
+        depth: m.
+        direction: (3,) unit vector in which the first object must move to leave the second.
+    """
 
     first: int
     second: int
@@ -29,7 +36,7 @@ class Overlap:
 
 
 def overlaps(scene: Scene) -> list[Overlap]:
-    """Every pair of objects that overlap in the initial state."""
+    """All pairs of objects that overlap in the initial state."""
     if len(scene.objects) < 2:
         return []
     model, data = _scratch(scene.shapes)
@@ -50,26 +57,28 @@ def overlaps(scene: Scene) -> list[Overlap]:
     return found
 
 
-def sunk(scene: Scene) -> np.ndarray:
-    """(N,) how far each object reaches into the ground, m; negative above it."""
+def ground_penetration(scene: Scene) -> np.ndarray:
+    """Depth (N,) m by which each object penetrates the ground; negative above it."""
     ground = -np.inf if scene.ground is None else scene.ground
     return np.array([ground + reach_below(o) - o.position[2] for o in scene.objects])
 
 
 def penetration(scene: Scene) -> float:
-    """Largest overlap between two objects or with the ground in the initial state, m; 0 where none touch."""
-    return float(max([0.0, *(o.depth for o in overlaps(scene)), *sunk(scene)]))
+    """Largest overlap of two objects, or of an object and the ground, in the initial state, m; 0 without overlap."""
+    return float(max([0.0, *(o.depth for o in overlaps(scene)), *ground_penetration(scene)]))
 
 
 def separated(scene: Scene) -> Scene:
-    """The scene with its objects pushed apart, and out of the ground, until they overlap by APART at most; where that
-    does not come about in ROUNDS rounds, as far as it got."""
+    """The scene with its objects moved apart, and out of the ground, until they overlap by at most `TOLERANCE`.
+
+    It stops after `ROUNDS` rounds, when overlap may remain.
+    """
     for _ in range(ROUNDS):
         shift = np.zeros((len(scene.objects), 3))
-        depth = sunk(scene)
-        shift[:, 2] = np.where(depth > APART, depth, 0)
+        depth = ground_penetration(scene)
+        shift[:, 2] = np.where(depth > TOLERANCE, depth, 0)
         for o in overlaps(scene):
-            if o.depth > APART:
+            if o.depth > TOLERANCE:
                 shift[o.first] += 0.55 * o.depth * o.direction
                 shift[o.second] -= 0.55 * o.depth * o.direction
         if not shift.any():
@@ -81,7 +90,7 @@ def separated(scene: Scene) -> Scene:
 
 @functools.lru_cache(maxsize=512)
 def _scratch(shapes: tuple[str, ...]) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A model and data of the composition, of our own, to write sizes and poses into."""
+    """A copy of the model of a composition, and its data, to write sizes and poses into."""
     model = copy.copy(composition_model(shapes, False))
     return model, mujoco.MjData(model)
 

@@ -1,4 +1,4 @@
-"""One scene, run by MuJoCo, with its whole history of states and contacts."""
+"""Simulation of one scene by MuJoCo, with the states and contacts of all steps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pipeline.scene.mjcf import STEPS_PER_SECOND, scene_xml
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import Scene
 
-#: MuJoCo's warnings that mean that the state went bad, after which it resets the simulation by itself.
+#: Warnings of MuJoCo that the simulation is unstable, after which it resets the simulation by itself.
 BAD_WARNINGS = (
     mujoco.mjtWarning.mjWARN_BADQPOS,
     mujoco.mjtWarning.mjWARN_BADQVEL,
@@ -21,7 +21,7 @@ BAD_WARNINGS = (
 
 
 def compile_xml(xml: str) -> mujoco.MjModel:
-    """The compiled model. Raises `SimulationError` with the compiler's own words."""
+    """The compiled model. Raises SimulationError with the message of the compiler."""
     try:
         return mujoco.MjModel.from_xml_string(xml)
     except ValueError as error:
@@ -29,13 +29,16 @@ def compile_xml(xml: str) -> mujoco.MjModel:
 
 
 def simulate(scene: Scene, seconds: float = 1.0) -> Trace:
-    """Run `scene` with its effects for `seconds`. Raises `SimulationError` where the numbers go bad."""
+    """Simulate a scene with its effects for `seconds`. Raises SimulationError where the simulation becomes unstable."""
     return simulate_model(compile_xml(scene_xml(scene)), seconds, effect_forces(scene))
 
 
 def simulate_model(model: mujoco.MjModel, seconds: float, forces: ApplyForces | None = None) -> Trace:
-    """Run a model compiled from a scene's MJCF from its keyframe `initial`; forces: called before each step, writes
-    those that are not part of the model. Raises `SimulationError`."""
+    """Simulate a model that was compiled from the MJCF of a scene, from its keyframe `initial`.
+
+    forces is called before each step and writes forces that are not part of the model. Raises SimulationError where the
+    simulation becomes unstable.
+    """
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("initial").id)
     steps = round(seconds * STEPS_PER_SECOND)
@@ -46,13 +49,13 @@ def simulate_model(model: mujoco.MjModel, seconds: float, forces: ApplyForces | 
         if forces is not None:
             forces(model, data)
         mujoco.mj_step(model, data)
-        if step == 0 or data.time < (step + 0.5) / STEPS_PER_SECOND:  # what goes bad later sets the time back
+        if step == 0 or data.time < (step + 0.5) / STEPS_PER_SECOND:  # a later reset sets the time back
             _check(data, step)
         if data.ncon:
             rows.append(_contact_rows(model, data, step))
     qpos[steps], qvel[steps] = data.qpos, data.qvel
     if not (np.isfinite(qpos).all() and np.isfinite(qvel).all()):
-        raise SimulationError("the state is not finite")
+        raise SimulationError("the simulation became unstable (non-finite state)")
     return _trace(qpos, qvel, _contacts(model, rows))
 
 
@@ -65,8 +68,7 @@ def _check(data: mujoco.MjData, step: int) -> None:
 
 
 def _contact_rows(model: mujoco.MjModel, data: mujoco.MjData, step: int) -> tuple[np.ndarray, ...]:
-    """The active contacts of the step just made: step, geoms (C, 2), position, distance, frame (C, 9), and force in
-    that frame (C, 6)."""
+    """Contacts of the last step: step, geoms (C, 2), position, distance, frame (C, 9), force in the frame (C, 6)."""
     contact, force = data.contact, np.empty((data.ncon, 6))
     for i in range(data.ncon):
         mujoco.mj_contactForce(model, data, i, force[i])
@@ -79,11 +81,11 @@ def _contacts(model: mujoco.MjModel, rows: list[tuple[np.ndarray, ...]]) -> Cont
         index, vector = np.zeros(0, int), np.zeros((0, 3))
         return Contacts(index, index, index, vector, vector, np.zeros(0), vector)
     step, geom, position, distance, frame, force = (np.concatenate(column) for column in zip(*rows, strict=True))
-    body = model.geom_bodyid[geom] - 1  # the world's body becomes GROUND
+    body = model.geom_bodyid[geom] - 1  # the world body becomes GROUND
     assert GROUND == -1
     frame = frame.reshape(-1, 3, 3)  # rows: normal from geom 0 to geom 1, two tangents
     world = np.einsum("ci,cij->cj", force[:, :3], frame)  # on geom 1
-    swap = body[:, 0] == GROUND  # make the ground, else the later object, the second
+    swap = body[:, 0] == GROUND  # the ground is always second
     first, second = np.where(swap[:, None], body[:, ::-1], body).T
     sign = np.where(swap, 1.0, -1.0)[:, None]
     return Contacts(step, first, second, position, sign * frame[:, 0], distance, sign * world)

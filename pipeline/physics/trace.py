@@ -1,4 +1,4 @@
-"""What a simulation leaves behind: the state at every step and every contact."""
+"""The trace of a simulation: the states at all steps, and all contacts."""
 
 from __future__ import annotations
 
@@ -11,11 +11,16 @@ GROUND = -1  # the body index of the ground in contacts
 
 @dataclass(frozen=True)
 class Contacts:
-    """One row per contact point and step, in the order of time.
+    """One row per contact point and step, in order of time.
 
-    step (C,): the contact acts from `step` to `step + 1`. first, second (C,): object indices, `GROUND` for the
-    ground, which is always `second`. position (C, 3) m, world. normal (C, 3): unit, from second to first.
-    distance (C,) m, negative where they overlap. force (C, 3) N, world, on first.
+    Attributes:
+        step: (C,) the contact acts from `step` to `step + 1`.
+        first: (C,) index of the first object.
+        second: (C,) index of the second object; `GROUND` for the ground, which is never first.
+        position: (C, 3) m, world frame.
+        normal: (C, 3) unit vector from second to first.
+        distance: (C,) m, negative where they overlap.
+        force: (C, 3) N, world frame, on first.
     """
 
     step: np.ndarray
@@ -32,8 +37,16 @@ class Contacts:
 
 @dataclass(frozen=True)
 class Trace:
-    """States of N objects at S + 1 times: position (S+1, N, 3) m, quaternion (S+1, N, 4), velocity and
-    angular_velocity (S+1, N, 3), all in the world's frame; `rate` steps a second."""
+    """States of N objects at S + 1 times, in the world frame.
+
+    Attributes:
+        rate: Steps per second.
+        position: (S+1, N, 3) m.
+        quaternion: (S+1, N, 4).
+        velocity: (S+1, N, 3) m/s.
+        angular_velocity: (S+1, N, 3) rad/s.
+        contacts: All contacts.
+    """
 
     rate: int
     position: np.ndarray
@@ -44,8 +57,5 @@ class Trace:
 
     @property
     def times(self) -> np.ndarray:
+        """(S+1,) s."""
         return np.arange(len(self.position)) / self.rate
-
-    def steps_at(self, times: np.ndarray) -> np.ndarray:
-        """The steps nearest to `times`, s."""
-        return np.clip(np.rint(np.asarray(times) * self.rate).astype(int), 0, len(self.position) - 1)

@@ -1,4 +1,4 @@
-"""Traces as shard columns: arrays of states and a table of contacts, and back."""
+"""Traces in shards: arrays of states and a table of contacts."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ CONTACT_SCHEMA = pa.schema(
 
 
 def trace_arrays(traces: Sequence[Trace]) -> dict[str, list[np.ndarray]]:
-    """Arrays (N, S + 1, 3 or 4) by name, one a clip: the number of objects leads, since it differs."""
+    """Arrays (N, S + 1, 3 or 4) by name, one per trace. The number of objects is the first axis because it varies."""
     return {name: [np.ascontiguousarray(getattr(t, name).swapaxes(0, 1)) for t in traces] for name in STATE_NAMES}
 
 
 def contact_table(clip: int, trace: Trace) -> pa.Table:
-    """The clip's contacts, a row each."""
+    """The contacts of a clip, one per row."""
     c = trace.contacts
     columns: dict[str, pa.Array] = {
         "clip": pa.array(np.full(len(c), clip)),

@@ -1,1 +1,1 @@
-"""The scene language: values, YAML text, sampling and filters, MJCF."""
+"""The scene language: the data types, YAML text, sampling, MJCF and effects."""

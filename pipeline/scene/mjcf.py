@@ -1,8 +1,8 @@
-"""Scenes as MJCF, built with `dm_control.mjcf`: the form in which MuJoCo, and other people, run them.
+"""Scenes as MJCF documents, built with `dm_control.mjcf`. MuJoCo runs them without this package.
 
-One body with a free joint per object, named as the object; camera `camera`; ground plane `ground`; a keyframe
-`initial` with the scene's positions and velocities. Contact rules are those of docs/formats.md: objects have
-priority over the ground, so their own friction and damping count on it.
+A document has one body with a free joint per object, named as the object; the camera `camera`; the ground plane
+`ground`; and a keyframe `initial` with the positions and velocities of the scene. Contacts follow docs/formats.md:
+objects have priority over the ground, so their own friction and damping apply on it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # dm_control looks for a display, which is not needed here
+    warnings.simplefilter("ignore")  # dm_control warns where there is no display; none is needed here
     from dm_control import mjcf
 
 from pipeline.errors import SceneError
@@ -27,13 +27,13 @@ from pipeline.scene.solid import geom_sizes
 STEPS_PER_SECOND = 240
 #: Time constant of contacts, s; the damping ratio is each object's own (MuJoCo manual, "Solver parameters").
 CONTACT_TIME_CONSTANT = 0.02
-#: s. Least product of time constant and damping ratio: a contact's spring swings with 1 / (0.9 of it) rad/s, and with
-#: fewer than 7 steps of 1/240 s to a period bodies bounce higher than they fell (up to 5 times at a damping of 0.1).
+#: Smallest product of time constant and damping ratio, s. A contact oscillates with 1 / (0.9 of this product) rad/s.
+#: With fewer than 7 steps of 1/240 s per period, bodies bounce higher than they fell (5 times at a damping of 0.1).
 LEAST_SPRING_TIME = 0.0055
 TORSIONAL_FRICTION = 0.005  # m, MuJoCo's default
 OBJECT_PRIORITY = 1
-#: rad. Cylinders start tilted by so much: where a cylinder's axis is normal to a plane to the last bit or two, MuJoCo's
-#: test of the two (mjc_PlaneCylinder) norms a vector of rounding errors and finds them as deep in as the radius.
+#: Initial tilt of cylinders, rad. Where a cylinder's axis is normal to a plane to within rounding, MuJoCo's
+#: mjc_PlaneCylinder normalises a vector of rounding errors and reports a penetration as deep as the radius.
 CYLINDER_TILT = 1e-7
 
 
@@ -43,37 +43,37 @@ def friction(obj: SceneObject) -> np.ndarray:
 
 
 def solref(damping: np.ndarray) -> np.ndarray:
-    """(..., 2) time constant, s, and damping ratio of the contacts of objects of that damping (...)."""
+    """Time constant, s, and damping ratio (..., 2) of the contacts of objects with the given damping (...)."""
     damping = np.asarray(damping, float)
     return np.stack([np.maximum(CONTACT_TIME_CONSTANT, LEAST_SPRING_TIME / damping), damping], -1)
 
 
 def start_quaternion(shape: str, orientation: np.ndarray) -> np.ndarray:
-    """The unit quaternions (..., 4) with which bodies of that shape start, for orientations of about unit length."""
+    """Initial unit quaternions (..., 4) of bodies of one shape, from orientations (..., 4); cylinders are tilted."""
     if shape == "cylinder":
         orientation = quaternion_multiply(orientation, np.array([1.0, CYLINDER_TILT / 2, 0.0, 0.0]))
     return orientation / np.linalg.norm(orientation, axis=-1, keepdims=True)
 
 
 def initial_qpos(scene: Scene) -> np.ndarray:
-    """(7 N,): position and unit quaternion of each object."""
+    """(7 N,): position, m, and unit quaternion of each object."""
     rows = [np.concatenate([o.position, start_quaternion(o.shape, np.array(o.orientation))]) for o in scene.objects]
     return np.concatenate(rows) if rows else np.zeros(0)
 
 
 def initial_qvel(scene: Scene) -> np.ndarray:
-    """(6 N,): velocity in the world's frame, angular velocity in the body's own, as a free joint wants them."""
+    """(6 N,): velocity in the world frame, m/s, and angular velocity in the body frame, rad/s, as a free joint has."""
     rows = [np.concatenate([o.velocity, matrix_from_quaternion(np.array(o.orientation)).T @ o.angular_velocity])
             for o in scene.objects]  # fmt: skip
     return np.concatenate(rows) if rows else np.zeros(0)
 
 
 def camera_quaternion(camera: Camera) -> np.ndarray:
-    """Unit quaternion of the camera's frame (x right, y up, looking along -z)."""
+    """Unit quaternion (4,) of the camera frame (x right, y up, looking along -z)."""
     if camera.orientation is not None:
         return np.array(camera.orientation)
     assert camera.pitch is not None
-    half = np.radians(90 + camera.pitch) / 2  # a turn about x: at -90° the camera looks straight down
+    half = np.radians(90 + camera.pitch) / 2  # a rotation about x; at a pitch of -90° the camera looks straight down
     return np.array([np.cos(half), np.sin(half), 0.0, 0.0])
 
 
@@ -107,7 +107,7 @@ def scene_mjcf(scene: Scene) -> mjcf.RootElement:
 
 
 def _add_effects(root: mjcf.RootElement, scene: Scene) -> None:
-    """What plain MuJoCo has becomes part of the document; of the rest it says, as custom text, what it lacks."""
+    """Add the effects that MuJoCo supports to the document, and describe the others in custom text."""
     for number, effect in enumerate(scene.effects):
         kind = effect_kind(effect)
         if kind.edit is not None:
@@ -121,13 +121,16 @@ def _add_effects(root: mjcf.RootElement, scene: Scene) -> None:
 
 
 def scene_xml(scene: Scene) -> str:
-    """The scene as MJCF text that plain MuJoCo loads."""
+    """The scene as MJCF text. MuJoCo loads it without this package."""
     return scene_mjcf(scene).to_xml_string(precision=17)
 
 
 @functools.cache
 def mesh_vertices(file: str) -> np.ndarray:
-    """Vertices of a mesh file (STL, OBJ, MSH), (V, 3), centred in their bounding box. Raises `SceneError`."""
+    """Vertices (V, 3) of a mesh file (STL, OBJ, MSH), with the centre of their bounding box at the origin.
+
+    Raises SceneError where the file is missing or cannot be read.
+    """
     if not Path(file).is_file():
         raise SceneError(f"mesh file {file}: not found")
     spec = mujoco.MjSpec()

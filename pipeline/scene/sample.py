@@ -1,6 +1,6 @@
-"""Random scenes: what is drawn, from which ranges. Which draws are kept is `pipeline.clips.draw`'s affair.
+"""Random candidate scenes. `pipeline.clips.draw` decides which of them are accepted.
 
-The camera is the paper's by default: at (0, -2, h), looking along +y and down.
+The default camera is that of the paper: at (0, -2, h), looking along +y and down.
 """
 
 from __future__ import annotations
@@ -11,21 +11,41 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.scene.digits import rounded_object, rounded_scene
+from pipeline.scene.canonical import canonical_object, rounded_object, rounded_scene
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import BASIC_SHAPES, Camera, Scene, SceneObject
 from pipeline.scene.solid import reach_below
-from pipeline.scene.symmetry import canonical_object
 
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """Ranges from which a scene is drawn: uniform unless said; lengths in m, angles in deg, SI otherwise.
+    """Ranges (low, high) from which a scene is drawn, uniformly unless noted. Objects not airborne start on the ground.
 
-    Objects lie on the ground unless drawn airborne; `toward`: share of velocities that point at another place of
-    the scene instead of anywhere; `rolling`: share of round bodies on the ground that start to roll without slip.
+    Attributes:
+        camera_height: m above the ground.
+        camera_distance: m from the origin, along -y.
+        camera_target_height: Height of the point above the origin at which the camera looks, m.
+        camera_fov: Vertical field of view, deg.
+        gravity: m/s², downwards.
+        sphere_radius: m.
+        cylinder_radius: m.
+        cylinder_height: m.
+        box_side: m, each of the three sides.
+        mass: kg, log-uniform.
+        sliding_friction: Coefficient.
+        rolling_friction: m.
+        damping: Damping ratio of contacts.
+        x: m, initial position.
+        y: m, initial position.
+        airborne: Share of objects that start in the air.
+        drop_height: Gap between an airborne object and the ground, m.
+        speed: Horizontal, m/s.
+        toward: Share of velocities that point to another place of the scene instead of any direction.
+        rolling: Share of round bodies on the ground that start to roll without slip.
+        spin: Angular speed, rad/s.
+        lying: Share of cylinders on the ground that lie on their side.
     """
 
     camera_height: Range
@@ -37,7 +57,7 @@ class Distribution:
     cylinder_radius: Range
     cylinder_height: Range
     box_side: Range
-    mass: Range  # log-uniform
+    mass: Range
     sliding_friction: Range
     rolling_friction: Range
     damping: Range
@@ -48,8 +68,8 @@ class Distribution:
     speed: Range
     toward: float
     rolling: float
-    spin: Range  # rad/s
-    lying: float  # share of cylinders on the ground that lie on their side
+    spin: Range
+    lying: float
 
 
 def compositions(count: int) -> list[tuple[str, ...]]:
@@ -63,9 +83,13 @@ def draw_composition(
     only: Sequence[str] = (),
     without: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """Shapes of a scene, sorted: a count by the weights of `counts`, then a multiset of shapes.
+    """Sorted shapes of a scene: a number of objects is drawn first, then a multiset of so many shapes.
 
-    only: compositions (`box+box+sphere`) to choose from instead. without: compositions never drawn.
+    Args:
+        rng: Random generator.
+        counts: Weight of each number of objects.
+        only: Compositions (`box+box+sphere`) to choose from instead.
+        without: Compositions that are never drawn.
     """
     if only:
         return tuple(sorted(only[int(rng.integers(len(only)))].split("+")))
@@ -77,7 +101,7 @@ def draw_composition(
 
 
 def draw_scene(rng: np.random.Generator, shapes: Sequence[str], d: Distribution) -> Scene:
-    """One candidate scene of the given shapes, each body in its canonical description, rounded to its digits."""
+    """One candidate scene of the given shapes, in the canonical description (`pipeline.scene.canonical`)."""
     height = rng.uniform(*d.camera_height)
     target = rng.uniform(*d.camera_target_height)
     pitch = -np.degrees(np.arctan2(height - target, d.camera_distance))
@@ -106,7 +130,7 @@ def _draw_object(rng: np.random.Generator, shape: str, d: Distribution) -> Scene
     obj = rounded_object(canonical_object(obj))
     x, y = rng.uniform(*d.x), rng.uniform(*d.y)
     gap = rng.uniform(*d.drop_height) if airborne else 0.0
-    z = np.ceil(1000 * (reach_below(obj) + gap)) / 1000  # rounding must not push it into the ground
+    z = np.ceil(1000 * (reach_below(obj) + gap)) / 1000  # rounded up, so that it does not penetrate the ground
     heading = rng.uniform(-np.pi, np.pi)
     if rng.random() < d.toward:
         heading = np.arctan2(rng.uniform(*d.y) - y, rng.uniform(*d.x) - x)
@@ -122,7 +146,7 @@ def _draw_orientation(rng: np.random.Generator, shape: str, airborne: bool, d: D
         q = rng.normal(size=4)
         return q / np.linalg.norm(q)
     yaw = rng.uniform(-np.pi, np.pi)
-    if shape == "cylinder" and rng.random() < d.lying:  # its axis, z, turned to lie along the yaw's direction
+    if shape == "cylinder" and rng.random() < d.lying:  # its axis, z, is horizontal and has the yaw's direction
         return np.array([np.cos(yaw / 2), -np.sin(yaw / 2), np.cos(yaw / 2), np.sin(yaw / 2)]) / np.sqrt(2)
     return np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
 
@@ -130,7 +154,7 @@ def _draw_orientation(rng: np.random.Generator, shape: str, airborne: bool, d: D
 def _draw_spin(
     rng: np.random.Generator, obj: SceneObject, airborne: bool, velocity: np.ndarray, d: Distribution
 ) -> np.ndarray:
-    """Angular velocity, world, rad/s: rolling without slip, tumbling in the air, or turning about the vertical."""
+    """Angular velocity (3,), world frame, rad/s: rolling without slip, tumbling in the air, or about the vertical."""
     axis = matrix_from_quaternion(np.array(obj.orientation))[:, 2]
     lying = obj.shape == "cylinder" and abs(axis[2]) < 0.01
     if not airborne and (obj.shape == "sphere" or lying) and rng.random() < d.rolling:

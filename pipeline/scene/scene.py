@@ -1,7 +1,7 @@
-"""The scene: camera, gravity, ground, objects and effects, as plain immutable values.
+"""The scene: camera, gravity, ground, objects and effects, as immutable values.
 
-Every number is kept to six significant digits, the digits in which scenes are written, so that a scene that
-is read back equals the one that was written.
+Every number is rounded to six significant digits, the precision of the scene text. So reading a written scene gives
+an equal scene.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-DIGITS = 6
+SIGNIFICANT_DIGITS = 6
 
-#: Size keys of each shape, full lengths in m. `mesh` takes a file and a scale instead.
+#: Size keys of each shape: full lengths in m. A mesh has a file and a scale instead.
 SIZE_KEYS: dict[str, tuple[str, ...]] = {
     "sphere": ("radius",),
     "cylinder": ("radius", "height"),
@@ -23,43 +23,49 @@ SIZE_KEYS: dict[str, tuple[str, ...]] = {
     "ellipsoid": ("width", "depth", "height"),
     "mesh": ("scale",),
 }
-#: The paper's three shapes: what the sampler draws and what the model may answer.
+#: The three shapes of the paper. The sampler draws them and the model may answer them.
 BASIC_SHAPES = ("sphere", "cylinder", "box")
 
 
-def canonical(value: float) -> float:
-    """`value` to six significant digits; minus zero becomes zero."""
-    return float(f"{float(value):.{DIGITS}g}") + 0.0
+def rounded(value: float) -> float:
+    """`value` rounded to six significant digits; minus zero becomes zero."""
+    return float(f"{float(value):.{SIGNIFICANT_DIGITS}g}") + 0.0
 
 
-def canonical_vector(values: Any) -> tuple[float, ...]:
-    return tuple(canonical(v) for v in values)
+def rounded_vector(values: Any) -> tuple[float, ...]:
+    return tuple(rounded(v) for v in values)
 
 
 def unit_quaternion(values: Any) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z), first non-zero component positive, to six digits.
+    """The unit quaternion (w, x, y, z) in six digits, with its first non-zero component positive.
 
-    A quaternion that is of unit length within those digits is left as it is, so that the rule is idempotent.
+    A quaternion whose length is 1 to within 1e-5 is not normalised again, so that the function is idempotent.
+    Raises ValueError where the quaternion is zero or not finite.
     """
     parts = [float(v) for v in values]
     largest = max(map(abs, parts))
     if largest == 0 or not all(map(math.isfinite, parts)):
-        raise ValueError(f"no turn has the quaternion {parts}")
+        raise ValueError(f"a quaternion must be finite and non-zero, not {parts}")
     if abs(math.hypot(*parts) - 1) >= 1e-5:
-        parts = [v / largest for v in parts]  # first, lest squares of huge or tiny numbers leave the range of floats
+        parts = [v / largest for v in parts]  # first, so that squares of huge or tiny numbers stay in the float range
         parts = [v / math.hypot(*parts) for v in parts]
-    rounded = canonical_vector(parts)
-    if next((v for v in rounded if v), 1.0) < 0:
-        rounded = tuple(-v + 0.0 for v in rounded)
-    return rounded  # type: ignore[return-value]
+    quaternion = rounded_vector(parts)
+    if next((v for v in quaternion if v), 1.0) < 0:
+        quaternion = tuple(-v + 0.0 for v in quaternion)
+    return quaternion  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera with square pixels and the principal point in the middle.
+    """A pinhole camera with square pixels and the principal point at the centre of the image.
 
-    position: (3,) m. fov: vertical field of view, deg. pitch: deg, negative looks down, for a camera that looks
-    along +y; or `orientation`, a unit quaternion of the camera's frame (x right, y up, looking along -z).
+    It has either a pitch or an orientation.
+
+    Attributes:
+        position: (3,) m.
+        fov: Vertical field of view, deg.
+        pitch: Angle of the optical axis above the horizontal, deg; the camera then looks along +y.
+        orientation: Unit quaternion of the camera frame (x right, y up, looking along -z).
     """
 
     position: tuple[float, ...]
@@ -68,18 +74,33 @@ class Camera:
     orientation: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", canonical_vector(self.position))
-        object.__setattr__(self, "fov", canonical(self.fov))
-        assert (self.pitch is None) != (self.orientation is None), "a camera has a pitch or an orientation"
+        object.__setattr__(self, "position", rounded_vector(self.position))
+        object.__setattr__(self, "fov", rounded(self.fov))
+        assert (self.pitch is None) != (self.orientation is None), "a camera has either a pitch or an orientation"
         if self.pitch is not None:
-            object.__setattr__(self, "pitch", canonical(self.pitch))
+            object.__setattr__(self, "pitch", rounded(self.pitch))
         if self.orientation is not None:
             object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
 
 
 @dataclass(frozen=True)
 class SceneObject:
-    """One rigid body. `size` follows `SIZE_KEYS[shape]`; the rest is in SI units in the world's frame."""
+    """One rigid body, in SI units and the world frame.
+
+    Attributes:
+        shape: A key of `SIZE_KEYS`.
+        size: Full lengths in the order of `SIZE_KEYS[shape]`, m.
+        mass: kg.
+        sliding_friction: Coefficient.
+        rolling_friction: m.
+        damping: Damping ratio of its contacts.
+        position: (3,) m.
+        velocity: (3,) m/s.
+        angular_velocity: (3,) rad/s.
+        orientation: Unit quaternion (w, x, y, z), from the body frame to the world frame.
+        name: Filled in by `Scene` where it is empty.
+        file: Mesh file, for shape `mesh` only.
+    """
 
     shape: str
     size: tuple[float, ...]
@@ -92,38 +113,46 @@ class SceneObject:
     angular_velocity: tuple[float, ...] = (0.0, 0.0, 0.0)
     orientation: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
     name: str = ""
-    file: str | None = None  # mesh only
+    file: str | None = None
 
     def __post_init__(self) -> None:
         assert len(self.size) == len(SIZE_KEYS[self.shape]), f"{self.shape} takes {SIZE_KEYS[self.shape]}"
         for key in ("mass", "sliding_friction", "rolling_friction", "damping"):
-            object.__setattr__(self, key, canonical(getattr(self, key)))
+            object.__setattr__(self, key, rounded(getattr(self, key)))
         for key in ("size", "position", "velocity", "angular_velocity"):
-            object.__setattr__(self, key, canonical_vector(getattr(self, key)))
+            object.__setattr__(self, key, rounded_vector(getattr(self, key)))
         object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
 
 
 @dataclass(frozen=True)
 class Effect:
-    """A physical law added to the scene: its name, its parameters, and the objects it acts on (None: all)."""
+    """A physical law that is added to the scene: name, parameters, and the objects it acts on (None: all)."""
 
     name: str
     parameters: tuple[tuple[str, Any], ...] = ()
     objects: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        values = ((k, canonical_vector(v) if isinstance(v, tuple) else canonical(v)) for k, v in self.parameters)
+        values = ((k, rounded_vector(v) if isinstance(v, tuple) else rounded(v)) for k, v in self.parameters)
         object.__setattr__(self, "parameters", tuple(values))
 
     @property
     def values(self) -> dict[str, Any]:
-        """The parameters by name: numbers, and tuples of numbers."""
+        """The parameters by name; each is a number or a tuple of numbers."""
         return dict(self.parameters)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A whole scene. `gravity` is a vector, m/s²; `ground` is the plane's height, m, or None for no ground."""
+    """A whole scene.
+
+    Attributes:
+        objects: Rigid bodies; those without a name get one, `shape_index`.
+        camera: None where there is none.
+        gravity: (3,) m/s².
+        ground: Height of the ground plane, m; None for no ground.
+        effects: Physical laws beyond those of MuJoCo.
+    """
 
     objects: tuple[SceneObject, ...]
     camera: Camera | None = None
@@ -132,9 +161,9 @@ class Scene:
     effects: tuple[Effect, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "gravity", canonical_vector(self.gravity))
+        object.__setattr__(self, "gravity", rounded_vector(self.gravity))
         if self.ground is not None:
-            object.__setattr__(self, "ground", canonical(self.ground))
+            object.__setattr__(self, "ground", rounded(self.ground))
         object.__setattr__(self, "objects", named(self.objects))
 
     @property
@@ -143,22 +172,22 @@ class Scene:
 
     @property
     def composition(self) -> str:
-        """The multiset of shapes as a word: `box+sphere+sphere`."""
+        """The sorted shapes, joined: `box+sphere+sphere`."""
         return "+".join(sorted(self.shapes))
 
 
 def named(objects: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
-    """The objects with a name each: `shape_index` where none was given."""
+    """The objects, each with a name: `shape_index` where none was given."""
     return tuple(o if o.name else replace(o, name=f"{o.shape}_{i}") for i, o in enumerate(objects))
 
 
 def half_extents(obj: SceneObject) -> np.ndarray:
-    """Half lengths along the body's own axes, (3,) m. For capsules the caps are included."""
+    """Half lengths along the axes of the body frame, (3,) m. Those of a capsule include its caps."""
     return half_from_size(obj.shape, np.array(obj.size))
 
 
 def half_from_size(shape: str, size: np.ndarray) -> np.ndarray:
-    """The same (..., 3) of one shape's sizes (..., S), m, in the order of SIZE_KEYS."""
+    """Half extents (..., 3) m from sizes (..., S) m of one shape, in the order of `SIZE_KEYS`."""
     if shape == "sphere":
         return np.repeat(size, 3, axis=-1)
     if shape in ("cylinder", "capsule"):
@@ -169,7 +198,7 @@ def half_from_size(shape: str, size: np.ndarray) -> np.ndarray:
 
 
 def size_from_half(shape: str, half: np.ndarray) -> tuple[float, ...]:
-    """The sizes of a body with such half extents (3,), m: what `half_from_size` undoes."""
+    """Sizes from half extents (3,), both in m; the inverse of `half_from_size`."""
     if shape == "sphere":
         return (float(half[0]),)
     if shape in ("cylinder", "capsule"):

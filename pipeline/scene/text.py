@@ -1,11 +1,10 @@
-"""Scenes as YAML text: reading with one clear error per fault, writing in one canonical form.
+"""Scenes as YAML text: reading, with an error that names the first fault, and writing in one canonical form.
 
-Format: README, "The scene language". Reading what was written gives the same scene.
+The format is described in docs/formats.md. Reading a written scene gives an equal scene.
 """
 
 from __future__ import annotations
 
-import difflib
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from pipeline.errors import SceneError
+from pipeline.errors import SceneError, did_you_mean
 from pipeline.scene.effects.text import effect_from_dict
 from pipeline.scene.scene import SIZE_KEYS, Camera, Effect, Scene, SceneObject
 
@@ -36,9 +35,9 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
-def _no_zero_quaternion(value: list[float] | None) -> list[float] | None:
+def _nonzero_quaternion(value: list[float] | None) -> list[float] | None:
     if value is not None and math.hypot(*value) == 0:
-        raise PydanticCustomError("quaternion", "a quaternion of length zero; valid: w, x, y, z that are not all 0")
+        raise PydanticCustomError("quaternion", "a quaternion must be non-zero; valid: w, x, y, z that are not all 0")
     return value
 
 
@@ -48,7 +47,7 @@ class _CameraText(_Strict):
     orientation: Quaternion | None = None
     fov: Annotated[float, Field(strict=True, gt=0, lt=180)]
 
-    _check = field_validator("orientation")(_no_zero_quaternion)
+    _check = field_validator("orientation")(_nonzero_quaternion)
 
     @model_validator(mode="after")
     def _one_direction(self) -> _CameraText:
@@ -72,7 +71,7 @@ class _ObjectText(_Strict):
     angular_velocity: Vector
     orientation: Quaternion
 
-    _check = field_validator("orientation")(_no_zero_quaternion)
+    _check = field_validator("orientation")(_nonzero_quaternion)
 
 
 class _Sphere(_ObjectText):
@@ -127,11 +126,11 @@ class _SceneText(_Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _none_is_said(cls, data: Any) -> Any:
+    def _absence_is_explicit(cls, data: Any) -> Any:
         for key, form in (("camera", "{position, pitch, fov}"), ("ground", "{height: 0.0}")):
             if isinstance(data, dict) and key not in data and data.keys() <= cls.model_fields.keys():
                 message = f"{key}: missing key; valid: {form}, or null for none"
-                raise PydanticCustomError("none_unsaid", "{message}", {"message": message})
+                raise PydanticCustomError("absence_implicit", "{message}", {"message": message})
         return data
 
 
@@ -141,10 +140,10 @@ _PLACES: dict[str, type[BaseModel]] = {"": _SceneText, "camera": _CameraText, "g
 
 
 def read_scene(text: str, source: str = "scene") -> Scene:
-    """The scene that `text` describes. Raises `SceneError` naming the place (`objects[1].mass`)."""
+    """The scene that `text` describes. Raises SceneError, which names the place of the fault (`objects[1].mass`)."""
     try:
         data = YAML(typ="safe", pure=True).load(text)
-    except (YAMLError, ValueError, LookupError, RecursionError) as error:  # all but the first from scalars and depth
+    except (YAMLError, ValueError, LookupError, RecursionError) as error:  # the last three: bad scalars, deep nesting
         mark = getattr(error, "problem_mark", None)
         place = f" at line {mark.line + 1}" if mark else ""
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
@@ -155,7 +154,7 @@ def read_scene(text: str, source: str = "scene") -> Scene:
 
 
 def load_scene(path: Path | str) -> Scene:
-    """`read_scene` of a file. Mesh files are looked for from the scene's folder."""
+    """The scene in a file. Paths of mesh files are relative to its folder. Raises SceneError."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -167,7 +166,7 @@ def load_scene(path: Path | str) -> Scene:
 
 
 def scene_from_dict(data: dict[str, Any], source: str = "scene") -> Scene:
-    """The scene that parsed YAML describes. Raises `SceneError`."""
+    """The scene that parsed YAML describes. Raises SceneError."""
     try:
         parsed = _SceneText.model_validate(data)
     except ValidationError as error:
@@ -205,8 +204,8 @@ def _object(o: Any) -> SceneObject:
     )
 
 
-#: What is said of each kind of fault that pydantic finds, by its type; in braces its context.
-_FAULTS: dict[str, str] = {
+#: Message for each type of pydantic error; names in braces are filled in from the error's context.
+_MESSAGES: dict[str, str] = {
     "greater_than": "must be greater than {gt:g}",
     "greater_than_equal": "must be at least {ge:g}",
     "less_than": "must be less than {lt:g}",
@@ -220,17 +219,17 @@ _FAULTS: dict[str, str] = {
     "model_type": "must be a mapping with the keys {keys}",
     "model_attributes_type": "must be a mapping with a shape and its keys",
 }
-_NEEDED_OF_CAMERA = "position, pitch (or orientation), fov"
+_CAMERA_KEYS = "position, pitch (or orientation), fov"
 
 
 def _sentence(error: ValidationError, data: dict[str, Any]) -> str:
-    """The first fault of `error` as one sentence that names its place and what is valid."""
+    """The first fault of `error` as one sentence that names its place and the valid values."""
     faults = error.errors()
-    # a misspelt key is the cause of a missing one
+    # A misspelt key is reported first: it is also the cause of a missing one.
     first = next((f for f in faults if f["type"] in ("extra_forbidden", "invalid_key")), faults[0])
     location = list(first["loc"])
     if location[:1] == ["objects"]:
-        del location[2:3]  # the shape, by which pydantic names the member of its union
+        del location[2:3]  # the shape: pydantic's name for the member of the union
     place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in location).removeprefix(".")
     kind, shown = first["type"], f", not {_shown(first['input'])}"
     if location[:1] == ["gravity"] and kind != "missing":
@@ -241,21 +240,19 @@ def _sentence(error: ValidationError, data: dict[str, Any]) -> str:
         valid = sorted(model.model_fields, key=lambda k: k in _ObjectText.model_fields)  # shape and sizes first
         if kind == "missing":
             needed = ", ".join(k for k in valid if model.model_fields[k].is_required())
-            return f"{place}: missing key; needed: {_NEEDED_OF_CAMERA if model is _CameraText else needed}"
-        close = difflib.get_close_matches(key, valid, 1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
+            return f"{place}: missing key; needed: {_CAMERA_KEYS if model is _CameraText else needed}"
         owner = f" of a {data['objects'][parent[1]]['shape']}" if parent[:1] == ["objects"] else ""
-        return f"{place}: unknown key{hint}; valid keys{owner}: {', '.join(valid)}"
-    if kind == "none_unsaid":
+        return f"{place}: unknown key{did_you_mean(key, valid)}; valid keys{owner}: {', '.join(valid)}"
+    if kind == "absence_implicit":
         return first["msg"]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         return f"{place}.shape: unknown or missing shape; valid: {', '.join(_SHAPE_MODELS)}"
     length = _LENGTHS.get(str(location[-1])) if location else None
     if length and kind in ("too_short", "too_long", "list_type"):
         return f"{place}: valid: a list of {length} numbers{shown}"
-    if kind in _FAULTS:
+    if kind in _MESSAGES:
         keys = ", ".join(_model_at(location, data).model_fields) if kind == "model_type" else ""
-        return f"{place}: {_FAULTS[kind].format(**first.get('ctx', {}), keys=keys)}{shown}"
+        return f"{place}: {_MESSAGES[kind].format(**first.get('ctx', {}), keys=keys)}{shown}"
     return f"{place}: {first['msg']}"
 
 
@@ -274,7 +271,7 @@ def _model_at(parent: list[Any], data: dict[str, Any]) -> type[BaseModel]:
 
 
 def number_text(value: float) -> str:
-    """`value` as written in a scene: the shortest text that reads back as it."""
+    """The shortest text that reads back as `value`."""
     text = repr(float(value))
     return text[:-2] if text.endswith(".0") and abs(value) >= 1e6 else text
 
@@ -288,7 +285,7 @@ def _name_text(name: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """`text` as a double-quoted scalar of YAML, on one line whatever it holds."""
+    """`text` as a double-quoted YAML scalar on one line; characters that cannot be printed are escaped."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
 

@@ -1,1 +1,1 @@
-"""Finding the scene whose replay matches a clip: the reward, best-of-K, CMA-ES."""
+"""The search for the scene whose simulation matches a clip."""

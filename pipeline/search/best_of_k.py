@@ -1,4 +1,4 @@
-"""Best-of-K: replay every sampled answer, score it against the clip, rank."""
+"""Best-of-K: simulate each sampled answer, compare it with the clip, and rank."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from pipeline.search.evaluator import INVALID_REWARD, Evaluator, Rewards
 
 @dataclass(frozen=True)
 class Ranking:
-    """order (K,): indices of the candidates, best first; rewards of the candidates in their own order."""
+    """order (K,): indices of the candidates, best first. rewards: in the order of the candidates."""
 
     order: np.ndarray
     rewards: Rewards
 
 
 def rank(evaluator: Evaluator, scenes: Sequence[Scene]) -> Ranking:
-    """Rewards of scenes of any compositions, each composition in one batch, and their order, ties by index."""
+    """Rank scenes of any compositions by reward, ties by index. Each composition is evaluated as one batch."""
     groups: dict[tuple, list[int]] = defaultdict(list)
     for i, scene in enumerate(scenes):
         groups[scene.shapes, scene.ground is None].append(i)

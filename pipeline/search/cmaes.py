@@ -1,4 +1,4 @@
-"""CMA-ES (pycma) from the best sampled answers: types fixed, everything else bounded and free."""
+"""CMA-ES (pycma) from the best sampled answers. Shapes are fixed, all other parameters are free within bounds."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import numpy as np
 from pipeline.physics.batch import stack_scenes
 from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.found import Found, Record
 from pipeline.search.parameters import Space, search_space
+from pipeline.search.search_result import SearchRecord, SearchResult
 
 
 @dataclass(frozen=True)
 class Budget:
-    """population candidates an iteration, iterations in all (shared by the starts), first step sigma."""
+    """population: candidates per iteration. iterations: in all, shared by the starts. sigma: initial step."""
 
     population: int
     iterations: int
@@ -26,8 +26,10 @@ class Budget:
 
 
 def mirrored(x: np.ndarray) -> np.ndarray:
-    """Any vectors (B, D) folded into [0, 1] at its ends. pycma's own bounds go candidate by candidate, which took as
-    long as a fifth of a generation."""
+    """Vectors (B, D) reflected into [0, 1].
+
+    The bounds of pycma are applied candidate by candidate, which takes a fifth of the time of a generation.
+    """
     return np.abs((x + 1) % 2 - 1)
 
 
@@ -35,7 +37,7 @@ class _Run:
     """One CMA-ES run from one start, advanced an iteration at a time."""
 
     def __init__(
-        self, evaluator: Evaluator, start: Scene, budget: Budget, rng: np.random.Generator, record: Record
+        self, evaluator: Evaluator, start: Scene, budget: Budget, rng: np.random.Generator, record: SearchRecord
     ) -> None:
         self._evaluator, self._record = evaluator, record
         self._space: Space = search_space(start)
@@ -45,12 +47,12 @@ class _Run:
         record.offer(start, self.reward, float(first.iou[0]), self._pairs)
         options = {
             "popsize": budget.population,
-            "seed": np.nan,  # pycma leaves NumPy's global generator alone; its numbers come from ours
+            "seed": np.nan,  # keeps pycma from seeding NumPy's global generator; `randn` replaces it
             "randn": lambda *shape: rng.standard_normal(shape),
             "verbose": -9,
         }
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pycma's remarks on optional packages
+            warnings.simplefilter("ignore")  # pycma warns about missing optional packages
             self._es = cma.CMAEvolutionStrategy(self._space.encode(), budget.sigma, options)
 
     def step(self) -> None:
@@ -65,19 +67,26 @@ class _Run:
                                self._pairs)  # fmt: skip
 
 
-def search(
+def cmaes_search(
     evaluator: Evaluator,
     starts: Sequence[Scene],
     budget: Budget,
     rng: np.random.Generator,
     progress: Callable[[int, float], None] = lambda iteration, reward: None,
-) -> Found:
-    """The best scene found from any of the starts.
+) -> SearchResult:
+    """Search from several starts by CMA-ES.
 
-    Half of the iterations are shared out evenly among the starts, the rest goes to the one that leads then. The
-    answer is never worse than the best start. progress: called with the iteration and the best reward so far.
+    Half of the iterations are divided equally among the starts. The rest goes to the one that is best at the time. The
+    result is never worse than the best start.
+
+    Args:
+        evaluator: Evaluates candidates.
+        starts: Scenes.
+        budget: Population, iterations and initial step.
+        rng: Random generator.
+        progress: Called with the iteration and the best reward so far.
     """
-    record = Record(evaluator)
+    record = SearchRecord(evaluator)
     runs = [_Run(evaluator, start, budget, rng, record) for start in starts]
     trial = budget.iterations // 2 // len(runs) if len(runs) > 1 else 0
     plan = [run for run in runs for _ in range(trial)]
@@ -86,4 +95,4 @@ def search(
         run.step()
         record.mark()
         progress(iteration + 1, record.reward)
-    return record.found()
+    return record.result()

@@ -1,7 +1,7 @@
-"""Which shapes: every instance is tried as each of the basic ones, all instances at once.
+"""The shapes of the objects: each instance is fitted as each of the basic shapes, all instances at once.
 
-Where objects do not hide or hit each other their shapes are separate questions, so three short descents, of spheres
-alone, of cylinders alone, of boxes alone, answer them for any number of objects.
+As long as objects do not occlude or hit each other, their shapes are independent. So three short descents, with
+spheres only, cylinders only and boxes only, decide the shapes of any number of objects.
 """
 
 from __future__ import annotations
@@ -13,24 +13,32 @@ import numpy as np
 from pipeline.physics.batch import stack_scenes
 from pipeline.scene.scene import BASIC_SHAPES, Camera, Scene
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.fit import HORIZONS, Island
-from pipeline.search.found import Record
+from pipeline.search.fit_scene import HORIZONS, BasinHopping
 from pipeline.search.guess import CAMERA, guess_scene
+from pipeline.search.search_result import SearchRecord
 
-ROUNDS = {"sphere": 1, "cylinder": 3, "box": 3}  # of variations: the more ways to turn, the more
-DOUBT = 3.0  # times the cost of the best shape, up to which the next best may be the right one
+ROUNDS = {"sphere": 1, "cylinder": 3, "box": 3}  # of random variations; more for shapes with an orientation
+DOUBT = 3.0  # ratio of the costs of the second best and the best shape below which the second may be right
 assert ROUNDS.keys() == set(BASIC_SHAPES)
 
 
-def compose(
-    evaluator: Evaluator, record: Record, simulations: int, rng: np.random.Generator, camera: Camera = CAMERA,
+def propose_compositions(
+    evaluator: Evaluator, record: SearchRecord, simulations: int, rng: np.random.Generator, camera: Camera = CAMERA,
     most: int = 1,
 ) -> list[Scene]:  # fmt: skip
-    """Scenes with the shapes that fit best for the instances of the target, seen at first by that camera: the best of
-    each, and up to `most` in all with the next best of one of them, where that is in doubt.
+    """Scenes with the most likely shapes of the target's instances.
 
-    Their camera, and the objects of that shape, are those of the one descent of the three that fits best; the others
-    are as the classical guess has them.
+    The first has the best shape of each instance; others have the second best shape of one instance, where that is in
+    doubt. The camera, and objects of its shape, are taken from the best of the three descents. Other objects are those
+    of the classical guess.
+
+    Args:
+        evaluator: Evaluates candidates.
+        record: Keeps the best scene by reward.
+        simulations: The budget.
+        rng: Random generator.
+        camera: Initial camera.
+        most: Largest number of scenes.
     """
     target, schedule = evaluator.target, evaluator.schedule
     times = schedule.pairs[:, 0] / schedule.fps
@@ -39,10 +47,10 @@ def compose(
     tried, costs = [], []
     for shape in BASIC_SHAPES:
         near = guess_scene(target, [shape] * target.instances, times, camera)
-        island = Island(evaluator, record, simulations, rng, near, pairs)
+        run = BasinHopping(evaluator, record, simulations, rng, near, pairs)
         for _ in range(ROUNDS[shape]):
-            near = island.vary(near, everything, HORIZONS[0])
-        near = island.approach(near, (*HORIZONS, None), camera=True)
+            near = run.vary(near, everything, HORIZONS[0])
+        near = run.match_first_frames(near, (*HORIZONS, None), camera=True)
         residuals, _ = evaluator.residuals(stack_scenes([near]), pairs)
         tried.append(near)
         costs.append(residuals.cost[0])
@@ -50,16 +58,19 @@ def compose(
     leading = tried[leader]
     assert leading.camera is not None
     scenes = []
-    for kinds in likely(np.array(costs))[:most]:
+    for kinds in likely_shapes(np.array(costs))[:most]:
         guess = guess_scene(target, [BASIC_SHAPES[k] for k in kinds], times, leading.camera)
         objects = (leading.objects[i] if k == leader else guess.objects[i] for i, k in enumerate(kinds))
         scenes.append(replace(leading, objects=tuple(replace(o, name="") for o in objects)))
     return scenes
 
 
-def likely(costs: np.ndarray) -> list[np.ndarray]:
-    """Which kind each instance is, by costs (kinds, N): the best for all, then the next best for one, least lost first,
-    where it costs less than DOUBT times the best."""
+def likely_shapes(costs: np.ndarray) -> list[np.ndarray]:
+    """Shapes (N,) of the instances, most likely first, from costs (shapes, N).
+
+    First the best shape of each instance. Then the second best shape of one instance, in order of the increase in
+    cost, where it costs less than `DOUBT` times the best.
+    """
     order = np.argsort(costs, axis=0, kind="stable")
     best, second = np.take_along_axis(costs, order[:2], 0)
     out = [order[0]]

@@ -1,4 +1,4 @@
-"""Candidate scenes in, rewards out: the one evaluator behind best-of-K, CMA-ES and preference ranking."""
+"""Evaluates candidate scenes against a target: by rewards, and by residuals for Gauss-Newton."""
 
 from __future__ import annotations
 
@@ -11,18 +11,25 @@ from pipeline.clips.schedule import Schedule
 from pipeline.metrics.overlap import assign, pair_iou, sequence_iou
 from pipeline.physics.batch import BatchSimulator, SceneBatch, States, stack_scenes
 from pipeline.scene.scene import Scene
-from pipeline.search.pooling import Pooling, Residuals
+from pipeline.search.pooled_residuals import PooledTarget, Residuals
 from pipeline.search.reward import Measured, Totals, measure_kernel
 from pipeline.search.target import REFERENCE_WIDTH, Target
-from pipeline.vision.surface import KINDS
+from pipeline.vision.rendering.surface import KINDS
 
 INVALID_REWARD = -100.0
 
 
 @dataclass(frozen=True)
 class Rewards:
-    """reward = iou - epe_frame (B,), px of 480x320 per frame interval; valid (B,): False where the numbers went bad,
-    with `INVALID_REWARD`."""
+    """Rewards of B candidates.
+
+    Attributes:
+        reward: (B,) iou - epe_frame; `INVALID_REWARD` where the simulation became unstable.
+        iou: (B,) sequence IoU.
+        epe_frame: (B,) mean end-point error over the whole frame, px of 480x320 per frame interval.
+        epe: (B,) mean end-point error over the foreground, in the same unit.
+        valid: (B,) whether the simulation was stable.
+    """
 
     reward: np.ndarray
     iou: np.ndarray
@@ -32,9 +39,12 @@ class Rewards:
 
 
 class Evaluator:
-    """Rewards of candidates against one target.
+    """Evaluates candidates against one target. Each composition is compiled once.
 
-    threads: for simulation and rendering alike. Compositions already seen are not compiled again.
+    Args:
+        target: Masks and flow to match.
+        schedule: Times of the target's frames.
+        threads: For simulation and rendering.
     """
 
     def __init__(self, target: Target, schedule: Schedule, threads: int) -> None:
@@ -43,13 +53,16 @@ class Evaluator:
         self._steps, self._inverse = np.unique(steps, return_inverse=True)
         self._inverse = self._inverse.reshape(steps.shape)
         self._simulators: dict[tuple[tuple[str, ...], bool, int], BatchSimulator] = {}
-        self._pooling, self._totals = Pooling(target), Totals.of(target)
+        self._pooled_target, self._totals = PooledTarget(target), Totals.of(target)
         self.simulations = 0
         self.invalid = 0
 
     def replay(self, scenes: SceneBatch, frames: int | None = None) -> States:
-        """Poses (B, T, N, …) of the candidates at the times of the first `frames` frames (None: all) and of those that
-        their flow leads to."""
+        """Simulate the candidates.
+
+        Returns poses (B, T, N, …) at the times of the first `frames` frames (None: all) and of the frames to which
+        their flow leads.
+        """
         count = len(scenes)
         key = (scenes.shapes, not np.isnan(scenes.ground[0]), 1 << (count - 1).bit_length())
         if key not in self._simulators:
@@ -62,20 +75,28 @@ class Evaluator:
     def measure(
         self, scenes: SceneBatch, pooled: bool = False, first: int | None = None
     ) -> tuple[Measured, np.ndarray]:
-        """What the candidates' replays share with the first frames (None: all) of the target, and (B,) whether each run
-        was sound."""
+        """Simulate and render the candidates, and compare them with the target.
+
+        Args:
+            scenes: B candidates of one composition.
+            pooled: Also compute the pooled masks and flow.
+            first: Number of first frames to compare; None: all.
+
+        Returns:
+            The comparison, and (B,) whether each simulation was stable.
+        """
         count, objects = scenes.mass.shape
         states = self.replay(scenes, first)
         inverse, instances = self._inverse[:first], self.target.instances
         frames = len(inverse)
         out = Measured(
-            np.zeros((count, frames, objects, instances), np.int64),
-            np.zeros((count, frames, objects), np.int64),
-            np.zeros((count, frames, instances), np.int64),
-            np.zeros((count, frames, 2), np.int64),
-            np.zeros(count),
-            np.zeros(count),
-            np.zeros((count if pooled else 0, frames, objects, *self._pooling.shape), np.float32),
+            shared=np.zeros((count, frames, objects, instances), np.int64),
+            predicted=np.zeros((count, frames, objects), np.int64),
+            true=np.zeros((count, frames, instances), np.int64),
+            foreground=np.zeros((count, frames, 2), np.int64),
+            epe_frame=np.zeros(count),
+            epe=np.zeros(count),
+            pooled=np.zeros((count if pooled else 0, frames, objects, *self._pooled_target.shape), np.float32),
         )
         totals = self._totals
         kinds = np.array([KINDS[s] for s in scenes.shapes])
@@ -86,25 +107,30 @@ class Evaluator:
             np.ascontiguousarray(states.quaternion[:, inverse]),
             scenes.camera_position, np.ascontiguousarray(scenes.camera_rotation), scenes.fov, scenes.ground,
             self.target.masks[:first], self.target.flow[:first], totals.area, totals.foreground, totals.speed,
-            totals.speed_frame, totals.speed_foreground, self._pooling.cell,
+            totals.speed_frame, totals.speed_foreground, self._pooled_target.cell,
             out.shared, out.predicted, out.true, out.foreground, out.epe_frame, out.epe, out.pooled,
         )  # fmt: skip
         return out, states.valid
 
     def pairs(self, scene: Scene) -> np.ndarray:
-        """(P, 2) which object of a scene is which instance of the target, by overlap."""
+        """(P, 2): pairs of an object of the scene and an instance of the target, assigned by overlap."""
         measured, _ = self.measure(stack_scenes([scene]))
         return assign(pair_iou(measured.counts(0)))
 
     def rewards(self, scenes: SceneBatch, pairs: np.ndarray | None = None) -> Rewards:
-        """Rewards of the candidates; pairs (P, 2): the same objects to instances for all, else the best for each."""
+        """Rewards of the candidates. pairs (P, 2): objects and instances for all; None: the best for each."""
         return self._rewards(*self.measure(scenes), pairs)
 
     def residuals(self, scenes: SceneBatch, pairs: np.ndarray, first: int | None = None) -> tuple[Residuals, Rewards]:
-        """How the pictures of the candidates' objects differ from those of the instances in `pairs`, and the rewards,
-        over the first frames (None: all)."""
+        """Pooled residuals and rewards of the candidates.
+
+        Args:
+            scenes: B candidates of one composition.
+            pairs: (P, 2) objects and instances.
+            first: Number of first frames to compare; None: all.
+        """
         measured, valid = self.measure(scenes, pooled=True, first=first)
-        return self._pooling.residuals(measured.pooled, pairs, valid), self._rewards(measured, valid, pairs)
+        return self._pooled_target.residuals(measured.pooled, pairs, valid), self._rewards(measured, valid, pairs)
 
     def _rewards(self, measured: Measured, valid: np.ndarray, pairs: np.ndarray | None) -> Rewards:
         if pairs is None:

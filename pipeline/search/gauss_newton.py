@@ -1,8 +1,8 @@
-"""Gauss-Newton steps on pooled masks and flow, damped as Levenberg and Marquardt's are.
+"""Gauss-Newton on pooled masks and flow, with Levenberg-Marquardt damping.
 
-Derivatives are differences of whole simulations, a batch at a time. Objects that never come near each other do not
-disturb each other's pictures: their coordinates are stepped in the same simulations (Curtis, Powell, Reid 1974), so
-that three objects that keep apart cost what one does.
+Derivatives are finite differences of whole simulations, in batches. Objects that never come near each other do not
+affect each other's residuals, so their coordinates are perturbed in the same simulations (Curtis, Powell and Reid
+1974): three such objects cost as much as one.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from pipeline.physics.batch import SceneBatch
 from pipeline.scene.solid import bounding_radii
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.parameters import Space
-from pipeline.search.pooling import INVALID_COST
+from pipeline.search.pooled_residuals import INVALID_COST
 
-DAMPINGS = 10.0 ** np.arange(-2.0, 3.5, 1.0)  # times the one that served last: tried together
+DAMPINGS = 10.0 ** np.arange(-2.0, 3.5, 1.0)  # factors on the previous damping, tried in one batch
 LEAST_DAMPING, MOST_DAMPING = 1e-5, 1e3
-RIDGE = 1e-3  # keeps what no picture shows where it is; of a residual as large as the whole object, per range
-NEAR = 1.05  # of the sum of two bounding radii, within which objects may touch
-GAIN = 0.01  # least share of the cost that a step has to win
-PATIENCE = 3  # steps in a row that win less
+RIDGE = 1e-3  # regularises coordinates without effect on the picture; per range, for a residual of 1
+NEAR = 1.05  # distance in sums of two bounding radii up to which objects may touch
+GAIN = 0.01  # smallest relative decrease of the cost that counts as progress
+PATIENCE = 3  # steps without progress after which a descent ends
 
 
 @dataclass(frozen=True)
 class Point:
-    """A candidate: x (D,), its reward and IoU, and the cost of each object's residuals (N,)."""
+    """A candidate: coordinates x (D,), reward, IoU, and the cost of each object (N,)."""
 
     x: np.ndarray
     reward: float
@@ -36,7 +36,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Slope:
+class Linearisation:
     """Residuals (N, R) at a point and their derivatives (D, N, R)."""
 
     residual: np.ndarray
@@ -51,14 +51,25 @@ class Slope:
 def evaluate(
     evaluator: Evaluator, space: Space, x: np.ndarray, pairs: np.ndarray, first: int | None
 ) -> tuple[np.ndarray, list[Point]]:
-    """Residuals (B, N, R) and points of vectors (B, D), over the first frames (None: all)."""
+    """Evaluate candidates.
+
+    Args:
+        evaluator: Of the target.
+        space: Search space.
+        x: Coordinates (B, D).
+        pairs: (P, 2) objects and instances.
+        first: Number of first frames; None: all.
+
+    Returns:
+        Residuals (B, N, R), and a point for each candidate.
+    """
     residuals, rewards = evaluator.residuals(space.decode(x), pairs, first)
     points = [Point(x[b], float(rewards.reward[b]), float(rewards.iou[b]), residuals.cost[b]) for b in range(len(x))]
     return residuals.values, points
 
 
 def neighbours(evaluator: Evaluator, scenes: SceneBatch) -> list[list[int]]:
-    """Groups of objects of a batch's one scene that come near each other, directly or through others."""
+    """Groups of objects of the first scene of a batch that come near each other, directly or through others."""
     position = evaluator.replay(scenes).position[0]  # (T, N, 3)
     radii = np.array([bounding_radii(s, scenes.half_size[:, i])[0] for i, s in enumerate(scenes.shapes)])
     distance = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1).min(0)
@@ -70,20 +81,29 @@ def neighbours(evaluator: Evaluator, scenes: SceneBatch) -> list[list[int]]:
     return groups
 
 
-def stepped_together(space: Space, groups: list[list[int]]) -> list[list[int]]:
-    """Coordinates in lists that may be stepped in one simulation: those of the scene alone, and one of each group."""
+def perturbation_groups(space: Space, groups: list[list[int]]) -> list[list[int]]:
+    """Lists of coordinates that one simulation may perturb: a single one of the scene, or one of each group."""
     own = [[d for d in range(len(space.keys)) if space.owner[d] in group] for group in groups]
     longest = max(map(len, own))
     together = [[columns[k] for columns in own if k < len(columns)] for k in range(longest)]
     return [[d] for d in range(len(space.keys)) if space.owner[d] < 0] + together
 
 
-def slope(
+def linearise(
     evaluator: Evaluator, space: Space, x: np.ndarray, residual: np.ndarray, pairs: np.ndarray, first: int | None
-) -> Slope:
-    """Derivatives at x (D,), whose residuals are (N, R), by one-sided differences away from the nearer bound."""
+) -> Linearisation:
+    """Residuals and their derivatives at a point, by one-sided differences away from the nearer bound.
+
+    Args:
+        evaluator: Of the target.
+        space: Search space.
+        x: Coordinates (D,).
+        residual: Residuals (N, R) at x.
+        pairs: (P, 2) objects and instances.
+        first: Number of first frames; None: all.
+    """
     groups = neighbours(evaluator, space.decode(x[None]))
-    together = stepped_together(space, groups)
+    together = perturbation_groups(space, groups)
     step = np.where(x > 0.5, -space.step, space.step)
     trials = np.repeat(x[None], len(together), axis=0)
     for row, columns in enumerate(together):
@@ -92,19 +112,19 @@ def slope(
     jacobian = np.zeros((len(x), *residual.shape), np.float32)
     for row, columns in enumerate(together):
         if points[row].cost.max(initial=0) >= INVALID_COST:
-            continue  # no slope is known there
+            continue  # an unstable simulation has no derivative
         change = values[row] - residual
         for d in columns:
             seen = next((g for g in groups if space.owner[d] in g), range(len(residual)))
             for i in seen:
                 jacobian[d, i] = change[i] / step[d]
-    return Slope(residual, jacobian)
+    return Linearisation(residual, jacobian)
 
 
-def damped_steps(s: Slope, x: np.ndarray, dampings: np.ndarray) -> np.ndarray:
-    """Vectors (L, D) after a step of each damping, inside the bounds; coordinates that a bound stops are left out."""
-    matrix = s.normal_matrix()
-    gradient = (s.jacobian.reshape(len(x), -1) @ s.residual.ravel()).astype(float)
+def damped_steps(linear: Linearisation, x: np.ndarray, dampings: np.ndarray) -> np.ndarray:
+    """Coordinates (L, D) after a step from x (D,) with each damping (L,). Coordinates at a bound do not cross it."""
+    matrix = linear.normal_matrix()
+    gradient = (linear.jacobian.reshape(len(x), -1) @ linear.residual.ravel()).astype(float)
     scale = np.maximum(np.diag(matrix), RIDGE)
     out = []
     for damping in dampings:
@@ -123,7 +143,20 @@ def damped_steps(s: Slope, x: np.ndarray, dampings: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Descent:
-    """A run of Gauss-Newton from one point, a step at a time: over the first frames (None: all)."""
+    """A Gauss-Newton run from one point, advanced step by step.
+
+    Attributes:
+        evaluator: Of the target.
+        space: Search space.
+        pairs: (P, 2) objects and instances.
+        first: Number of first frames; None: all.
+        point: The point of least cost so far.
+        residual: Its residuals (N, R).
+        best: The point of best reward so far.
+        damping: Levenberg-Marquardt damping.
+        idle: Steps in a row without progress.
+        linear: Linearisation at `point`, where it is known.
+    """
 
     evaluator: Evaluator
     space: Space
@@ -134,18 +167,26 @@ class Descent:
     best: Point
     damping: float = 0.1
     idle: int = 0
-    slope: Slope | None = None
+    linear: Linearisation | None = None
 
     @classmethod
     def start(
         cls, evaluator: Evaluator, space: Space, x: np.ndarray, pairs: np.ndarray, first: int | None = None
     ) -> Descent:
         values, (point,) = evaluate(evaluator, space, x[None], pairs, first)
-        return cls(evaluator, space, pairs, first, point, values[0], point)
+        return cls(
+            evaluator=evaluator,
+            space=space,
+            pairs=pairs,
+            first=first,
+            point=point,
+            residual=values[0],
+            best=point,
+        )
 
     @property
     def most_simulations(self) -> int:
-        """What a step costs at most: where every object comes near every other."""
+        """Upper bound of the simulations of a step, reached where all objects come near each other."""
         return 1 + len(self.space.keys) + len(DAMPINGS)
 
     @property
@@ -153,10 +194,10 @@ class Descent:
         return self.idle >= PATIENCE
 
     def step(self) -> None:
-        """One slope and one batch of damped steps; takes the one with the least cost, if that is less."""
-        if self.slope is None:
-            self.slope = slope(self.evaluator, self.space, self.point.x, self.residual, self.pairs, self.first)
-        trials = damped_steps(self.slope, self.point.x, self.damping * DAMPINGS)
+        """Linearise, evaluate a batch of damped steps, and take the one of least cost if it decreases the cost."""
+        if self.linear is None:
+            self.linear = linearise(self.evaluator, self.space, self.point.x, self.residual, self.pairs, self.first)
+        trials = damped_steps(self.linear, self.point.x, self.damping * DAMPINGS)
         values, points = evaluate(self.evaluator, self.space, trials, self.pairs, self.first)
         costs = np.array([p.cost.sum() for p in points])
         top = int(np.argmin(costs))
@@ -165,6 +206,6 @@ class Descent:
         self.idle = 0 if costs[top] < (1 - GAIN) * before else self.idle + 1
         if costs[top] < before:
             self.damping = float(np.clip(self.damping * DAMPINGS[top] * 0.5, LEAST_DAMPING, MOST_DAMPING))
-            self.point, self.residual, self.slope = points[top], values[top], None
+            self.point, self.residual, self.linear = points[top], values[top], None
         else:
             self.damping = min(self.damping * 30, MOST_DAMPING)

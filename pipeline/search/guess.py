@@ -1,8 +1,7 @@
-"""A classical guess of the scene: blobs of moving pixels, lifted to the ground by the camera, and tracked.
+"""A classical guess of the scene from instance masks, without learning.
 
-It needs no learning: every instance stands on the ground where the lowest pixel of its mask is, is as large as its
-outline, and moves as its foot does over the first frames. The camera is the middle of those that scenes have. What
-shape an instance has is given, or tried.
+Each instance is assumed to stand on the ground at the lowest pixel of its mask, to be as large as its outline, and to
+have the velocity of its lowest point over the first frames. The camera is an average one. Shapes are given.
 """
 
 from __future__ import annotations
@@ -15,20 +14,26 @@ import numpy as np
 from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.scene.solid import reach_below
 from pipeline.search.target import Target
-from pipeline.vision.camera import Pinhole, focal_px, pinhole
+from pipeline.vision.rendering.camera import Pinhole, focal_px, pinhole
 
 CAMERA = Camera((0.0, -2.0, 0.95), fov=37.0, pitch=-22.4)
-GRAVITY = 7.0  # m/s²; the scale of a clip is not known, so neither is this
-NEAREST, FARTHEST = 0.6, 6.0  # m of planar depth at which a foot may be
-LEAST_HALF, MOST_HALF = 0.03, 0.38  # m
+GRAVITY = 7.0  # m/s²; unknown, as is the scale of a clip
+NEAREST, FARTHEST = 0.6, 6.0  # m, range of the planar depth of the lowest point
+LEAST_HALF, MOST_HALF = 0.03, 0.38  # m, range of half extents
 FASTEST = 3.0  # m/s
-TRACK_SECONDS = 0.35  # of the track from which the velocity is
+TRACK_SECONDS = 0.35  # part of the track that gives the velocity
 
 
 @dataclass(frozen=True)
-class Track:
-    """Where an instance is seen: frames (T,) of the target, feet_px (T, 2) the lowest point under its middle, size_px
-    (T, 2) width and height of its outline, whole (T,): whether the picture's border cuts none of it off."""
+class MaskTrack:
+    """The bounding boxes of an instance over time.
+
+    Attributes:
+        frames: (T,) indices of the target's frames that show it.
+        feet_px: (T, 2) middle of the lower edge.
+        size_px: (T, 2) width and height.
+        whole: (T,) whether it is not cut off by the border of the picture.
+    """
 
     frames: np.ndarray
     feet_px: np.ndarray
@@ -36,8 +41,8 @@ class Track:
     whole: np.ndarray
 
 
-def track(masks: np.ndarray, instance: int) -> Track:
-    """The track of instance number `instance` (from 0) in masks (F, H, W)."""
+def track_mask(masks: np.ndarray, instance: int) -> MaskTrack:
+    """The track of an instance, counted from 0, in masks (F, H, W)."""
     height, width = masks.shape[1:]
     frames, feet, sizes, whole = [], [], [], []
     for k, mask in enumerate(masks):
@@ -49,13 +54,22 @@ def track(masks: np.ndarray, instance: int) -> Track:
         feet.append(((left + right) / 2, bottom))
         sizes.append((right - left, bottom - top))
         whole.append(left > 0 and top > 0 and right < width and bottom < height)
-    return Track(np.array(frames, int), np.array(feet, float).reshape(-1, 2), np.array(sizes, float).reshape(-1, 2),
+    return MaskTrack(np.array(frames, int), np.array(feet, float).reshape(-1, 2), np.array(sizes, float).reshape(-1, 2),
                  np.array(whole, bool))  # fmt: skip
 
 
 def on_ground(points_px: np.ndarray, camera: Pinhole, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where rays through points (T, 2) px meet the ground z = 0, (T, 3) m, and their planar depths (T,) m, kept between
-    NEAREST and FARTHEST."""
+    """Intersections of rays with the ground z = 0.
+
+    Args:
+        points_px: (T, 2).
+        camera: The camera.
+        width: Width of the image, px.
+        height: Height of the image, px.
+
+    Returns:
+        Points (T, 3) m, and their planar depths (T,) m, clipped to `NEAREST` and `FARTHEST`.
+    """
     focal = focal_px(camera.fov_y_deg, height)
     local = np.stack([(points_px[:, 0] - width / 2) / focal, (height / 2 - points_px[:, 1]) / focal,
                       -np.ones(len(points_px))], 1)  # fmt: skip
@@ -65,8 +79,16 @@ def on_ground(points_px: np.ndarray, camera: Pinhole, width: int, height: int) -
     return camera.position_world + depth[:, None] * rays, depth
 
 
-def guess_object(shape: str, seen: Track, target: Target, times: np.ndarray, camera: Pinhole) -> SceneObject:
-    """One body of that shape for one track; times (F,) s of the target's frames."""
+def guess_object(shape: str, seen: MaskTrack, target: Target, times: np.ndarray, camera: Pinhole) -> SceneObject:
+    """An object of a given shape for one track.
+
+    Args:
+        shape: Its shape.
+        seen: Its track.
+        target: The target.
+        times: (F,) of the target's frames, s.
+        camera: The camera.
+    """
     if not len(seen.frames):
         return SceneObject(shape, _size(shape, 0.15, 0.15), 1.0, position=(0.0, 1.0, 0.15))
     feet, depth = on_ground(seen.feet_px, camera, target.width, target.height)
@@ -81,7 +103,7 @@ def guess_object(shape: str, seen: Track, target: Target, times: np.ndarray, cam
         velocity *= min(1.0, FASTEST / max(float(np.linalg.norm(velocity)), 1e-9))
     sight = feet[0] - camera.position_world
     along = np.hypot(sight[0], sight[1])
-    # The foot is the near side of where a body stands; of a ball, where the lowest line of sight that touches it ends.
+    # The lowest visible point is on the near side of a body. For a ball it is where the tangent ray meets the ground.
     behind = half[0] * (np.tan(np.arctan2(-sight[2], along) / 2) if shape == "sphere" else 1.0)
     middle = feet[0] + behind * np.array([sight[0], sight[1], 0]) / along - velocity * first
     spin = np.cross([0.0, 0.0, 1.0], velocity) / half[0] if shape == "sphere" else np.zeros(3)
@@ -91,7 +113,7 @@ def guess_object(shape: str, seen: Track, target: Target, times: np.ndarray, cam
 
 
 def _size(shape: str, across: float, up: float) -> tuple[float, ...]:
-    """Sizes of a body whose outline has those half width and half height."""
+    """Sizes, m, of a body whose outline has the given half width and half height, m."""
     if shape == "sphere":
         return (0.5 * (across + up),)
     if shape in ("cylinder", "capsule"):
@@ -100,8 +122,8 @@ def _size(shape: str, across: float, up: float) -> tuple[float, ...]:
 
 
 def guess_scene(target: Target, shapes: Sequence[str], times: np.ndarray, camera: Camera = CAMERA) -> Scene:
-    """A scene with object i of shapes[i] for instance i."""
+    """A scene in which object i has shape shapes[i] and represents instance i. times: (F,) of the frames, s."""
     assert len(shapes) == target.instances
     view = pinhole(camera)
-    objects = [guess_object(shape, track(target.masks, i), target, times, view) for i, shape in enumerate(shapes)]
+    objects = [guess_object(shape, track_mask(target.masks, i), target, times, view) for i, shape in enumerate(shapes)]
     return Scene(tuple(objects), camera, (0.0, 0.0, -GRAVITY))

@@ -1,10 +1,10 @@
-"""Scenes as vectors: what a search may move, scaled so that every coordinate has a like range.
+"""The search space: scenes as vectors whose coordinates all have the range 0 to 1.
 
-Types and their number are fixed. Masses are searched in their logarithm; an orientation as a rotation vector from the
-start's, without the turns that a shape's symmetry hides. The camera's distance and heading are no parameters: moving
-and turning the whole world along with it changes no picture. Where the start's camera has a pitch, gravity is normal to
-the ground and the picture upright, as in the paper; where it has an orientation, the ground may be an incline: the
-camera may roll, and gravity point anywhere below.
+Shapes and the number of objects are fixed. A mass is represented by its logarithm; an orientation by a rotation vector
+relative to the start, without the rotations that a symmetry of the shape hides. The distance and heading of the camera
+are not parameters, because moving the whole world with the camera changes no picture. If the camera of the start has a
+pitch, gravity is normal to the ground and the camera is upright, as in the paper. If it has an orientation, the ground
+may be inclined: the camera may roll, and gravity may have any downward direction.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pipeline.scene.rotation import matrix_from_quaternion, quaternion_from_rota
 from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, half_from_size
 from pipeline.scene.solid import reaches_below
 
-#: Low, high of every parameter; a step of 1 in the search is this whole range.
+#: Range (low, high) of each parameter, which is mapped to 0 to 1.
 BOUNDS: dict[str, tuple[float, float]] = {
     "camera_height": (0.2, 2.5),
     "camera_pitch": (-70.0, 5.0),
@@ -41,7 +41,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "angular_velocity": (-30.0, 30.0),
     "turn": (-2.0, 2.0),
 }
-#: The step of finite differences: what moves an outline by a pixel or so of 120x80.
+#: Step of finite differences: it moves an outline by about a pixel of 120x80.
 STEPS: dict[str, float] = {
     "camera_height": 0.04,
     "camera_pitch": 1.0,
@@ -68,7 +68,14 @@ assert BOUNDS.keys() == STEPS.keys()
 
 @dataclass(frozen=True)
 class Key:
-    """One coordinate: the name of its bounds, its object (-1: the scene), the attribute and which component of it."""
+    """One coordinate of the search space.
+
+    Attributes:
+        bound: Its key in `BOUNDS`.
+        index: Its object; -1 for the scene.
+        name: The attribute.
+        part: Component of the attribute.
+    """
 
     bound: str
     index: int
@@ -93,12 +100,12 @@ class Space:
 
     @cached_property
     def step(self) -> np.ndarray:
-        """(D,) of finite differences, in the unit of x."""
+        """Steps of finite differences (D,), in units of the range."""
         return np.array([STEPS[k.bound] for k in self.keys]) / self.span
 
     @cached_property
     def owner(self) -> np.ndarray:
-        """(D,) the object of each coordinate, -1 the scene."""
+        """Object of each coordinate (D,); -1 for the scene."""
         return np.array([k.index for k in self.keys])
 
     @cached_property
@@ -106,11 +113,11 @@ class Space:
         return stack_scenes([self.start])
 
     def encode(self) -> np.ndarray:
-        """(D,) the start, inside the bounds."""
+        """The start as a vector (D,), clipped to the bounds."""
         return np.clip((np.array([self.value(k) for k in self.keys]) - self.low) / self.span, 0, 1)
 
     def value(self, key: Key) -> float:
-        """What the start has for a coordinate, in its unit."""
+        """The value of a coordinate in the start, in its unit."""
         camera = self.start.camera
         assert camera is not None
         if key.index < 0:
@@ -129,7 +136,7 @@ class Space:
         return float(value[key.part] if isinstance(value, tuple) else value)
 
     def decode(self, x: np.ndarray) -> SceneBatch:
-        """The scenes of vectors (B, D), with no object inside the ground."""
+        """The scenes of vectors (B, D). Objects that would penetrate the ground are raised onto it."""
         values = np.clip(x, 0, 1) * self.span + self.low
         count, shapes = len(values), self.start.shapes
         batch = self._start.repeated(count)
@@ -166,12 +173,12 @@ class Space:
         return unstack(self.decode(x[None]), 0, self.start)
 
     def fixing_camera(self) -> Space:
-        """The space of the objects alone; camera and gravity are the start's."""
+        """The search space with camera and gravity fixed to those of the start."""
         return Space(self.start, tuple(k for k in self.keys if k.index >= 0))
 
 
 def _set_scene(batch: SceneBatch, key: Key, values: np.ndarray) -> None:
-    """Write one of the scene's own coordinates (B,) into the batch."""
+    """Write values (B,) of a coordinate of the scene into the batch."""
     name = key.name
     if name == "camera_height":
         batch.camera_position[:, 2] = values
@@ -188,12 +195,12 @@ def _set_scene(batch: SceneBatch, key: Key, values: np.ndarray) -> None:
 
 
 def rollable(camera: Camera) -> Camera:
-    """The camera with its pitch as an orientation, which a search may roll."""
+    """The camera with an orientation instead of its pitch, so that a search may roll it."""
     return replace(camera, pitch=None, orientation=tuple(camera_quaternion(camera)))
 
 
 def object_keys(shape: str, index: int) -> list[Key]:
-    """The coordinates of one object: size, material, position, motion, turn."""
+    """The coordinates of one object: size, material, position, velocities and orientation."""
     return [
         *(Key("size", index, "size", part) for part in range(len(SIZE_KEYS[shape]))),
         *(Key(k, index, k) for k in MATERIAL_KEYS),
@@ -204,12 +211,12 @@ def object_keys(shape: str, index: int) -> list[Key]:
 
 
 def search_space(start: Scene) -> Space:
-    """Everything but the types: camera, gravity, and of every object size, material and motion."""
+    """The search space around a scene: camera, gravity, and the parameters of each object."""
     assert start.camera is not None
     keys = [Key(k, -1, k) for k in ("camera_height", "fov", "gravity")]
     if start.camera.pitch is not None:
         keys.append(Key("camera_pitch", -1, "camera_pitch"))
-    else:  # about the camera's right and back; about its up is the world's heading, near enough
+    else:  # about the camera's right and back axes; a rotation about its up axis is nearly a change of heading
         keys += [Key("camera_turn", -1, "camera_turn", part) for part in (0, 2)]
         keys += [Key("gravity_along", -1, "gravity_along", part) for part in (0, 1)]
     for i, shape in enumerate(start.shapes):

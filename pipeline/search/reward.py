@@ -1,7 +1,7 @@
-"""The reward of candidates, compiled: masks and exact flow of every frame against the target's, in parallel.
+"""The kernel that compares the masks and exact flow of candidates with those of the target, in parallel.
 
-Reward = IoU - EPE over the whole frame (px of 480x320 per frame interval). See docs/formats.md, "Metrics". Where a
-search wants to know in which direction to go, each object's mask and flow are pooled too (`pipeline.search.pooling`).
+From its counts, reward = IoU - EPE over the whole frame (px of 480x320 per frame interval); docs/formats.md, "Metrics",
+has the definitions. For Gauss-Newton it also pools each object's mask and flow (`pooled_residuals`).
 """
 
 from __future__ import annotations
@@ -13,16 +13,25 @@ from numba import prange
 
 from pipeline.compiled import parallel_kernel
 from pipeline.metrics.overlap import Counts
-from pipeline.search.pooling import pool_frame
+from pipeline.search.pooled_residuals import pool_frame
 from pipeline.search.target import Target
-from pipeline.vision.exact_flow import exact_flow_frame
-from pipeline.vision.rasteriser import fill_background, rasterise_frame
+from pipeline.vision.rendering.exact_flow import exact_flow_frame
+from pipeline.vision.rendering.rasteriser import fill_background, rasterise_frame
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Counts of B candidates, with a leading axis B each, and epe_frame, epe (B,): mean flow errors over all pixels
-    and over the pixels that are foreground in either, px of the target's size; pooled (B, F, N, 3, h, w), or empty."""
+    """The comparison of B candidates with a target of F frames and M instances.
+
+    Attributes:
+        shared: (B, F, N, M) pixels of both object and instance.
+        predicted: (B, F, N) pixels of each object.
+        true: (B, F, M) pixels of each instance.
+        foreground: (B, F, 2) pixels of the foreground of both, and of either.
+        epe_frame: (B,) mean end-point error over all pixels, px of the target's size.
+        epe: (B,) mean end-point error over the foreground of either, px of the target's size.
+        pooled: (B, F, N, 3, h, w), or empty.
+    """
 
     shared: np.ndarray
     predicted: np.ndarray
@@ -43,8 +52,15 @@ class Measured:
 
 @dataclass(frozen=True)
 class Totals:
-    """Of the target alone: area (F, M) and foreground (F,) in pixels; speed (F, H, W) px, the length of its flow, and
-    its sums over all pixels and over the foreground, (F,)."""
+    """Sums over the target.
+
+    Attributes:
+        area: (F, M) pixels of each instance.
+        foreground: (F,) pixels of all instances.
+        speed: (F, H, W) length of the flow, px.
+        speed_frame: (F,) its sum over all pixels.
+        speed_foreground: (F,) its sum over the foreground.
+    """
 
     area: np.ndarray
     foreground: np.ndarray
@@ -70,11 +86,18 @@ def measure_kernel(
     shared: np.ndarray, predicted: np.ndarray, true: np.ndarray, foreground: np.ndarray,
     epe_frame: np.ndarray, epe: np.ndarray, pooled: np.ndarray,
 ) -> None:  # fmt: skip
-    """Fill the fields of `Measured`, which are zero. position (B, F, 2, N, 3), quaternion (B, F, 2, N, 4): poses in
-    each frame and in the frame its flow leads to; cell: px between the nodes of `pooled`, where that is not empty; the
-    rest as `SceneBatch`, `Target` and `Totals`.
+    """Fill the fields of `Measured`, which must be zero.
 
-    Where no object can be, the target's own sums say what there is: only the rectangle about the objects is visited.
+    Only the bounding rectangle of a candidate's objects is visited; outside it the sums of the target are used.
+
+    Args:
+        kinds, half_size, camera_position, camera_rotation, fov, ground: As in `SceneBatch`.
+        position: (B, F, 2, N, 3) m, in each frame and in the frame to which its flow leads.
+        quaternion: (B, F, 2, N, 4), likewise.
+        target_masks, target_flow: As in `Target`.
+        area, area_foreground, speed, speed_frame, speed_foreground: As in `Totals`.
+        cell: Spacing of the nodes of `pooled`, px.
+        shared, predicted, true, foreground, epe_frame, epe, pooled: Output; `pooled` may be empty.
     """
     frames, height, width = target_masks.shape
     for b in prange(position.shape[0]):

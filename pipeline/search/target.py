@@ -1,4 +1,4 @@
-"""What a search has to match: instance masks and flow of the frames that the model sees."""
+"""The target of a search: instance masks and flow of the frames that the model sees."""
 
 from __future__ import annotations
 
@@ -12,8 +12,13 @@ REFERENCE_WIDTH = 480
 
 @dataclass(frozen=True)
 class Target:
-    """masks (F, H, W) uint8, 0 background, j + 1 instance j; flow (F, H, W, 2) float32 px of this size per frame
-    interval; instances: how many."""
+    """Masks and flow to match.
+
+    Attributes:
+        masks: (F, H, W) uint8, j + 1 for instance j, 0 for the background.
+        flow: (F, H, W, 2) float32, px of this size per frame interval.
+        instances: Number of instances.
+    """
 
     masks: np.ndarray
     flow: np.ndarray
@@ -29,9 +34,15 @@ class Target:
 
 
 def make_target(masks: np.ndarray, flow: np.ndarray, width: int, height: int) -> Target:
-    """A target of width x height px from masks (F, H, W) and flow (F, h, w, 2) in px of their own sizes.
+    """A target from masks and flow of any size.
 
-    The camera rests, so that nothing moves outside the instances: flow that was measured there is noise, and left out.
+    The camera does not move, so flow outside the instances is noise. It is set to zero.
+
+    Args:
+        masks: (F, H, W).
+        flow: (F, h, w, 2), px of its own size.
+        width: Width of the target, px.
+        height: Height of the target, px.
     """
     small = resize_masks(masks, width, height)
     moving = resize_flow(flow, width, height) * (small > 0)[..., None]
@@ -39,12 +50,12 @@ def make_target(masks: np.ndarray, flow: np.ndarray, width: int, height: int) ->
 
 
 def resize_masks(masks: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Masks (F, H, W) at another size."""
+    """Masks (F, H, W) resized to width x height px."""
     return np.stack([cv2.resize(m, (width, height), interpolation=cv2.INTER_NEAREST_EXACT) for m in masks])
 
 
 def resize_flow(flow: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Flow (F, h, w, 2) at another size, its lengths scaled along."""
+    """Flow (F, h, w, 2) px resized to width x height px, with its values in px of that size."""
     if flow.shape[1:3] == (height, width):
         return np.ascontiguousarray(flow, np.float32)
     mode = cv2.INTER_AREA if flow.shape[2] > width else cv2.INTER_LINEAR

@@ -1,1 +1,1 @@
-"""Clips and scenes in the rerun viewer: everything that imports rerun."""
+"""Clips and scenes in the rerun viewer. No other package imports rerun."""

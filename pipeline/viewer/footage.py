@@ -1,4 +1,4 @@
-"""What there is to see of a clip: motions of scenes, and pictures that were taken of them."""
+"""What the viewer shows of a clip: motions of scenes, pictures and notes."""
 
 from __future__ import annotations
 
@@ -6,15 +6,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pipeline.language.completion import EVENT_PHRASES
 from pipeline.language.events import Event
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 
 
 @dataclass(frozen=True)
-class Motion:
-    """A scene and how it moved. name: its place in the viewer (`replay`, `original`). solid: drawn as solid bodies,
-    else as wires. events: what happened in it."""
+class MotionLayer:
+    """A scene and its motion, one layer of the viewer.
+
+    Attributes:
+        name: Its name in the viewer, such as `replay` or `original`.
+        scene: The scene.
+        trace: Its simulation.
+        solid: Whether bodies are drawn solid; else as wire frames.
+        events: Its events.
+    """
 
     name: str
     scene: Scene
@@ -25,9 +33,16 @@ class Motion:
 
 @dataclass(frozen=True)
 class Pictures:
-    """What a camera saw, all of one size. rgb (F, H, W, 3) uint8 and masks (F, H, W) uint8, 0 for the background, of
-    every frame; depth (P, H, W), m, inf where there is nothing, and flow (P, H, W, 2), px to the next frame, of the
-    frames `depth_frames` and `flow_frames` (P,)."""
+    """Pictures from one camera, all of one size.
+
+    Attributes:
+        rgb: (F, H, W, 3) uint8, of every frame.
+        masks: (F, H, W) uint8, 0 for the background, of every frame.
+        depth: (P, H, W) m, inf for the background.
+        depth_frames: (P,) the frames of `depth`.
+        flow: (P, H, W, 2) px per frame interval.
+        flow_frames: (P,) the frames of `flow`.
+    """
 
     rgb: np.ndarray | None = None
     masks: np.ndarray | None = None
@@ -38,25 +53,40 @@ class Pictures:
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """(width, height) px; None where there are no pictures."""
+        """(width, height) px; None without pictures."""
         there = [a for a in (self.rgb, self.masks, self.depth, self.flow) if a is not None]
         sizes = {(a.shape[2], a.shape[1]) for a in there}
-        assert len(sizes) <= 1, f"pictures of one camera have one size, not {sizes}"
+        assert len(sizes) <= 1, f"pictures of one camera must have one size, not {sizes}"
         return sizes.pop() if sizes else None
 
 
 @dataclass(frozen=True)
 class Footage:
-    """A clip: what the camera saw and, where there is one, what the replay's pictures look like; the motions, of which
-    the first has the camera; notes in Markdown.
+    """Everything that the viewer shows of a clip.
 
-    name: of the clip; it becomes the recording's id. fps: frames a second. titles: of what was seen and replayed.
+    Attributes:
+        name: Name of the clip, and id of the recording.
+        notes: Markdown.
+        motions: Layers of the 3D view. The first has the camera.
+        seen: Pictures of the clip.
+        replayed: Pictures of the replay, if there is one.
+        fps: Frames per second.
+        titles: Titles of the two groups of pictures.
     """
 
     name: str
     notes: str
-    motions: tuple[Motion, ...]
+    motions: tuple[MotionLayer, ...]
     seen: Pictures = field(default_factory=Pictures)
     replayed: Pictures = field(default_factory=Pictures)
     fps: float = 30.0
     titles: tuple[str, str] = ("clip", "replay")
+
+
+def event_text(event: Event, scene: Scene) -> str:
+    """An event in words, with the names of the objects: `sphere_0 hits box_1`."""
+    names = [o.name for o in scene.objects]
+    phrase = EVENT_PHRASES[event.kind]
+    if event.second is not None:
+        return f"{names[event.first]}{phrase.removesuffix('object ')}{names[event.second]}"
+    return f"{names[event.first]}{phrase}"

@@ -1,4 +1,4 @@
-"""What the viewer shows at first: the scene beside what the camera saw, plots, events and notes below."""
+"""The initial layout of the viewer: the scene beside the pictures; plots, events and notes below."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import rerun.blueprint as rrb
 from rerun.encodings import Plane3D
 
 from pipeline.viewer.footage import Footage, Pictures
-from pipeline.viewer.plots import PLOTS
+from pipeline.viewer.motion import PLOTS
 from pipeline.viewer.timeline import SIM_TIME
-from pipeline.vision.camera import pinhole
+from pipeline.vision.rendering.camera import pinhole
 
 CAMERA = "world/camera"
 REPLAYED = "replayed"
@@ -17,7 +17,7 @@ PLAYBACK_SPEED = 0.5
 
 
 def blueprint(footage: Footage) -> rrb.Blueprint:
-    """The layout for what the footage has."""
+    """The layout for the parts that the footage has."""
     below: list[rrb.View] = []
     if footage.motions:
         below += [rrb.TimeSeriesView(origin=f"plots/{plot}", name=title) for plot, title in PLOTS.items()]
@@ -42,7 +42,7 @@ def blueprint(footage: Footage) -> rrb.Blueprint:
 
 
 def scene_view(footage: Footage) -> rrb.View:
-    """The 3D view, seen from beside the camera; the depth picture and its points stay out of it."""
+    """The 3D view from a point beside the camera, without the depth, mask and flow pictures."""
     motion = footage.motions[0]
     centre = motion.trace.position[0].mean(0) if len(motion.scene.objects) else np.zeros(3)
     grid: rrb.LineGrid3D | None = rrb.LineGrid3D(visible=False)
@@ -61,13 +61,15 @@ def scene_view(footage: Footage) -> rrb.View:
 
 
 def picture_views(footage: Footage) -> list[rrb.View]:
-    """2D views: the camera's picture with masks, its flow, its depth, and the replay's picture with its masks."""
+    """2D views of the clip and of the replay: picture with masks, flow, and depth."""
     views: list[rrb.View] = []
     both = ((CAMERA, footage.seen), (REPLAYED, footage.replayed))
     for (path, pictures), title in zip(both, footage.titles, strict=True):
         if pictures.rgb is not None or pictures.masks is not None:
             kinds = {"rgb": pictures.rgb, "masks": pictures.masks}
-            views.append(_view(path, [k for k, v in kinds.items() if v is not None], f"{title}: {_words(pictures)}"))
+            views.append(
+                _view(path, [k for k, v in kinds.items() if v is not None], f"{title}: {_kinds_text(pictures)}")
+            )
         if pictures.flow is not None:
             views.append(_view(path, ["flow"], f"{title}: optical flow"))
         if pictures.depth is not None:
@@ -79,7 +81,7 @@ def _view(path: str, kinds: list[str], title: str) -> rrb.View:
     return rrb.Spatial2DView(origin=path, contents=[f"$origin/{kind}" for kind in kinds], name=title)
 
 
-def _words(pictures: Pictures) -> str:
+def _kinds_text(pictures: Pictures) -> str:
     if pictures.rgb is None:
         return "masks"
     return "picture" if pictures.masks is None else "picture and masks"

@@ -1,4 +1,4 @@
-"""Measured motion beside two models' predictions as a rerun recording, on one timeline."""
+"""Measured motion beside the predictions of two models, as a rerun recording."""
 
 from __future__ import annotations
 
@@ -9,23 +9,33 @@ import pyarrow as pa
 import rerun as rr
 import rerun.blueprint as rrb
 
-from pipeline.shards.output_errors import writing_to
-from pipeline.viewer.recording import APPLICATION
+from pipeline.viewer.recording import save_recording
 from pipeline.viewer.timeline import SIM_TIME
 
 KINDS = {"measured": (60, 60, 60), "baseline": (245, 133, 24), "augmented": (84, 162, 75)}
 
 
 def save_measured(table: pa.Table, name: str, notes: str, path: Path) -> None:
-    """Write a recording of a table of residuals (pipeline.discrepancy.residual_table), under a temporary name that is
-    then renamed. Paths are world/<clip>/<object>/<measured, baseline, augmented>. Raises OutputError."""
-    recording = rr.RecordingStream(APPLICATION, recording_id=name)
-    stream = rr.binary_stream(recording)
+    """Write a recording of measured and predicted positions, under world/<clip>/<object>/<kind>.
+
+    Args:
+        table: Residuals, from `pipeline.discrepancy.residual_table`.
+        name: Name and id of the recording.
+        notes: Markdown.
+        path: The file.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
     view = rrb.Spatial3DView(origin="world", name="clips")
     plots = rrb.TimeSeriesView(origin="residual", name="residual, m")
     text = rrb.TextDocumentView(origin="notes", name="verdict")
-    recording.send_blueprint(rrb.Blueprint(rrb.Vertical(view, rrb.Horizontal(plots, text), row_shares=[3, 1])),
-                             make_active=True, make_default=True)  # fmt: skip
+    layout = rrb.Blueprint(rrb.Vertical(view, rrb.Horizontal(plots, text), row_shares=[3, 1]))
+    save_recording(name, layout, lambda recording: log_measured(recording, table, notes), path)
+
+
+def log_measured(recording: rr.RecordingStream, table: pa.Table, notes: str) -> None:
+    """Log the positions and residuals of a table of residuals, and notes in Markdown."""
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     recording.log("notes", rr.TextDocument(notes, media_type="text/markdown"), static=True)
     clip, body = (np.array(table[k].to_pylist()) for k in ("clip", "object"))
@@ -47,13 +57,3 @@ def save_measured(table: pa.Table, name: str, notes: str, path: Path) -> None:
         for kind, residual in (("baseline", before), ("augmented", after)):
             size = np.linalg.norm(residual[rows], axis=1)
             recording.send_columns(f"residual/{kind}/{c}/{o}", times, rr.Scalars.columns(scalars=size))
-    data = stream.read()
-    assert data is not None
-    recording.disconnect()
-    temporary = path.with_name(path.name + ".part")
-    with writing_to(path):
-        try:
-            temporary.write_bytes(data)
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""What a camera saw, under one entity: RGB, masks, depth, and flow as a colour wheel's picture."""
+"""The pictures of a camera in the viewer: RGB, masks, depth, and flow in the colours of the colour wheel."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import rerun as rr
 
 from pipeline.viewer.footage import Pictures
 from pipeline.viewer.timeline import at_frames
-from pipeline.vision.appearance import object_colour
-from pipeline.vision.flow_picture import flow_picture
+from pipeline.vision.flow.flow_picture import flow_picture
+from pipeline.vision.rendering.appearance import object_colour
 
 JPEG_QUALITY = 92
 MASK_OPACITY = 0.35
@@ -17,7 +17,7 @@ _MILLIMETRES = 1000.0
 
 
 def log_pictures(recording: rr.RecordingStream, path: str, pictures: Pictures, fps: float) -> None:
-    """Each kind of picture that there is, under `path`/rgb, masks, depth, flow."""
+    """Log the pictures under `path`/rgb, masks, depth and flow."""
     if pictures.rgb is not None:
         blobs = [_encoded(".jpg", p[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]) for p in pictures.rgb]
         _send_blobs(recording, f"{path}/rgb", np.arange(len(blobs)), fps, blobs, "image/jpeg", draw_order=-10.0)
@@ -33,9 +33,9 @@ def log_pictures(recording: rr.RecordingStream, path: str, pictures: Pictures, f
 
 
 def log_masks(recording: rr.RecordingStream, path: str, masks: np.ndarray, fps: float) -> None:
-    """Instance masks (F, H, W), coloured as the objects are."""
-    look = rr.SegmentationImage.from_fields(opacity=MASK_OPACITY, draw_order=10.0)
-    recording.log(path, look, static=True, strict=True)
+    """Log instance masks (F, H, W) in the colours of the objects."""
+    style = rr.SegmentationImage.from_fields(opacity=MASK_OPACITY, draw_order=10.0)
+    recording.log(path, style, static=True, strict=True)
     height, width = masks.shape[1:]
     kind = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.U8)
     columns = rr.SegmentationImage.columns(buffer=list(np.ascontiguousarray(masks).reshape(len(masks), -1)),
@@ -44,19 +44,19 @@ def log_masks(recording: rr.RecordingStream, path: str, masks: np.ndarray, fps: 
 
 
 def log_depth(recording: rr.RecordingStream, path: str, depth: np.ndarray, frames: np.ndarray, fps: float) -> None:
-    """Planar depths (P, H, W), m, as PNGs in mm; 0 where there is nothing."""
+    """Log planar depths (P, H, W) m of frames (P,) as PNGs in mm; 0 for the background."""
     finite = np.isfinite(depth)
     millimetres = np.where(finite, np.clip(depth * _MILLIMETRES, 0, 65535), 0).astype(np.uint16)
     near, far = (float(q) for q in np.quantile(depth[finite], [0, 0.98])) if finite.any() else (0.0, 1.0)
-    look = rr.EncodedDepthImage.from_fields(meter=_MILLIMETRES, depth_range=[near * _MILLIMETRES, far * _MILLIMETRES],
+    style = rr.EncodedDepthImage.from_fields(meter=_MILLIMETRES, depth_range=[near * _MILLIMETRES, far * _MILLIMETRES],
                                             media_type="image/png", draw_order=-8.0)  # fmt: skip
-    recording.log(path, look, static=True, strict=True)
+    recording.log(path, style, static=True, strict=True)
     columns = rr.EncodedDepthImage.columns(blob=[_encoded(".png", d) for d in millimetres])
     recording.send_columns(path, at_frames(frames, fps), columns, strict=True)
 
 
 def mask_classes(names: list[str]) -> rr.AnnotationContext:
-    """Names and colours of mask ids: 0 is the background, i + 1 object i."""
+    """Names and colours of mask ids: 0 for the background, i + 1 for object i."""
     return rr.AnnotationContext(
         [rr.AnnotationInfo(0, "background", (0, 0, 0, 0)),
          *(rr.AnnotationInfo(i + 1, name, object_colour(i)) for i, name in enumerate(names))]

@@ -1,34 +1,47 @@
-"""Footage as a rerun recording: to a file, or into the viewer.
+"""Recordings of rerun: saved to a file, or shown in the viewer.
 
-One application id for all recordings, so that the viewer keeps one layout; the recording's id is the clip.
+All recordings have one application id, so that the viewer keeps one layout. The id of a recording is its name.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import rerun as rr
+import rerun.blueprint as rrb
 
 from pipeline.scene.mjcf import camera_quaternion
 from pipeline.scene.scene import Camera
 from pipeline.shards.output_errors import writing_to
-from pipeline.viewer.bodies import log_bodies
 from pipeline.viewer.footage import Footage
 from pipeline.viewer.layout import CAMERA, REPLAYED, blueprint
+from pipeline.viewer.motion import log_bodies, log_events, log_plots
 from pipeline.viewer.pictures import log_pictures, mask_classes
-from pipeline.viewer.plots import log_events, log_plots
-from pipeline.vision.camera import focal_px
+from pipeline.vision.rendering.camera import focal_px
 
 APPLICATION = "dynamics"
 DEFAULT_SIZE = (480, 320)
 
 
-def save(footage: Footage, path: Path) -> None:
-    """Write the recording with its blueprint, under a temporary name that is then renamed. Raises OutputError."""
-    recording = _stream(footage)
+def save_recording(
+    name: str, layout: rrb.Blueprint, log_into: Callable[[rr.RecordingStream], None], path: Path
+) -> None:
+    """Write a recording with its blueprint, under a temporary name that is then replaced.
+
+    Args:
+        name: Name and id of the recording.
+        layout: The blueprint.
+        log_into: Logs the contents.
+        path: The file.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    recording = _stream(name)
     stream = rr.binary_stream(recording)
-    recording.send_blueprint(blueprint(footage), make_active=True, make_default=True)
-    log(recording, footage)
+    recording.send_blueprint(layout, make_active=True, make_default=True)
+    log_into(recording)
     data = stream.read()
     assert data is not None
     recording.disconnect()
@@ -41,32 +54,32 @@ def save(footage: Footage, path: Path) -> None:
             temporary.unlink(missing_ok=True)
 
 
-def show(footage: Footage) -> None:
-    """Open the rerun viewer, which stays open, and send it the recording."""
-    recording = _stream(footage)
-    recording.spawn(default_blueprint=blueprint(footage))
-    log(recording, footage)
+def save(footage: Footage, path: Path) -> None:
+    """Write footage as a recording. Raises OutputError."""
+    save_recording(footage.name, blueprint(footage), lambda recording: log(recording, footage), path)
+
+
+def show(shown: Footage | Path) -> None:
+    """Open the rerun viewer, which stays open, with footage or with the file of a recording."""
+    recording = rr.RecordingStream(APPLICATION) if isinstance(shown, Path) else _stream(shown.name)
+    if isinstance(shown, Path):
+        recording.spawn()
+        recording.log_file_from_path(shown)
+    else:
+        recording.spawn(default_blueprint=blueprint(shown))
+        log(recording, shown)
     recording.flush()
     recording.disconnect()
 
 
-def show_file(path: Path) -> None:
-    """Open the rerun viewer, which stays open, on a recording that was saved."""
-    recording = rr.RecordingStream(APPLICATION)
-    recording.spawn()
-    recording.log_file_from_path(path)
-    recording.flush()
-    recording.disconnect()
-
-
-def _stream(footage: Footage) -> rr.RecordingStream:
-    recording = rr.RecordingStream(APPLICATION, recording_id=footage.name)
-    recording.send_recording_name(footage.name)
+def _stream(name: str) -> rr.RecordingStream:
+    recording = rr.RecordingStream(APPLICATION, recording_id=name)
+    recording.send_recording_name(name)
     return recording
 
 
 def log(recording: rr.RecordingStream, footage: Footage) -> None:
-    """Everything of the footage, into a recording."""
+    """Log footage into a recording."""
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True, strict=True)
     recording.log("notes", rr.TextDocument(footage.notes, media_type="text/markdown"), static=True, strict=True)
     names = [o.name for o in footage.motions[0].scene.objects] if footage.motions else []
@@ -85,7 +98,7 @@ def log(recording: rr.RecordingStream, footage: Footage) -> None:
 
 
 def log_camera(recording: rr.RecordingStream, camera: Camera, size: tuple[int, int]) -> None:
-    """The scene's pinhole camera, which stands still; pictures below it are seen in its image plane."""
+    """Log the camera of the scene, which does not move. Pictures below its entity appear in its image plane."""
     w, x, y, z = camera_quaternion(camera)
     pose = rr.Transform3D(translation=camera.position, quaternion=rr.Quaternion(xyzw=(x, y, z, w)))
     lens = rr.Pinhole(focal_length=focal_px(camera.fov, size[1]), width=size[0], height=size[1],

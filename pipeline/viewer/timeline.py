@@ -1,7 +1,7 @@
-"""The two timelines of every recording: `frame`, counted from 0, and `sim_time`, in seconds.
+"""The two timelines of each recording: `frame`, counted from 0, and `sim_time`, in seconds.
 
-What moves is logged at every simulation step of `sim_time`, so that it can be watched in slow motion, and at the
-frames of `frame`; pictures are logged at frames.
+Motion is logged at each simulation step on `sim_time`, for slow motion, and at each frame on `frame`. Pictures are
+logged at frames.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ FRAME, SIM_TIME = "frame", "sim_time"
 
 
 def at_times(times: np.ndarray, fps: float) -> list[rr.TimeColumn]:
-    """Both timelines for rows at `times`, s; a row belongs to the frame that is being shown then."""
+    """Both timelines for rows at times (R,) s. The frame of a row is the one shown at that time."""
     return [
         rr.TimeColumn(FRAME, sequence=np.floor(times * fps + 1e-6).astype(np.int64)),
         rr.TimeColumn(SIM_TIME, duration=np.asarray(times, np.float64)),
@@ -23,7 +23,7 @@ def at_times(times: np.ndarray, fps: float) -> list[rr.TimeColumn]:
 
 
 def at_frames(frames: np.ndarray, fps: float) -> list[rr.TimeColumn]:
-    """Both timelines for rows at frame numbers."""
+    """Both timelines for rows at frame numbers (R,)."""
     return [
         rr.TimeColumn(FRAME, sequence=np.asarray(frames, np.int64)),
         rr.TimeColumn(SIM_TIME, duration=np.asarray(frames, np.float64) / fps),
@@ -37,9 +37,14 @@ def send_steps(
     fps: float,
     columns: Callable[[np.ndarray], rr.ComponentColumnList],
 ) -> None:
-    """Send rows at simulation steps. columns: the columns of the rows with the given indices.
+    """Log rows at simulation steps. Steps between two frames are on `sim_time` only.
 
-    Steps between two frames are on `sim_time` alone, so that `frame` shows what the camera saw.
+    Args:
+        recording: The recording.
+        path: The entity.
+        times: (S,) of the steps, s.
+        fps: Frames per second.
+        columns: Makes the columns of the rows with given indices.
     """
     place = times * fps
     on_frame = np.abs(place - np.rint(place)) < 1e-6

@@ -1,1 +1,1 @@
-"""What a camera sees: masks, depth, exact flow and RGB of a scene, measured flow, and video files."""
+"""What a camera sees: rendering of scenes, optical flow, and video files."""

@@ -5,7 +5,7 @@ from typing import Any
 import pyarrow as pa
 
 from pipeline.scene.text import write_scene
-from pipeline.search.found import Found
+from pipeline.search.search_result import SearchResult
 
 FOUND = [
     ("scene", pa.string()),
@@ -17,7 +17,7 @@ FOUND = [
 ]
 
 
-def found_row(found: Found) -> dict[str, Any]:
+def found_row(found: SearchResult) -> dict[str, Any]:
     """The values of the columns FOUND."""
     return {"scene": write_scene(found.scene), "reward": found.reward, "iou": found.iou,
             "simulations": found.simulations, "spent": found.spent.tolist(),

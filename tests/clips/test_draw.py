@@ -10,7 +10,7 @@ from pipeline.clips.view import frame_masks
 from pipeline.errors import DynamicsError
 from pipeline.physics.overlap import penetration
 from pipeline.physics.simulate import simulate
-from pipeline.vision.camera import pinhole, project
+from pipeline.vision.rendering.camera import pinhole, project
 
 
 def seed_of(rng: np.random.Generator) -> int:

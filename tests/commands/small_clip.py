@@ -13,9 +13,9 @@ from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
-from pipeline.vision.appearance import plain_appearance
-from pipeline.vision.render import render_rgb
-from pipeline.vision.video import write_video
+from pipeline.vision.recordings.video import write_video
+from pipeline.vision.rendering.appearance import plain_appearance
+from pipeline.vision.rendering.render import render_rgb
 
 WIDTH, HEIGHT = 240, 160
 SCHEDULE = Schedule()

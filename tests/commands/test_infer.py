@@ -20,10 +20,10 @@ from pipeline.commands.scoring import evaluator_of, overlap, ranked, relabelled
 from pipeline.errors import VideoError
 from pipeline.physics.simulate import simulate
 from pipeline.scene.text import load_scene
-from pipeline.vision.dis import DIS
-from pipeline.vision.measured_flow import recorded_pairs
-from pipeline.vision.raft import RAFT
-from pipeline.vision.video import read_clip
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.flow.measured_flow import recorded_pairs
+from pipeline.vision.flow.raft import RAFT
+from pipeline.vision.recordings.video import read_clip
 
 FILES = ["overlay.png", "recording.rrd", "replay.mp4", "result.json", "scene.xml", "scene.yaml"]
 

@@ -13,11 +13,11 @@ from command_run import Run, files_no_larger_than
 from pipeline.commands.scene_source import read_scene_source, with_camera
 from pipeline.language.completion import write_completion
 from pipeline.physics.simulate import simulate
-from pipeline.scene.digits import rounded_scene
+from pipeline.scene.canonical import rounded_scene
 from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.scene.text import load_scene, write_scene
-from pipeline.vision.camera import pinhole, project
-from pipeline.vision.video import read_clip
+from pipeline.vision.recordings.video import read_clip
+from pipeline.vision.rendering.camera import pinhole, project
 
 FILES = ["recording.rrd", "replay.mp4", "result.json", "scene.xml", "scene.yaml", "trajectory.csv"]
 

@@ -24,7 +24,7 @@ from pipeline.language.completion import (
 from pipeline.language.events import KINDS, Event, find_events
 from pipeline.language.grammar import Choice, Grammar, GrammarError, Literal, Number, spell, split
 from pipeline.language.tokenizer import build_tokenizer
-from pipeline.scene.digits import DECIMALS
+from pipeline.scene.canonical import DECIMALS
 from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.scene.text import read_scene, write_scene
 

@@ -15,7 +15,7 @@ from pipeline.model.inputs import prompt_positions
 from pipeline.model.patches import pack_video
 from pipeline.model.prompt import Prompt, bare_prompt, few_shot_prompt
 from pipeline.model.walker import Tries
-from pipeline.vision.flow_picture import KINDS
+from pipeline.vision.flow.flow_picture import KINDS
 
 BASE = small_base()
 TRIES = Tries(BASE.codec)

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from sampled_scenes import distribution
 
-from pipeline.scene.digits import DECIMALS, rounded_object, rounded_scene
+from pipeline.scene.canonical import DECIMALS, canonical_object, rounded_object, rounded_scene
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.sample import compositions, draw_composition, draw_scene
 from pipeline.scene.scene import BASIC_SHAPES, Scene, SceneObject
 from pipeline.scene.solid import reach_below
-from pipeline.scene.symmetry import canonical_object
 from pipeline.scene.text import read_scene, write_scene
 
 HELD_OUT = ("box+box+box+sphere", "cylinder+cylinder+sphere+sphere")

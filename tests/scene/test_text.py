@@ -146,7 +146,7 @@ def test_quaternions_of_any_length_but_zero_are_turns(quaternion: str) -> None:
         (
             "[1.0, 0.0, 0.0, 0.0]",
             "[0, 0, 0, 0]",
-            r"objects\[0\]\.orientation: a quaternion of length zero; valid: w, x,",
+            r"objects\[0\]\.orientation: a quaternion must be non-zero; valid: w, x,",
         ),
         ("[1.0, 0.0, 0.0, 0.0]", "[1, 0, 0]", r"objects\[0\]\.orientation: valid: a list of 4 numbers"),
         (

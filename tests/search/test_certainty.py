@@ -6,7 +6,14 @@ import numpy as np
 from targets import evaluator, exact_target, sampled
 
 from pipeline.scene.scene import Scene, SceneObject
-from pipeline.search.certainty import IGNORANCE, Certainty, certainties, hardly, scale_direction, without
+from pipeline.search.certainty import (
+    PRIOR_PRECISION,
+    Certainty,
+    certainties,
+    remove_information,
+    scale_direction,
+    weakly_identified,
+)
 from pipeline.search.parameters import search_space
 
 
@@ -25,7 +32,7 @@ def test_the_mass_of_a_lone_body_is_not_determined_and_its_motion_is(rng: np.ran
     scene = lone_ball(rng)
     found = {c.place: c for c in known(scene)}
     assert not found["objects[0].mass"].determined
-    assert "mass" in hardly(list(found.values()))
+    assert "mass" in weakly_identified(list(found.values()))
     assert found["objects[0].velocity[0]"].determined
     assert all(0 <= c.share <= 1 and c.spread > 0 for c in found.values())
 
@@ -43,7 +50,7 @@ def test_a_world_that_grows_about_the_camera_looks_the_same(rng: np.random.Gener
 def test_information_along_a_direction_is_taken_and_no_other(rng: np.random.Generator) -> None:
     rows = rng.normal(size=(9, 5))
     information, direction = rows.T @ rows, rng.normal(size=5)
-    left = without(information, direction)
+    left = remove_information(information, direction)
     np.testing.assert_allclose(left @ direction, 0, atol=1e-9)
     assert np.linalg.eigvalsh(left).min() > -1e-9
     across = rng.normal(size=5)
@@ -56,4 +63,4 @@ def test_nothing_is_known_worse_than_by_its_bounds(rng: np.random.Generator) -> 
     space = search_space(scene)
     for c, span in zip(known(scene), space.span, strict=True):
         if c.kind != "mass":
-            assert c.spread <= span / np.sqrt(IGNORANCE) + 1e-9
+            assert c.spread <= span / np.sqrt(PRIOR_PRECISION) + 1e-9

@@ -9,9 +9,10 @@ from pipeline.physics.overlap import penetration, separated
 from pipeline.scene.mjcf import camera_quaternion
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import Scene
-from pipeline.search.cmaes import Budget, Found, search
+from pipeline.search.cmaes import Budget, cmaes_search
 from pipeline.search.parameters import BOUNDS, search_space
-from pipeline.vision.camera import pinhole
+from pipeline.search.search_result import SearchResult
+from pipeline.vision.rendering.camera import pinhole
 
 BUDGET = Budget(population=6, iterations=6, sigma=0.05)
 
@@ -69,8 +70,8 @@ def test_a_step_in_the_turns_turns_the_body_about_that_axis(rng: np.random.Gener
         np.testing.assert_allclose(turn[:, axis], np.eye(3)[axis], atol=1e-5)
 
 
-def found(rng_seed: int, scene: Scene, starts: list[Scene], budget: Budget = BUDGET) -> Found:
-    return search(evaluator(scene), starts, budget, np.random.default_rng(rng_seed))
+def found(rng_seed: int, scene: Scene, starts: list[Scene], budget: Budget = BUDGET) -> SearchResult:
+    return cmaes_search(evaluator(scene), starts, budget, np.random.default_rng(rng_seed))
 
 
 def test_a_search_never_ends_worse_than_its_best_start(rng: np.random.Generator) -> None:
@@ -128,8 +129,8 @@ def test_a_search_counts_what_it_simulates(rng: np.random.Generator) -> None:
 def test_half_of_the_iterations_are_shared_by_the_starts(rng: np.random.Generator) -> None:
     scene = sampled(rng, 1)
     told: list[int] = []
-    search(evaluator(scene), [disturbed(rng, scene) for _ in range(3)], Budget(4, 9, 0.1), np.random.default_rng(0),
-           lambda iteration, reward: told.append(iteration))  # fmt: skip
+    starts = [disturbed(rng, scene) for _ in range(3)]
+    cmaes_search(evaluator(scene), starts, Budget(4, 9, 0.1), np.random.default_rng(0), lambda i, _: told.append(i))
     assert told == list(range(1, 10))
 
 

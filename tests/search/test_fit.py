@@ -8,18 +8,18 @@ from sampled_scenes import SCHEDULE
 from targets import evaluator, exact_target, sampled
 
 from pipeline.physics.batch import stack_scenes, unstack
-from pipeline.physics.overlap import penetration, separated, sunk
+from pipeline.physics.overlap import ground_penetration, penetration, separated
 from pipeline.scene.scene import BASIC_SHAPES, Scene, SceneObject
-from pipeline.search.composition import compose, likely
+from pipeline.search.composition import likely_shapes, propose_compositions
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.fit import ISLAND, Island, fit
-from pipeline.search.found import DEEPEST, Record
-from pipeline.search.gauss_newton import Descent, evaluate, neighbours, slope, stepped_together
-from pipeline.search.guess import guess_scene, on_ground, track
-from pipeline.search.moves import moved, outline, with_outline
+from pipeline.search.fit_scene import RUN_SIMULATIONS, BasinHopping, fit_scene
+from pipeline.search.gauss_newton import Descent, evaluate, linearise, neighbours, perturbation_groups
+from pipeline.search.guess import guess_scene, on_ground, track_mask
+from pipeline.search.jumps import outline, propose_jumps, sizes_for_outline
 from pipeline.search.parameters import search_space
-from pipeline.search.solve import COMPOSING, solve
-from pipeline.vision.camera import pinhole, project
+from pipeline.search.search_result import DEEPEST, SearchRecord
+from pipeline.search.search_scene import GUESS_SIMULATIONS, search_scene
+from pipeline.vision.rendering.camera import pinhole, project
 
 TIMES = SCHEDULE.pairs[:, 0] / SCHEDULE.fps
 
@@ -40,13 +40,13 @@ def test_objects_that_keep_apart_are_stepped_together_and_those_that_meet_are_no
     space = search_space(scene)
     e = evaluator(scene)
     assert neighbours(e, stack_scenes([scene])) == [[0], [1]]
-    together = stepped_together(space, [[0], [1]])
+    together = perturbation_groups(space, [[0], [1]])
     assert sorted(d for columns in together for d in columns) == list(range(len(space.keys)))
     assert len(together) == 4 + (len(space.keys) - 4) // 2
     meeting = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], velocity=(-1.5, 0, 0))))
     space = search_space(meeting)
     assert neighbours(e, stack_scenes([meeting])) == [[0, 1]]
-    assert max(map(len, stepped_together(space, [[0, 1]]))) == 1
+    assert max(map(len, perturbation_groups(space, [[0, 1]]))) == 1
 
 
 def test_derivatives_of_objects_stepped_together_are_those_of_each_alone() -> None:
@@ -55,7 +55,7 @@ def test_derivatives_of_objects_stepped_together_are_those_of_each_alone() -> No
     x = space.encode()
     x[space.owner >= 0] += 0.01
     values, _ = evaluate(e, space, x[None], pairs(scene), None)
-    got = slope(e, space, x, values[0], pairs(scene), None)
+    got = linearise(e, space, x, values[0], pairs(scene), None)
     for d in np.flatnonzero(space.owner >= 0)[::3]:
         one = x.copy()
         step = -space.step[d] if x[d] > 0.5 else space.step[d]
@@ -97,7 +97,7 @@ def test_the_guess_of_a_ball_on_the_ground_is_near_it_where_the_camera_is_known(
     ball = replace(scene.objects[0], position=(*scene.objects[0].position[:2], scene.objects[0].size[0]))
     scene = replace(scene, objects=(ball,))
     target = exact_target(scene, 240, 160)
-    assert track(target.masks, 0).whole.all()
+    assert track_mask(target.masks, 0).whole.all()
     assert scene.camera is not None
     (found,) = guess_scene(target, ["sphere"], TIMES, scene.camera).objects
     assert found.size[0] == pytest.approx(ball.size[0], rel=0.2)
@@ -107,13 +107,13 @@ def test_the_guess_of_a_ball_on_the_ground_is_near_it_where_the_camera_is_known(
 
 def test_moves_stand_on_the_ground_or_above_and_keep_to_the_movable(rng: np.random.Generator) -> None:
     scene = sampled(rng, 3)
-    batch = moved(rng, stack_scenes([scene]), 40, [0, 2])
+    batch = propose_jumps(rng, stack_scenes([scene]), 40, [0, 2])
     start = stack_scenes([scene])
     np.testing.assert_array_equal(batch.position[:, 1], np.repeat(start.position[:, 1], 40, 0))
     np.testing.assert_array_equal(batch.position[0], start.position[0])
     assert len(np.unique(batch.position[:, 0], axis=0)) > 5
     for b in range(40):
-        assert sunk(unstack(batch, b, scene))[[0, 2]].max() < 1e-5
+        assert ground_penetration(unstack(batch, b, scene))[[0, 2]].max() < 1e-5
 
 
 @pytest.mark.parametrize("shape", ["box", "cylinder"])
@@ -127,7 +127,7 @@ def test_a_body_that_is_turned_keeps_its_outline_as_far_as_its_shape_allows(
         half[:, 1] = half[:, 0]
     before, after = (q / np.linalg.norm(q, axis=1, keepdims=True) for q in rng.normal(size=(2, count, 4)))
     wanted = outline(shape, half, before, camera)
-    kept = outline(shape, with_outline(shape, half, after, camera, wanted), after, camera)
+    kept = outline(shape, sizes_for_outline(shape, half, after, camera, wanted), after, camera)
     left, lost = (np.abs(o / wanted - 1).max(1) for o in (kept, outline(shape, half, after, camera)))
     assert np.median(left) < 0.5 * np.median(lost)
     assert np.median(left) < 0.08
@@ -144,7 +144,7 @@ def test_an_outline_is_what_corners_span(rng: np.random.Generator) -> None:
 def test_the_variations_of_a_leap_all_change(rng: np.random.Generator) -> None:
     start = stack_scenes([sampled(rng, 2)])
     for _ in range(8):
-        batch = moved(rng, start, 30, [1], leap=True)
+        batch = propose_jumps(rng, start, 30, [1], same_kind=True)
         same = [np.all(getattr(batch, name)[1:, 1] == getattr(start, name)[0, 1], axis=-1)
                 for name in ("quaternion", "position", "half_size", "velocity", "angular_velocity")]  # fmt: skip
         assert np.mean(np.all(same, axis=0)) < 0.3, "a ball at rest may be told to roll as it does"
@@ -152,17 +152,17 @@ def test_the_variations_of_a_leap_all_change(rng: np.random.Generator) -> None:
 
 def test_shapes_in_doubt_are_tried_least_lost_first() -> None:
     costs = np.array([[0.1, 0.5, 0.2], [0.9, 0.6, 0.25], [0.8, 0.7, 0.1]])
-    assert [k.tolist() for k in likely(costs)] == [[0, 0, 2], [0, 1, 2], [0, 0, 0]]
+    assert [k.tolist() for k in likely_shapes(costs)] == [[0, 0, 2], [0, 1, 2], [0, 0, 0]]
 
 
 def test_a_large_budget_settles_a_start_more_than_once(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settled = []
-    monkeypatch.setattr(Island, "settle", lambda island: settled.append(island.here.scene))
+    monkeypatch.setattr(BasinHopping, "descend_from_start", lambda run: settled.append(run.best.scene))
     scene = sampled(rng, 1)
     e = evaluator(scene)
-    fit(e, Record(e), [scene], 2 * ISLAND + 10, rng)
+    fit_scene(e, SearchRecord(e), [scene], 2 * RUN_SIMULATIONS + 10, rng)
     assert len(settled) == 2
 
 
@@ -178,7 +178,7 @@ def test_an_answer_that_overlaps_is_parted_before_it_goes_on_record() -> None:
     scene = apart()
     e = evaluator(scene)
     crowded = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], position=(-0.3, 0.2, 0.15))))
-    record = Record(e)
+    record = SearchRecord(e)
     record.offer(crowded, 10.0, 1.0, pairs(scene))
     assert record.scene is not None
     assert penetration(crowded) > 0.05
@@ -194,7 +194,7 @@ def test_a_fit_improves_keeps_to_its_budget_and_repeats(rng: np.random.Generator
 
     def run() -> tuple[Evaluator, object]:
         e = evaluator(scene)
-        return e, fit(e, Record(e), [start], 400, np.random.default_rng(3))
+        return e, fit_scene(e, SearchRecord(e), [start], 400, np.random.default_rng(3))
 
     e, found = run()
     assert found.simulations == e.simulations <= 400  # type: ignore[attr-defined]
@@ -207,11 +207,11 @@ def test_a_fit_improves_keeps_to_its_budget_and_repeats(rng: np.random.Generator
 def test_a_search_without_answers_guesses_the_shapes_itself(rng: np.random.Generator) -> None:
     scene = sampled(rng, 2)
     e = evaluator(scene)
-    solved = solve(e, [], COMPOSING, rng)
+    solved = search_scene(e, [], GUESS_SIMULATIONS, rng)
     assert solved.guess is not None
     assert len(solved.guess.objects) == e.target.instances
     assert set(solved.guess.shapes) <= set(BASIC_SHAPES)
-    assert 0 < solved.guess_simulations <= solved.found.simulations <= COMPOSING
+    assert 0 < solved.guess_simulations <= solved.result.simulations <= GUESS_SIMULATIONS
 
 
 @pytest.mark.slow
@@ -225,5 +225,5 @@ def test_most_balls_that_fly_are_told_from_boxes(rng: np.random.Generator) -> No
         obj = ball if k % 2 else brick
         scene = replace(sampled(rng, 1), objects=(obj,))
         e = Evaluator(exact_target(scene, 120, 80), SCHEDULE, 1)
-        right += compose(e, Record(e), 1200, rng)[0].shapes == (obj.shape,)
+        right += propose_compositions(e, SearchRecord(e), 1200, rng)[0].shapes == (obj.shape,)
     assert right >= 4

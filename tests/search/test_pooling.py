@@ -10,7 +10,7 @@ from targets import evaluator, sampled
 from pipeline.physics.batch import stack_scenes
 from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.pooling import LEVELS, Residuals, pool_frame
+from pipeline.search.pooled_residuals import LEVELS, Residuals, pool_frame
 
 PAIR = np.array([[0, 0]])
 

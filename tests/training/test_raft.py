@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.vision.camera import focal_px
-from pipeline.vision.raft import RAFT, Correlation
+from pipeline.vision.flow.raft import RAFT
+from pipeline.vision.flow.raft_layers import Correlation
+from pipeline.vision.rendering.camera import focal_px
 from training.augment import augment
 from training.body_motion import sample_body_motion
 from training.muon import Muon, orthogonalised

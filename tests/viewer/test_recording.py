@@ -16,9 +16,8 @@ from pipeline.language.events import Event
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject
-from pipeline.viewer.bodies import LONGEST_ARROW, contact_arrows, shape
-from pipeline.viewer.event_text import event_text
-from pipeline.viewer.footage import Footage, Motion, Pictures
+from pipeline.viewer.footage import Footage, MotionLayer, Pictures, event_text
+from pipeline.viewer.motion import LONGEST_ARROW, contact_arrows, shape
 from pipeline.viewer.recording import save
 
 SCHEDULE = Schedule()
@@ -45,7 +44,9 @@ def footage(trace: Trace) -> Footage:
     first = SCHEDULE.pairs[:, 0]
     rgb = np.repeat(80 * masks[..., None], 3, -1)
     pictures = Pictures(rgb, masks, view.depth, first, view.flow, first)
-    return Footage("suite/7", "# notes", (Motion("truth", SCENE, trace, True, EVENTS),), pictures, fps=SCHEDULE.fps)
+    return Footage(
+        "suite/7", "# notes", (MotionLayer("truth", SCENE, trace, True, EVENTS),), pictures, fps=SCHEDULE.fps
+    )
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +134,7 @@ def test_the_recording_is_the_clips_with_a_blueprint_for_all_and_rerun_can_read_
 
 def test_a_scene_alone_and_pictures_alone_can_be_shown(footage: Footage, trace: Trace, tmp_path: Path) -> None:
     blind = Scene(SCENE.objects, None, SCENE.gravity, None)
-    save(Footage("scene", "", (Motion("scene", blind, trace),)), tmp_path / "scene.rrd")
+    save(Footage("scene", "", (MotionLayer("scene", blind, trace),)), tmp_path / "scene.rrd")
     save(Footage("pictures", "", (), footage.seen), tmp_path / "pictures.rrd")
     assert rows(tmp_path / "scene.rrd", "world/scene/ball")
     assert len(rows(tmp_path / "pictures.rrd", "world/camera/rgb")) == 30

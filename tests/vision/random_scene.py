@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from pipeline.scene.scene import SIZE_KEYS, SceneObject, half_extents
-from pipeline.vision.camera import Pinhole, focal_px
-from pipeline.vision.surface import KINDS
+from pipeline.vision.rendering.camera import Pinhole, focal_px
+from pipeline.vision.rendering.surface import KINDS
 
 WIDTH, HEIGHT = 120, 80
 

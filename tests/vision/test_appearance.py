@@ -1,8 +1,14 @@
 import numpy as np
 import pytest
 
-from pipeline.vision.appearance import Sensor, apply_sensor, plain_appearance, sample_appearance, sample_sensor
-from pipeline.vision.texture import TEXTURES
+from pipeline.vision.rendering.appearance import (
+    Sensor,
+    apply_sensor,
+    plain_appearance,
+    sample_appearance,
+    sample_sensor,
+)
+from pipeline.vision.rendering.texture import TEXTURES
 
 
 def test_the_same_seed_gives_the_same_appearance_and_another_seed_another() -> None:

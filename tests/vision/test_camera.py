@@ -3,7 +3,7 @@ import pytest
 
 from pipeline.scene.mjcf import camera_quaternion
 from pipeline.scene.scene import Camera
-from pipeline.vision.camera import focal_px, pinhole, project
+from pipeline.vision.rendering.camera import focal_px, pinhole, project
 
 
 def test_a_pitched_camera_is_the_one_with_the_same_orientation(rng: np.random.Generator) -> None:

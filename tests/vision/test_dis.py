@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.vision.dis import DIS, PRESETS
+from pipeline.vision.flow.dis import DIS, PRESETS
 
 
 def cloudy(rng, height, width):

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.vision.fit_flow_noise import fit_noise
-from pipeline.vision.flow_noise import (
+from pipeline.vision.flow.flow_noise import (
     CELL_PX,
     NO_NOISE,
     RAFT_RANGES,
@@ -92,39 +91,9 @@ def test_the_flow_outside_is_still(rng):
     assert noisy[far].std() == pytest.approx(0.05 / 2, rel=0.25)  # 240 px wide: half of 480
 
 
-def test_the_fit_finds_the_parameters_that_made_the_noise(rng):
-    flow, masks = moving_discs(rng, 40)
-    true = FlowNoise(
-        edge_px=2.0, waver_px=0.3, waver_share=0.0, correlation_px=8.0, still_px=0.04, dropout=0.05, leak=0.2
-    )
-    found = fit_noise(flow, noisy_flow(rng, flow, masks, true), masks)
-    assert found.still_px == pytest.approx(true.still_px, rel=0.25)
-    assert found.waver_px + found.waver_share * 12 == pytest.approx(true.waver_px, rel=0.4)
-    assert found.correlation_px == pytest.approx(true.correlation_px, rel=0.5)  # drop-outs make it look shorter
-    assert found.dropout == pytest.approx(true.dropout, abs=0.04)
-    assert found.edge_px == pytest.approx(true.edge_px, abs=1.5)
-    assert 0.05 < found.leak < 0.5
-
-
-def test_a_fit_to_exact_flow_finds_no_noise(rng):
-    flow, masks = moving_discs(rng, 5)
-    found = fit_noise(flow, flow, masks)
-    assert (found.edge_px, found.waver_px, found.still_px, found.dropout, found.leak) == (0, 0, 0, 0, 0)
-
-
-def test_nothing_to_fit_is_an_error():
-    with pytest.raises(ValueError, match="no object moves"):
-        fit_noise(np.zeros((1, 20, 30, 2)), np.zeros((1, 20, 30, 2)), np.zeros((1, 20, 30), np.uint8))
-
-
-def test_noise_like_rafts_is_measured_as_such(rng):
-    flow, masks = moving_discs(rng, 20)
-    drawn = [raft_noise(rng) for _ in range(12)]
-    found = [fit_noise(flow, noisy_flow(rng, flow, masks, noise), masks) for noise in drawn]
-    for name in ("still_px", "edge_px"):
-        ratio = np.array([getattr(f, name) / getattr(d, name) for f, d in zip(found, drawn, strict=True)])
-        assert 0.3 < np.median(ratio) < 3, name
-    assert all(RAFT_RANGES[n][0] <= getattr(d, n) <= RAFT_RANGES[n][1] for d in drawn for n in RAFT_RANGES)
+def test_drawn_noise_is_within_its_ranges(rng):
+    for noise in (raft_noise(rng) for _ in range(12)):
+        assert all(low <= getattr(noise, name) <= high for name, (low, high) in RAFT_RANGES.items())
 
 
 def test_shadows_move_as_their_objects_do_and_hide_none(rng):

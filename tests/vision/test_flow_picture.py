@@ -5,7 +5,7 @@ import colorsys
 import numpy as np
 import pytest
 
-from pipeline.vision.flow_picture import MAX_PX, decode_channels, flow_picture, scaled_max_px, wheel
+from pipeline.vision.flow.flow_picture import MAX_PX, decode_channels, flow_picture, scaled_max_px, wheel
 
 
 def random_flow(rng, longest=MAX_PX):

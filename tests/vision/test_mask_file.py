@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 from pipeline.errors import VideoError
-from pipeline.vision.mask_file import read_masks
-from pipeline.vision.video import fit_to
+from pipeline.vision.recordings.letterbox import letterbox_for
+from pipeline.vision.recordings.mask_file import read_masks
 
 SIZE = (48, 32)
 
@@ -54,9 +54,9 @@ def test_resizing_keeps_ids_whole(tmp_path, masks):
 def test_masks_of_the_sources_size_are_cropped_as_the_clip_was(tmp_path, rng):
     masks = rng.integers(0, 3, (2, 48, 64)).astype(np.uint8)
     np.savez(tmp_path / "masks.npz", masks=masks)
-    fit, _ = fit_to((64, 48), (64, 43))
-    _, top, _, height = fit.window
-    read = read_masks(tmp_path / "masks.npz", (64, 43), fit=fit)
+    letterbox, _ = letterbox_for((64, 48), (64, 43))
+    _, top, _, height = letterbox.window
+    read = read_masks(tmp_path / "masks.npz", (64, 43), letterbox=letterbox)
     assert np.array_equal(read, masks[:, top : top + height])
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import VideoError
-from pipeline.vision.motion_masks import masks_from_motion
+from pipeline.vision.recordings.motion_masks import masks_from_motion
 
 HEIGHT, WIDTH, COUNT = 120, 180, 20
 

@@ -7,7 +7,8 @@ from published_raft import published_large, published_small
 from torch.nn import functional as F
 
 from pipeline.errors import ModelError
-from pipeline.vision.raft import RAFT, Correlation, convex_upsample, load_raft, resize_flow, sequence_loss
+from pipeline.vision.flow.raft import RAFT, convex_upsample, load_raft, resize_flow, sequence_loss
+from pipeline.vision.flow.raft_layers import Correlation
 
 
 @pytest.fixture(autouse=True)
@@ -150,7 +151,7 @@ def test_a_folder_without_weights_and_a_file_of_something_else_are_named(tmp_pat
 
 def test_a_checkpoint_of_another_network_is_refused(tmp_path):
     torch.save({"weight": torch.zeros(3)}, tmp_path / "other.pth")
-    with pytest.raises(ModelError, match=r"other\.pth does not hold RAFT"):
+    with pytest.raises(ModelError, match=r"other\.pth does not contain the weights of RAFT"):
         load_raft(tmp_path / "other.pth")
 
 
@@ -176,5 +177,5 @@ def test_the_weights_say_whether_they_refine_another_flow(tmp_path):
         RAFT("small", warm_start=preset).save(tmp_path / "weights")
         assert load_raft(tmp_path / "weights").warm_start == preset
     (tmp_path / "weights" / "config.json").write_text("{")
-    with pytest.raises(ModelError, match=r"config\.json is missing or broken"):
+    with pytest.raises(ModelError, match=r"config\.json is missing or damaged"):
         load_raft(tmp_path / "weights")

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.vision.dis import DIS
-from pipeline.vision.raft import load_raft
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.flow.raft import load_raft
 from training.raft.flow_scores import cross_engine, cross_engine_folder, held_out, score
 from training.raft.pair_stream import Batch
 

@@ -7,19 +7,18 @@ from random_scene import HEIGHT, WIDTH, View, mujoco_sees, pixel_rays, random_ca
 
 from pipeline.errors import SceneError
 from pipeline.scene.rotation import quaternion_multiply, rotate
-from pipeline.scene.scene import Camera, SceneObject, half_extents
-from pipeline.scene.solid import bounding_radii
-from pipeline.vision.camera import Pinhole, pinhole, project
-from pipeline.vision.rasteriser import Rendering, rasterise, rasterise_frames
-from pipeline.vision.surface import KINDS, shape_arrays
+from pipeline.scene.scene import Camera, SceneObject
+from pipeline.vision.rendering.camera import Pinhole, pinhole, project
+from pipeline.vision.rendering.rasteriser import Rendering, rasterise, rasterise_frames
+from pipeline.vision.rendering.surface import KINDS, shape_arrays
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 LEVEL = Pinhole(np.array([0.0, -2.0, 0.5]), pinhole(Camera((0, -2, 0.5), 45, pitch=0)).rotation_world, 45.0)
 
 
-def see(view: View, with_normals: bool = False) -> Rendering:
+def see(view: View) -> Rendering:
     poses = (view.position[None], view.quaternion[None])
-    return rasterise(view.objects, *poses, view.camera, WIDTH, HEIGHT, view.ground, with_normals)
+    return rasterise(view.objects, *poses, view.camera, WIDTH, HEIGHT, view.ground)
 
 
 def assert_agrees_with_mujoco(draw: Callable[[], View], scenes: int) -> None:
@@ -160,30 +159,6 @@ def test_poses_that_are_not_numbers_show_nothing() -> None:
     positions = np.full((1, 2, 3), np.nan)
     positions[0, 1] = np.inf
     assert not rasterise(objects, positions, np.tile(UPRIGHT, (1, 2, 1)), LEVEL, 60, 40).mask.any()
-
-
-@pytest.mark.parametrize("shape", list(KINDS))
-def test_normals_are_of_unit_length_and_across_the_surface(rng: np.random.Generator, shape: str) -> None:
-    view = random_view(rng, shape)
-    seen = see(view, with_normals=True)
-    assert seen.normals is not None
-    mask, normals = seen.mask[0], seen.normals[0].astype(np.float64)
-    np.testing.assert_allclose(np.linalg.norm(normals[mask > 0], axis=1), 1.0, atol=1e-5)
-    assert not normals[mask == 0].any()
-    rays = pixel_rays(view.camera)
-    outside = np.linalg.norm(view.position - view.camera.position_world, axis=1) > [
-        bounding_radii(o.shape, half_extents(o)[None])[0] for o in view.objects
-    ]
-    shown = (mask > 0) & np.append(False, outside)[mask]
-    assert (np.sum(normals * rays, axis=2)[shown] < 1e-4).all(), "normals face the camera"
-    # Neighbouring points of a smooth patch lie across the mean of their normals.
-    depth = np.where(mask > 0, seen.depth[0], 0).astype(np.float64)
-    points = view.camera.position_world + depth[..., None] * rays
-    beside = (mask[:, 1:] == mask[:, :-1]) & (mask[:, 1:] > 0)
-    beside &= np.sum(normals[:, 1:] * normals[:, :-1], axis=2) > 0.99
-    step = (points[:, 1:] - points[:, :-1])[beside]
-    across = np.sum(step * (normals[:, 1:] + normals[:, :-1])[beside] / 2, axis=1) / np.linalg.norm(step, axis=1)
-    assert not len(across) or np.median(np.abs(across)) < 0.02
 
 
 def test_a_mesh_is_refused_by_name() -> None:

@@ -7,14 +7,14 @@ import pytest
 from pipeline.errors import ParamsError, SceneError
 from pipeline.scene.mjcf import scene_mjcf
 from pipeline.scene.scene import Camera, Scene, SceneObject
-from pipeline.vision import render_backend
-from pipeline.vision.appearance import plain_appearance, sample_appearance
-from pipeline.vision.camera import pinhole
-from pipeline.vision.dress import dress
-from pipeline.vision.mujoco_render import Canvas, render_mujoco
-from pipeline.vision.rasteriser import rasterise
-from pipeline.vision.render import RENDERERS, render_rgb
-from pipeline.vision.render_backend import CHOICES, GL_PLATFORMS, choose_backend, gl_problem
+from pipeline.vision.rendering import render_backend
+from pipeline.vision.rendering.appearance import plain_appearance, sample_appearance
+from pipeline.vision.rendering.camera import pinhole
+from pipeline.vision.rendering.mjcf_appearance import add_appearance
+from pipeline.vision.rendering.mujoco_render import Canvas, render_mujoco
+from pipeline.vision.rendering.rasteriser import rasterise
+from pipeline.vision.rendering.render import RENDERERS, render_rgb
+from pipeline.vision.rendering.render_backend import CHOICES, GL_PLATFORMS, choose_backend, gl_problem
 
 OBJECTS = (
     SceneObject("sphere", (0.15,), 0.5, position=(-0.4, 0.1, 0.15), velocity=(1.0, 0.2, 0.0)),
@@ -68,7 +68,7 @@ def test_no_frames_give_no_pictures() -> None:
 
 def test_a_dressed_document_moves_as_the_bare_one(rng: np.random.Generator) -> None:
     bare, dressed = scene_mjcf(SCENE), scene_mjcf(SCENE)
-    dress(dressed, sample_appearance(rng, 3), 64, 48)
+    add_appearance(dressed, sample_appearance(rng, 3), 64, 48)
     states = []
     for root in (bare, dressed):
         model = mujoco.MjModel.from_xml_string(root.to_xml_string(precision=17), root.get_assets())
@@ -92,7 +92,7 @@ def test_without_opengl_the_ray_caster_is_chosen_and_says_why(monkeypatch: pytes
 
 def test_an_opengl_that_kills_its_process_is_survived(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(render_backend, "_PROBE", "import os; os.abort()")
-    assert "ended with" in (gl_problem.__wrapped__("egl") or "")
+    assert "exited with" in (gl_problem.__wrapped__("egl") or "")
 
 
 def test_an_unknown_backend_is_named_with_those_that_are_valid() -> None:

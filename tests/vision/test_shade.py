@@ -6,10 +6,17 @@ from random_scene import random_view, unit
 
 from pipeline.scene.rotation import integrate, quaternion_multiply, rotate
 from pipeline.scene.scene import Camera, SceneObject
-from pipeline.vision.appearance import Appearance, Backdrop, Light, Material, plain_appearance, sample_appearance
-from pipeline.vision.camera import Pinhole, pinhole
-from pipeline.vision.rasteriser import rasterise
-from pipeline.vision.shade import shade
+from pipeline.vision.rendering.appearance import (
+    Appearance,
+    Backdrop,
+    Light,
+    Material,
+    plain_appearance,
+    sample_appearance,
+)
+from pipeline.vision.rendering.camera import Pinhole, pinhole
+from pipeline.vision.rendering.rasteriser import rasterise
+from pipeline.vision.rendering.shade import shade
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 DOWN = pinhole(Camera((0, 0, 4), 40, pitch=-90))

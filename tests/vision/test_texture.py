@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pipeline.vision.texture import PLAIN, TEXTURES, texture, value_noise
+from pipeline.vision.rendering.texture import PLAIN, TEXTURES, texture, value_noise
 
 POINTS = 400
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from pipeline.errors import OutputError, VideoError
-from pipeline.vision.video import fit_to, read_clip, write_video
+from pipeline.vision.recordings.letterbox import letterbox_for
+from pipeline.vision.recordings.video import read_clip, write_video
 
 
 def numbered(count, height=64, width=96):
@@ -70,7 +71,7 @@ def test_the_bytes_do_not_depend_on_what_memory_held_before(rng, tmp_path):
     np.save(tmp_path / "noise.npy", rng.integers(0, 256, (4, 224, 336, 3), dtype=np.uint8))
     program = """
 import sys, numpy
-from pipeline.vision.video import write_video
+from pipeline.vision.recordings.video import write_video
 write_video(sys.argv[2], numpy.load(sys.argv[1]))
 """
     written = []
@@ -119,7 +120,7 @@ def test_an_assumed_rate_overrules_the_header(tmp_path):
     clip = read_clip(tmp_path / "slow_motion.mp4", seconds=0.2, assume_fps=240, size=(96, 64))
     assert [number(f) for f in clip.frames] == [0, 8, 16, 24, 32, 40]
     assert clip.source_fps == 240
-    assert any("240 FPS was assumed" in n for n in clip.notes)
+    assert any("240 FPS is used" in n for n in clip.notes)
 
 
 def test_a_start_is_reached_by_decoding_and_by_seeking_alike(tmp_path):
@@ -140,27 +141,27 @@ def test_a_recording_turned_by_its_header_is_read_upright(tmp_path):
     assert clip.source_size == (64, 96)
     assert clip.frames[0, :20, -12:].min() > 200  # now upper right
     assert clip.frames[0, :20, :12].max() < 60
-    assert any("upright" in n for n in clip.notes)
+    assert any("rotated by" in n for n in clip.notes)
 
 
 def test_a_portrait_recording_is_kept_whole_between_bars_and_said_so(tmp_path):
     write_video(tmp_path / "portrait.mp4", np.full((6, 96, 54, 3), 180, np.uint8), 30)
     clip = read_clip(tmp_path / "portrait.mp4", seconds=0.2)
     assert clip.frames.shape == (6, 320, 480, 3)
-    assert clip.fit.place == (150, 0, 180, 320)
+    assert clip.letterbox.place == (150, 0, 180, 320)
     assert any("between bars" in n for n in clip.notes)
 
 
 def test_another_shape_is_cropped_about_the_middle_with_square_pixels(rng):
     for source in ((640, 480), (1920, 1080), (480, 320), (500, 300)):
-        fit, note = fit_to(source, (480, 320))
-        left, top, width, height = fit.window
+        letterbox, note = letterbox_for(source, (480, 320))
+        left, top, width, height = letterbox.window
         assert width / height == pytest.approx(1.5, rel=0.01)
         assert abs(2 * left + width - source[0]) <= 1
         assert abs(2 * top + height - source[1]) <= 1
         assert (note is None) == (source == (480, 320))
         picture = rng.integers(0, 256, (source[1], source[0], 3), np.uint8)
-        assert fit.apply(picture).shape == (320, 480, 3)
+        assert letterbox.apply(picture).shape == (320, 480, 3)
 
 
 def test_a_missing_file_a_folder_and_an_empty_file_are_named(tmp_path):
@@ -199,9 +200,9 @@ def test_one_frame_is_no_clip(tmp_path):
 
 def test_a_video_shorter_than_asked_says_how_long_it_is(tmp_path):
     write_video(tmp_path / "short.mp4", numbered(20), 30)
-    with pytest.raises(VideoError, match=r"is 0\.67 s long: 1 s from 0 s on do not fit"):
+    with pytest.raises(VideoError, match=r"is 0\.67 s long: a clip of 1 s from 0 s on does not fit"):
         read_clip(tmp_path / "short.mp4")
-    with pytest.raises(VideoError, match=r"0\.17 s would"):
+    with pytest.raises(VideoError, match=r"at most 0\.17 s do"):
         read_clip(tmp_path / "short.mp4", start=0.5, seconds=0.5)
 
 

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import torch
 
-from pipeline.vision.dis import PRESETS
-from pipeline.vision.raft import RAFT
+from pipeline.vision.flow.dis import PRESETS
+from pipeline.vision.flow.raft import RAFT
 from training.raft.card import write_card
 from training.raft.trainer import Progress, read_checkpoint, train
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import torch
 
-from pipeline.vision.dis import DIS
-from pipeline.vision.raft import RAFT
-from pipeline.vision.render_backend import choose_backend
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.flow.raft import RAFT
+from pipeline.vision.rendering.render_backend import choose_backend
 from training.raft.flow_scores import Estimator, Score, cross_engine, cross_engine_folder, held_out, score
 from training.raft.pair_stream import Batch
 
@@ -31,7 +31,7 @@ tags: [optical-flow, raft]
 # RAFT-small for clips of moving bodies
 
 RAFT (Teed & Deng, ECCV 2020) in its small size, with the learned convex upsampling of the large one: {parameters:.2f}
-million parameters. Load it with `pipeline.vision.raft.load_raft("models/raft-small")`; `flow(frames_a, frames_b)`
+million parameters. Load it with `pipeline.vision.flow.raft.load_raft("models/raft-small")`; `flow(frames_a, frames_b)`
 takes uint8 RGB and returns px. It is made for a camera at rest, rigid bodies and flows up to about 20 px at 240x160.
 
 ## Training

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pipeline.vision.video import read_clip
+from pipeline.vision.recordings.video import read_clip
 from training.clip_motions import ClipMotions
 from training.frame_pair import FramePair
 from training.raft.pair_stream import RENDER_SIZE, Batch, stack

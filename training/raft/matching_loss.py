@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from pipeline.vision.raft import CELL, Correlation
+from pipeline.vision.flow.raft_layers import CELL, Correlation
 
 MIN_FOREGROUND = 0.3  # share of a cell's pixels on moving bodies from which on the cell counts
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from pipeline.vision.dis import DIS
-from pipeline.vision.render_backend import choose_backend
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.rendering.render_backend import choose_backend
 from training.augment import augment
 from training.body_motion import sample_body_motion
 from training.clip_motions import ClipMotions

@@ -9,17 +9,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.scene.scene import Camera, Scene
-from pipeline.vision.appearance import (
+from pipeline.vision.rendering.appearance import (
     Appearance,
     apply_sensor,
     plain_appearance,
     sample_appearance,
     sample_sensor,
 )
-from pipeline.vision.camera import Pinhole
-from pipeline.vision.exact_flow import exact_flow
-from pipeline.vision.rasteriser import rasterise
-from pipeline.vision.shade import shade
+from pipeline.vision.rendering.camera import Pinhole
+from pipeline.vision.rendering.exact_flow import exact_flow
+from pipeline.vision.rendering.rasteriser import rasterise
+from pipeline.vision.rendering.shade import shade
 from training.body_motion import BodyMotion
 from training.frame_pair import FramePair
 
@@ -56,11 +56,13 @@ def render_pair(
     """
     poses = (motion.objects, motion.positions, motion.quaternions, motion.camera)
     rendering = rasterise(*poses, width, height)
-    flow = exact_flow(*poses, width, height, rendering=rendering, with_hidden=False).flow_px[0]
+    flow = exact_flow(*poses, width, height, rendering=rendering)[0]
     foreground = np.concatenate([[False], motion.moves])[rendering.mask[0]]
     shadows = bool(rng.random() < 0.8)
     if mujoco:
-        from pipeline.vision.mujoco_render import render_mujoco  # MuJoCo looks for a display where it is imported
+        from pipeline.vision.rendering.mujoco_render import (
+            render_mujoco,  # MuJoCo looks for a display where it is imported
+        )
 
         frames = render_mujoco(as_scene(motion), *poses[1:3], appearance, width, height, shadows)
     else:

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 
 from pipeline.csv_rows import append_row
-from pipeline.vision.dis import DIS
-from pipeline.vision.raft import RAFT, sequence_loss
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.flow.raft import RAFT, sequence_loss
 from training.muon import Muon
 from training.raft.flow_scores import held_out, score
 from training.raft.matching_loss import matching_loss

@@ -25,11 +25,11 @@ from pipeline.physics.simulate import simulate_model
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.appearance import apply_sensor, sample_appearance, sample_sensor
-from pipeline.vision.flow_noise import flow_like_rafts
-from pipeline.vision.flow_picture import flow_picture, scaled_max_px
-from pipeline.vision.raft import RAFT, load_raft
-from pipeline.vision.render import render_rgb
+from pipeline.vision.flow.flow_noise import add_raft_noise
+from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
+from pipeline.vision.flow.raft import RAFT, load_raft
+from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
+from pipeline.vision.rendering.render import render_rgb
 from stages.graph.params import Params
 from training.drawn_scenes import drawn_scenes
 from training.tiny.patch_labels import PatchLabels, patch_labels
@@ -117,7 +117,7 @@ def picture(
         flow = raft(f.raft).flow(first, second, f.iterations)
     else:
         rng = clip_rng(params.seed, suite, index, "flow noise")
-        flow = flow_like_rafts(rng, view.flow, view.mask, noise)
+        flow = add_raft_noise(rng, view.flow, view.mask, noise)
     shown = flow_picture(flow, f.picture, scaled_max_px(flow.shape[2], 1 / params.clip.fps))
     return resize_frames(shown, LAYOUT.width, LAYOUT.height)
 

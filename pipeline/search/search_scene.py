@@ -1,0 +1,67 @@
+"""The search for the scene of a clip, from the model's answers and a classical guess."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.scene.scene import Scene
+from pipeline.search.best_of_k import rank
+from pipeline.search.composition import propose_compositions
+from pipeline.search.evaluator import Evaluator
+from pipeline.search.fit_scene import RUN_SIMULATIONS, fit_scene
+from pipeline.search.guess import CAMERA
+from pipeline.search.parameters import rollable
+from pipeline.search.search_result import SearchRecord, SearchResult
+
+GUESS_SIMULATIONS = 1800  # budget from which a search has enough left after the guess has found its shapes
+
+
+@dataclass(frozen=True)
+class SceneSearch:
+    """The result of a search, and its classical guess.
+
+    Attributes:
+        result: The best scene.
+        guess: The classical guess; None where the budget is too small or the target has no instances.
+        guess_simulations: Simulations that the guess took.
+    """
+
+    result: SearchResult
+    guess: Scene | None
+    guess_simulations: int
+
+
+def search_scene(
+    evaluator: Evaluator,
+    answers: Sequence[Scene],
+    simulations: int,
+    rng: np.random.Generator,
+    progress: Callable[[int, float], None] = lambda spent, reward: None,
+    incline: bool = False,
+) -> SceneSearch:
+    """Search for the scene of the evaluator's target.
+
+    Args:
+        evaluator: Evaluates candidates.
+        answers: Scenes to start from.
+        simulations: The budget.
+        rng: Random generator.
+        progress: Called with the simulations spent and the best reward so far.
+        incline: The ground may be inclined: the camera may roll, and gravity need not be normal to the ground.
+    """
+    record, guesses, guessing = SearchRecord(evaluator), [], 0
+    starts = [replace(a, camera=rollable(a.camera)) if incline and a.camera else a for a in answers]
+    if evaluator.target.instances and (simulations >= GUESS_SIMULATIONS or not starts):
+        room = max(1, simulations // RUN_SIMULATIONS - len(answers))
+        guesses = propose_compositions(
+            evaluator, record, simulations, rng, rollable(CAMERA) if incline else CAMERA, room
+        )
+        guessing = record.simulations
+        progress(record.simulations, record.reward)
+        starts.append(guesses[0])
+    order = rank(evaluator, starts).order
+    result = fit_scene(evaluator, record, [*(starts[i] for i in order), *guesses[1:]], simulations, rng, progress)
+    return SceneSearch(result, guesses[0] if guesses else None, guessing)

@@ -1,0 +1,1 @@
+"""Optical flow: estimators, the model of their errors, and flow as pictures."""

@@ -1,0 +1,99 @@
+"""Instance masks from files: a folder of PNGs, one PNG, or an NPZ with the key `masks`."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from pipeline.errors import VideoError
+from pipeline.vision.recordings.letterbox import Letterbox
+
+KEY = "masks"
+
+
+def read_masks(
+    path: Path | str, size: tuple[int, int], count: int | None = None, letterbox: Letterbox | None = None
+) -> np.ndarray:
+    """Read instance masks.
+
+    PNGs of a folder are read in the order of their names. Grey values, palette indices or colours are ids; black is the
+    background.
+
+    Args:
+        path: A folder of PNGs, a PNG, or an NPZ.
+        size: (width, height) of the result, px.
+        count: Number of masks that is required; None: any.
+        letterbox: That of the clip. Masks of the size of the recording are cropped by it, others are resized.
+
+    Returns:
+        Ids (T, H, W) uint8: 0 for the background, else 1 to N in the order of the values in the file.
+
+    Raises:
+        VideoError: The file cannot be read or the masks cannot be used.
+    """
+    path = Path(path)
+    masks = read_values(path)
+    if count is not None and len(masks) != count:
+        raise VideoError(f"{path} has {len(masks)} masks, the clip has {count} frames: one mask per frame is needed")
+    values = np.unique(masks)
+    values = values[values != 0]
+    if not len(values):
+        raise VideoError(f"{path}: the masks are empty (all background)")
+    if len(values) > 255:
+        raise VideoError(f"{path} has {len(values)} different ids, at most 255 are possible: is it a picture?")
+    ids = np.where(masks == 0, 0, np.searchsorted(values, masks) + 1).astype(np.uint8)
+    if letterbox is not None and letterbox.source == (ids.shape[2], ids.shape[1]):
+        return np.stack([letterbox.apply(m, nearest=True) for m in ids])
+    return np.stack([cv2.resize(m, size, interpolation=cv2.INTER_NEAREST_EXACT) for m in ids])
+
+
+def read_values(path: Path) -> np.ndarray:
+    """The values in a file or folder, (T, H, W) integers."""
+    if not path.exists():
+        raise VideoError(f"{path}: there are no masks there; valid: a folder of PNGs, a PNG, or an NPZ with `{KEY}`")
+    if path.is_dir():
+        files = sorted(p for p in path.iterdir() if p.suffix.lower() == ".png")
+        if not files:
+            raise VideoError(f"{path} has no PNG files")
+        pictures = [read_png(p) for p in files]
+        sizes = {p.shape for p in pictures}
+        if len(sizes) > 1:
+            raise VideoError(f"{path}: the PNGs have {len(sizes)} different sizes")
+        return np.stack(pictures)
+    if path.suffix.lower() == ".png":
+        return read_png(path)[None]
+    if path.suffix.lower() == ".npz":
+        return read_npz(path)
+    raise VideoError(f"{path} is no mask file; valid: a folder of PNGs, a PNG, or an NPZ with `{KEY}`")
+
+
+def read_png(path: Path) -> np.ndarray:
+    """Values (H, W) int64: grey value, palette index, or the colour as one number; 0 where transparent."""
+    try:
+        with Image.open(path) as image:
+            if image.mode in ("RGBA", "LA", "PA"):
+                values = np.asarray(image.convert("RGBA")).astype(np.int64)
+                return np.where(values[..., 3] > 0, values[..., :3] @ [65536, 256, 1], 0)
+            values = np.asarray(image).astype(np.int64)
+    except (UnidentifiedImageError, OSError, SyntaxError) as error:
+        raise VideoError(f"{path} is not a PNG picture, or it is broken") from error
+    return values if values.ndim == 2 else values @ np.array([65536, 256, 1])
+
+
+def read_npz(path: Path) -> np.ndarray:
+    try:
+        with np.load(path) as archive:
+            if KEY not in archive:
+                raise VideoError(f"{path} has no array `{KEY}`, only {', '.join(archive.files) or 'nothing'}")
+            masks = archive[KEY]
+    except (zipfile.BadZipFile, OSError, ValueError) as error:
+        raise VideoError(f"{path} is not an NPZ archive of arrays, or it is broken") from error
+    if masks.ndim == 2:
+        masks = masks[None]
+    if masks.ndim != 3 or masks.dtype.kind not in "biu":
+        raise VideoError(f"{path}: `{KEY}` is {masks.dtype} {masks.shape}, not integers (T, H, W)")
+    return masks.astype(np.int64)

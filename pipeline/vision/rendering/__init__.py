@@ -1,0 +1,1 @@
+"""Pictures of a scene: masks, depth, exact flow and RGB."""
