@@ -1,3 +1,3 @@
-"""Measurements that anyone can repeat; each module says how."""
+"""Measurements; each module opens with the command that repeats it."""
 
-import stages  # noqa: F401  it limits BLAS, which must come before numpy
+import stages  # noqa: F401  limits the threads of BLAS, which must come before numpy

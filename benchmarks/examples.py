@@ -1,4 +1,4 @@
-"""Training clips a second (sample, simulate, exact flow with noise, events, tokens, labels), beside RGB and RAFT.
+"""Training clips a second: sampled, simulated, with exact flow and noise, tokens and labels; and with RGB or RAFT.
 
 Run: python -m benchmarks.examples [--workers 2] [--seconds 20]
 """
@@ -16,22 +16,22 @@ from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from training.examples import CHUNK, LAYOUT, Kind, make_examples
+from training.tiny.examples import CHUNK, LAYOUT, ExampleKind, make_examples
 
 KINDS = {"flow": "exact flow with noise", "rgb": "RGB", "raft": "RGB, then RAFT's flow"}
 
 
 def rate(job: tuple[str, int, float]) -> float:
-    """Clips a second that one process makes, once it is warm, in about so many seconds."""
+    """Clips a second of one process after a warm-up; job: kind, worker, seconds."""
     kind, worker, seconds = job
     torch.set_num_threads(1)
     params, codec = read_params_file(PARAMS_FILE, Params), Codec(build_tokenizer(), LAYOUT.tokens)
     suite = f"benchmark-{time.time_ns()}-{worker}"
-    make_examples(params, codec, Kind(kind), suite, range(2), True)
+    make_examples(params, codec, ExampleKind(kind), suite, range(2), True)
     began, count = time.monotonic(), 0
     while time.monotonic() < began + seconds:
         indices = range(2 + count, 2 + count + CHUNK)
-        count += len(make_examples(params, codec, Kind(kind), suite, indices, True))
+        count += len(make_examples(params, codec, ExampleKind(kind), suite, indices, True))
     return count / (time.monotonic() - began)
 
 

@@ -1,6 +1,6 @@
 """Foreground end-point error and time of our RAFT beside OpenCV's DIS, in one run.
 
-    python benchmarks/flow.py [--weights models/raft-small] [--seed N] [--iterations 4]
+    python -m benchmarks.flow [--weights models/raft-small] [--seed N] [--iterations 4]
 
 On 200 rendered pairs of a fresh seed (half by our ray caster, half by MuJoCo where OpenGL works), and on the clips of
 another engine (in DYNAMICS_DATA or ../shared/data; skipped where there are none).
@@ -17,11 +17,11 @@ import torch
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.raft import load_raft
 from pipeline.vision.rendering.render_backend import choose_backend
-from training.flow_scores import HELD_OUT_PAIRS, Estimator, cross_engine, cross_engine_folder, held_out, score
-from training.pair_stream import Batch
+from training.raft.flow_scores import HELD_OUT_PAIRS, Estimator, cross_engine, cross_engine_folder, held_out, score
+from training.raft.pair_stream import Batch
 
 
-def compare(name: str, batch: Batch, estimators: dict[str, Estimator], iterations: int) -> None:
+def print_comparison(name: str, batch: Batch, estimators: dict[str, Estimator], iterations: int) -> None:
     size = f"{batch.frames_a.shape[2]}x{batch.frames_a.shape[1]}"
     print(f"\n{name}: {len(batch.frames_a)} pairs, px of {size}")
     rows = {label: score(e, batch, iterations) for label, e in estimators.items()}
@@ -36,7 +36,7 @@ def compare(name: str, batch: Batch, estimators: dict[str, Estimator], iteration
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--weights", type=Path, default=Path("models/raft-small"))
-    parser.add_argument("--seed", type=int, default=None, help="of the rendered pairs; a fresh one by default")
+    parser.add_argument("--seed", type=int, default=None, help="of the rendered pairs; default: a fresh one")
     parser.add_argument("--iterations", type=int, default=4)
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     arguments = parser.parse_args()
@@ -51,15 +51,15 @@ def main() -> None:
     backend, why = choose_backend("auto")
     if backend == "mujoco":
         half = HELD_OUT_PAIRS // 2
-        compare("rendered by our ray caster", held_out(seed, half), estimators, arguments.iterations)
-        compare(f"rendered by {why}", held_out(seed + 1, half, mujoco=True), estimators, arguments.iterations)
+        print_comparison("rendered by our ray caster", held_out(seed, half), estimators, arguments.iterations)
+        print_comparison(f"rendered by {why}", held_out(seed + 1, half, mujoco=True), estimators, arguments.iterations)
     else:
-        compare(f"rendered by {why}", held_out(seed), estimators, arguments.iterations)
+        print_comparison(f"rendered by {why}", held_out(seed), estimators, arguments.iterations)
     folder = cross_engine_folder()
     if folder is None:
         print("\nanother engine's clips: skipped, none in DYNAMICS_DATA or ../shared/data")
     else:
-        compare("another engine's clips (Blender, Bullet)", cross_engine(folder), estimators, arguments.iterations)
+        print_comparison("clips of Blender and Bullet", cross_engine(folder), estimators, arguments.iterations)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Answers of a long benchmark, kept as they come: a JSON object a line, so that a run that was stopped goes on."""
+"""Answers of a long benchmark as JSON lines, appended one by one, so that a stopped run can be continued."""
 
 from __future__ import annotations
 
@@ -14,14 +14,22 @@ Job = TypeVar("Job")
 
 
 def kept_answers(path: Path) -> list[Answer]:
-    """What was answered so far; none where there is no such file."""
+    """The answers so far; none where the file is missing."""
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
 def answers_of(
     answer: Callable[[Job], Answer], jobs: Sequence[Job], path: Path, workers: int, minutes: float | None
 ) -> Iterator[Answer]:
-    """The answers to `jobs` as they come, each appended to the file `path` first; no more after so many minutes."""
+    """Answer jobs in worker processes, and yield each answer after it was appended to a file.
+
+    Args:
+        answer: Runs in the workers.
+        jobs: In the order in which they start.
+        path: JSON lines.
+        workers: Number of processes.
+        minutes: Stop after so long; None: answer all.
+    """
     until = time.monotonic() + 60 * minutes if minutes else float("inf")
     with multiprocessing.get_context("spawn").Pool(workers) as pool, path.open("a") as file:
         for result in pool.imap_unordered(answer, jobs):

@@ -1,4 +1,4 @@
-"""How well a model answers before any search: greedy, and the best of K samples by replay.
+"""Scores of a model's answers before any search: greedy, and the best of K samples by replay.
 
 Asks one model about the clips of a finished graph. In a clone, on fresh clips:
 
@@ -6,12 +6,11 @@ Asks one model about the clips of a finished graph. In a clone, on fresh clips:
         -S suites.real.path=CROSS_ENGINE best_of_k@id best_of_k@held_out best_of_k@more best_of_k@real
     python -m benchmarks.learned tiny [--model models/tiny] [--samples 32] [--suites id,held_out,more,real]
 
-The name says which row of the tables the answers are for; other rows stand beside it, and those named in RIVALS are
-compared clip by clip: `--numbers tokens` chooses numbers token by token, as words,
-`--silent` asks without reasoning, `--input noisy` shows exact flow with the noise of training in place of RAFT's flow,
-`--input rgb` the frames. Every answer is kept in benchmarks/results/learned/answers.jsonl as it comes (a run that was
-stopped goes on); learned.csv, differences.csv and learned.md beside it sum them up, and the report shows them. With no
-name it only sums up.
+The name is that of a row in the tables; the pairs of rows in COMPARED are compared clip by clip. `--numbers tokens`
+chooses numbers token by token, `--without-reasoning` asks for the scene only, `--input noisy` shows exact flow with the
+noise of the training instead of RAFT's flow, `--input rgb` the frames. Each answer is appended to
+benchmarks/results/learned/answers.jsonl, so that a stopped run can be continued; learned.csv, differences.csv and
+learned.md beside it sum them up, and the report shows them. Without a name it only sums up.
 """
 
 from __future__ import annotations
@@ -32,12 +31,19 @@ from transformers.utils import logging
 from benchmarks.kept_answers import kept_answers
 from benchmarks.starts import shapes_of
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.csv_rows import write_rows
-from pipeline.evaluation.learned_tables import SAMPLES, differences_table, samples_table
-from pipeline.evaluation.mean_curves import best_of_curve
+from pipeline.csv_rows import write_rows
 from pipeline.evaluation.scene_scores import METRICS, score
-from pipeline.evaluation.sections import COLUMNS, ERRORS
-from pipeline.evaluation.tables import Summary, as_csv, markdown, summarise, table
+from pipeline.evaluation.suite import Suite, reference
+from pipeline.evaluation.summary import Summary, as_csv, best_of_k_curve, summarise
+from pipeline.evaluation.tables import (
+    ERRORS,
+    SAMPLES,
+    SCORES,
+    differences_table,
+    markdown,
+    metrics_table,
+    samples_table,
+)
 from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
@@ -54,27 +60,27 @@ from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
 from stages.graph.clip_pictures import picture_stage, pictures
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from stages.graph.suite import Suite, open_suite, reference
+from stages.graph.suite import open_suite
 
 RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
-RIVALS = (  # first less second, by clip
+COMPARED = (  # first minus second, by clip
     ("tiny", "tokens"), ("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("flow", "none"),
 )  # fmt: skip
 RESAMPLES = 10_000
 
 
 def answers(base: Base, shown: np.ndarray, sampling: Sampling, seed: int, tries: Tries) -> tuple[list[Scene], float]:
-    """The scenes that the model answers a clip with, and how many seconds that took."""
+    """The scenes that the model answers to one clip, and the seconds that it took."""
     began = time.perf_counter()
     (each,) = generate(base, shown[None], sampling, [seed], tries)
     seconds = time.perf_counter() - began
     return [read_completion(answer.text).scene for answer in each], seconds
 
 
-def shown_of(suite: Suite, label: str, clip: int, kind: str, params: Params, base: Base) -> np.ndarray:
-    """What the model is shown of a clip, (T, H, W, 3) uint8."""
+def picture_of_clip(suite: Suite, label: str, clip: int, kind: str, params: Params, base: Base) -> np.ndarray:
+    """What the model sees of a clip, (T, H, W, 3) uint8; kind: flow, noisy or rgb."""
     schedule = params.clip.schedule
     if kind == "noisy":
         view, rng = suite["render"][clip], clip_rng(params.seed, label, clip, "flow noise")
@@ -90,7 +96,7 @@ def rows_of(asked: argparse.Namespace, base: Base, suite: Suite, label: str, cli
             tries: Tries) -> Iterator[dict[str, Any]]:  # fmt: skip
     """The scores of the greedy answer to a clip, and of the best of the samples."""
     schedule = Schedule(**params.clip.model_dump())
-    shown = shown_of(suite, label, clip, asked.input, params, base)
+    shown = picture_of_clip(suite, label, clip, asked.input, params, base)
     truth, shapes = reference(suite, clip, schedule), shapes_of(suite, clip, params)
 
     def scored(scene: Scene) -> dict[str, float]:
@@ -99,7 +105,7 @@ def rows_of(asked: argparse.Namespace, base: Base, suite: Suite, label: str, cli
             found["composition"] = float(sorted(scene.shapes) == sorted(shapes))
         return found
 
-    how = {"reasoning": not asked.silent, "seconds": schedule.seconds, "numbers": asked.numbers,
+    how = {"reasoning": not asked.without_reasoning, "seconds": schedule.seconds, "numbers": asked.numbers,
            "middle": params.infer.middle}  # fmt: skip
     (scene,), seconds = answers(base, shown, Sampling(**how), 0, tries)
     head = {"suite": label, "clip": clip}
@@ -112,13 +118,14 @@ def rows_of(asked: argparse.Namespace, base: Base, suite: Suite, label: str, cli
     masks = suite["render"][clip].array("mask")[schedule.pairs[:, 0]]
     target = make_target(masks, suite["flow"][clip].array("flow"), params.search.width, params.search.height)
     ranking = rank(Evaluator(target, schedule, threads=1), scenes)
-    curve = best_of_curve(ranking.rewards.reward, ranking.rewards.iou)
+    curve = best_of_k_curve(ranking.rewards.reward, ranking.rewards.iou)
     yield {**head, "method": f"{asked.name}, best of {asked.samples}", "simulations": asked.samples, "seconds": seconds,
            **scored(scenes[ranking.order[0]]),
            **{f"iou@{k}": float(curve[k - 1]) for k in SAMPLES if k <= asked.samples}}  # fmt: skip
 
 
 def ask(asked: argparse.Namespace) -> None:
+    """Ask the model about all clips that it has not answered yet."""
     params = read_params_file(PARAMS_FILE, Params)
     base = load_base(asked.model, params.model.width, params.model.height, params.clip.model_frames)
     tries = Tries(base.codec)
@@ -137,10 +144,10 @@ def ask(asked: argparse.Namespace) -> None:
 
 
 def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[dict[str, Any]]:
-    """Greedy sequence IoU of the pairs in RIVALS, and the difference by clip."""
+    """Greedy sequence IoU of both models of each pair in COMPARED, and the difference by clip."""
     found = {(r["method"], r["suite"], r["clip"]): r["iou"] for r in rows}
     out = []
-    for first, second in RIVALS:
+    for first, second in COMPARED:
         for suite in SUITES:
             both = [(v, found[second, *key]) for (m, *key), v in found.items()
                     if m == first and key[0] == suite and (second, *key) in found]  # fmt: skip
@@ -153,15 +160,16 @@ def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[di
 
 
 def summary_text(summary: Summary, differing: list[dict[str, Any]]) -> str:
+    """The text of learned.md."""
     return "\n".join([
         "# The model's answers before any search\n",
         "`python -m benchmarks.learned`: RAFT's flow; means over clips with 95 % bootstrap intervals. seconds: to "
         "write the answers to one clip.\n",
-        markdown(*table(summary, COLUMNS)),
+        markdown(*metrics_table(summary, SCORES)),
         "Sequence IoU of the best of K samples by replay, at the size of the search (K drawn of all samples):\n",
         markdown(*samples_table(summary)),
         "Mean absolute errors of parameters over clips whose composition is right:\n",
-        markdown(*table(summary, ERRORS)),
+        markdown(*metrics_table(summary, ERRORS)),
         "Greedy sequence IoU, compared clip by clip:\n",
         markdown(*differences_table(differing)),
     ])  # fmt: skip
@@ -169,14 +177,14 @@ def summary_text(summary: Summary, differing: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("name", nargs="?", help="of the row; without it, answers so far are summed up")
+    parser.add_argument("name", nargs="?", help="of the row; without it, only sum up the answers so far")
     parser.add_argument("--model", default="models/tiny", help="a folder, or a hub name in the local cache")
     parser.add_argument("--suites", default=",".join(SUITES))
     parser.add_argument("--clips", type=int, default=None, help="of each suite, at most")
     parser.add_argument("--objects", type=int, default=None, help="of a clip, at most")
     parser.add_argument("--samples", type=int, default=32, help="K; 0: greedy alone")
     parser.add_argument("--temperature", type=float, default=read_params_file(PARAMS_FILE, Params).infer.temperature)
-    parser.add_argument("--silent", action="store_true", help="without reasoning")
+    parser.add_argument("--without-reasoning", action="store_true", help="without reasoning")
     parser.add_argument("--numbers", default="quantiles", choices=("quantiles", "tokens"), help="how they are chosen")
     parser.add_argument("--input", default="flow", choices=("flow", "noisy", "rgb"))
     parser.add_argument("--threads", type=int, default=2)

@@ -1,11 +1,11 @@
-"""Prediction of the half second that was not fitted, on more clips than the default run has.
+"""Forecasts of the half second that was not fitted, on more clips than the default run has.
 
     dvc exp run -S seed=9 -S suites.id.clips=72 -S suites.real.path=CROSS_ENGINE predict@id predict@real
     python -m benchmarks.prediction
 
-The first command fits the clips (CROSS_ENGINE: the folder of another engine's clips, an absolute path), the second sums
-up data/predict as it stands: means with 95 % bootstrap intervals, and differences by clip from masks that move on at
-constant velocity. Writes benchmarks/results/prediction.md.
+The first command fits the clips (CROSS_ENGINE: the absolute path of the folder with another engine's clips). The second
+sums up data/predict: means with 95 % bootstrap intervals, and differences by clip from the forecast at constant
+velocity. Writes benchmarks/results/prediction.md.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from stages.graph.run import folder
 OUT = Path("benchmarks/results/prediction.md")
 SUITES = ("id", "real")
 COLUMNS = {
-    "search": "replay of what was fitted",
-    "carried": "last masks, moved as it moves",
-    "velocity": "constant velocity",
+    "search": "the fitted scene's replay",
+    "moved_with_replay": "last masks, moved with the replay",
+    "constant_velocity": "constant velocity",
     "frozen": "frozen masks",
 }
 RESAMPLES = 10_000
@@ -37,12 +37,12 @@ def main() -> None:
     rows = []
     for suite in SUITES:
         clips = [clip.row() for clip in open_shards(folder("predict", suite))]
-        baseline = np.array([c["velocity"] for c in clips])
+        baseline = np.array([c["constant_velocity"] for c in clips])
         for column, words in COLUMNS.items():
             iou = np.array([c[column] for c in clips])
             gain = bootstrap_mean(iou - baseline, RESAMPLES, rng)
             rows.append([suite, words, str(len(clips)), cell(bootstrap_mean(iou, RESAMPLES, rng)),
-                         "–" if column == "velocity" else cell(gain)])  # fmt: skip
+                         "–" if column == "constant_velocity" else cell(gain)])  # fmt: skip
     text = markdown(["suite", "method", "clips", "IoU, unseen half second", "less constant velocity"], rows)
     OUT.write_text(text, encoding="utf-8")
     print(text)

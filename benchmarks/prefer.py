@@ -1,11 +1,11 @@
-"""Preference optimisation on another engine's clips: does the greedy answer to clips that it has not seen get better?
+"""Preference optimisation on another engine's clips: scores of greedy answers to unseen clips, before and after.
 
     python -m benchmarks.prefer [--model models/tiny] [--samples 12] [--steps 30] [--seeds 1]
 
-Two folds: the model is optimised on one half of the clips, without their labels, and answers the other half, and the
-other way round; so each clip is answered by a model that has not seen it. Masks are given, flow is RAFT's, all other
-settings are those of params.yaml. Reads the folder `cross_engine` (DYNAMICS_DATA, else ../shared/data). Writes
-benchmarks/results/prefer.md. What takes long is kept in --work, from where an interrupted run goes on.
+Two folds: the model is optimised on one half of the clips, without their labels, and answers the other half, and vice
+versa, so that each clip is answered by a model that was not optimised on it. Masks are given, flow is RAFT's, all other
+settings are those of params.yaml. Reads the folder `cross_engine` (in DYNAMICS_DATA, else ../shared/data). Writes
+benchmarks/results/prefer.md. Intermediate results are kept in --work, so that a stopped run can be continued.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.scene_scores import measured_reference, score
 from pipeline.evaluation.tables import cell, markdown
 from pipeline.language.completion import read_completion
-from pipeline.metrics.intervals import Estimate, bootstrap_mean
+from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling
 from pipeline.model.patches import resize_frames
@@ -54,8 +54,15 @@ RESAMPLES = 10_000
 
 
 @dataclass(frozen=True)
-class Seen:
-    """A clip: masks (T, H, W), measured flow (P, H, W, 2) px, the picture of it for the model, the true shapes."""
+class LabelledClip:
+    """A clip and its true composition.
+
+    Attributes:
+        masks: (T, H, W) uint8.
+        flow: (P, H, W, 2) px, measured.
+        picture: (T, H, W, 3) uint8, what the model sees.
+        composition: True shapes, as box+sphere.
+    """
 
     masks: np.ndarray
     flow: np.ndarray
@@ -63,8 +70,8 @@ class Seen:
     composition: str
 
 
-def kept(path: Path, make: Callable[[], Any]) -> Any:
-    """JSON that was kept, else made now and kept."""
+def kept_json(path: Path, make: Callable[[], Any]) -> Any:
+    """The JSON in a file; where it is missing, made now and written."""
     if not path.is_file():
         partial = path.with_suffix(".partial")
         partial.write_text(json.dumps(make()))
@@ -72,7 +79,10 @@ def kept(path: Path, make: Callable[[], Any]) -> Any:
     return json.loads(path.read_text())
 
 
-def read_clips(folder: Path, params: Params, schedule: Schedule, layout: tuple[int, int], work: Path) -> list[Seen]:
+def read_clips(
+    folder: Path, params: Params, schedule: Schedule, layout: tuple[int, int], work: Path
+) -> list[LabelledClip]:
+    """The clips of a folder, with RAFT's flow, which is kept in `work`."""
     raft, f, interval = load_raft(params.flow.raft), params.flow, 1 / schedule.fps
     clips = []
     for place in find_clips(folder):
@@ -85,11 +95,13 @@ def read_clips(folder: Path, params: Params, schedule: Schedule, layout: tuple[i
         flow = np.load(file)
         picture = flow_picture(flow, f.picture, scaled_max_px(flow.shape[2], interval))
         shapes = sorted(o["type"] for o in json.loads((place / "truth.json").read_text())["objects"])
-        clips.append(Seen(taken.masks, flow, resize_frames(picture, *layout), "+".join(shapes)))
+        clips.append(LabelledClip(taken.masks, flow, resize_frames(picture, *layout), "+".join(shapes)))
     return clips
 
 
-def greedy_scores(base: Base, clips: Sequence[Seen], which: Sequence[int], params: Params, tries: Tries) -> list[dict]:
+def greedy_scores(
+    base: Base, clips: Sequence[LabelledClip], which: Sequence[int], params: Params, tries: Tries
+) -> list[dict]:
     """The metrics of the greedy answers to some of the clips."""
     schedule = Schedule(**params.clip.model_dump())
     greedy = Sampling(reasoning=params.model.reasoning, seconds=schedule.seconds)
@@ -106,18 +118,17 @@ def greedy_scores(base: Base, clips: Sequence[Seen], which: Sequence[int], param
 
 
 def table(before: list[dict], after: list[list[dict]]) -> str:
-    """Means, and the mean difference of each clip's scores over the seeds, with 95 % bootstrap intervals over clips."""
+    """Means before and after and differences by clip, averaged over seeds, with 95 % bootstrap intervals."""
     rng = np.random.default_rng(0)
 
-    def told(values: np.ndarray) -> str:
-        estimate: Estimate = bootstrap_mean(values, RESAMPLES, rng)
-        return cell(estimate)
+    def interval(values: np.ndarray) -> str:
+        return cell(bootstrap_mean(values, RESAMPLES, rng))
 
     rows = []
     for metric, heading in METRICS.items():
         old = np.array([row[metric] for row in before])
         new = np.mean([[row[metric] for row in seed] for seed in after], axis=0)
-        rows.append([heading, told(old), told(new), told(new - old)])
+        rows.append([heading, interval(old), interval(new), interval(new - old)])
     return markdown(["greedy answer", "before", "after", "difference"], rows)
 
 
@@ -163,14 +174,14 @@ def main() -> None:
         return {"texts": texts, **{name: column.tolist() for name, column in asdict(rewards).items()}}
 
     def paired(clip: int) -> list[Pair]:
-        answers = kept(a.work / f"{named}-{clip}.json", lambda: drawn(clip))
+        answers = kept_json(a.work / f"{named}-{clip}.json", lambda: drawn(clip))
         texts = answers.pop("texts")
         rewards = Rewards(**{name: np.array(column) for name, column in answers.items()})
         return pairs_of(clip, texts, weighted_reward(rewards, a.epe_weight).tolist(), a.margin, a.pairs)
 
     note(f"{len(clips)} clips")
     named = f"{zlib.crc32(Path(a.model, 'model.safetensors').read_bytes()):08x}"
-    before = kept(a.work / f"{named}-before.json", lambda: greedy_scores(base, clips, everything, params, tries))
+    before = kept_json(a.work / f"{named}-before.json", lambda: greedy_scores(base, clips, everything, params, tries))
     note(f"greedy sequence IoU before: {np.mean([row['iou'] for row in before]):.4f}")
     named += f"-{a.samples}-{a.temperature}-{a.top_p}"
     pairs = {clip: paired(clip) for clip in everything}
@@ -194,7 +205,7 @@ def main() -> None:
             held_out = sorted(order[fold::FOLDS].tolist())
             used = [c for c in everything if c not in held_out]
             name = f"{named}-seed{seed}-fold{fold}"
-            rows = kept(a.work / f"{name}.json", lambda: answered(used, held_out, seed, a.work / name))  # noqa: B023
+            rows = kept_json(a.work / f"{name}.json", lambda: answered(used, held_out, seed, a.work / name))  # noqa: B023
             scores |= dict(zip(held_out, rows, strict=True))
             note(f"seed {seed}, fold {fold}: sequence IoU {np.mean([before[c]['iou'] for c in held_out]):.4f} -> "
                  f"{np.mean([row['iou'] for row in rows]):.4f}")  # fmt: skip

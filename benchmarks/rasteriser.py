@@ -1,4 +1,4 @@
-"""How fast the rasteriser is, against `mj_multiRay` and MuJoCo's segmentation renderer, in one run.
+"""Times of the rasteriser, of `mj_multiRay` and of MuJoCo's segmentation renderer, in one run.
 
     python -m benchmarks.rasteriser [--scenes 20] [--frames 10] [--width 120] [--height 80]
 
@@ -141,10 +141,10 @@ def main() -> None:
             return exact_flow(scene.objects, *clip, rendering=seen)  # type: ignore[arg-type]
 
         flow.append(seconds(flows))
-        look = plain_appearance(len(scene.objects))
+        appearance = plain_appearance(len(scene.objects))
 
-        def picture(scene: Scene = scene, clip: tuple = clip, look: Appearance = look) -> object:
-            return shade(scene.objects, *clip[:3], look, width, height)
+        def picture(scene: Scene = scene, clip: tuple = clip, appearance: Appearance = appearance) -> object:
+            return shade(scene.objects, *clip[:3], appearance, width, height)
 
         rgb.append(seconds(picture, repeats=2))
 

@@ -1,10 +1,10 @@
-"""What more clips would buy: a training's checkpoints, scored on the same fresh clips, against the clips seen.
+"""Scores of a training's checkpoints on the same fresh clips, against the number of clips trained on.
 
     python -m benchmarks.scaling .train/tiny/checkpoint_*.pt [--clips 96]
 
-The checkpoints should have one learning rate in common. The clips are of 1 to 3 objects and show exact flow with the
-noise of training; the answers are greedy. Writes benchmarks/results/learned/scaling.csv, which the report shows with a
-forecast for ten and a hundred times the clips.
+The checkpoints should have the same learning rate. The clips have 1 to 3 objects, with exact flow and the noise of the
+training; the answers are greedy. Writes benchmarks/results/learned/scaling.csv, which the report shows with an
+extrapolation to ten and a hundred times as many clips.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ import numpy as np
 import torch
 
 from benchmarks.learned import RESAMPLES, RESULTS
-from pipeline.evaluation.csv_rows import write_rows
-from pipeline.evaluation.learned_tables import CHECKPOINT, scaling_table
-from pipeline.evaluation.tables import markdown
+from pipeline.csv_rows import write_rows
+from pipeline.evaluation.tables import CHECKPOINT, markdown, scaling_table
 from pipeline.metrics.intervals import bootstrap_mean
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from training.examples import CHUNK
-from training.tiny_card import measure
-from training.tiny_trainer import read_checkpoint
+from training.tiny.card import measure
+from training.tiny.examples import CHUNK
+from training.tiny.trainer import read_checkpoint
 
 
 def checkpoint_rows(path: Path, params: Params, clips: int) -> list[dict[str, Any]]:
+    """A row for each metric of one checkpoint."""
     base, progress = read_checkpoint(path)
     scores = measure(base, params, clips)
     head = {"clips_seen": progress.chunk * CHUNK, "minutes": f"{progress.seconds / 60:.1f}"}

@@ -1,11 +1,13 @@
-"""How many simulations a second a search gets, beside the obvious program and bare stepping, in one run.
+"""Simulations a second of the search, of a straightforward program, and of bare stepping, in one run.
 
     python -m benchmarks.search [--population 128] [--iterations 100] [--threads 2] [--seed N]
 
-One clip of four objects, exact masks and flow, the same resolution for all. Ours: pycma's ask and tell, decoding,
-simulation, masks, flow and reward of a whole CMA-ES run. The obvious program: pycma, an MjModel compiled for each
-candidate, `mj_step`, MuJoCo's renderer for the masks (no flow), IoU; candidates of ours' first generation. Bare
-stepping: `mujoco.batch` over the same steps of the same candidates, generations from the whole run, nothing else.
+One clip of four objects, exact masks and flow, the same resolution for all.
+
+- Ours: pycma's ask and tell, decoding, simulation, masks, flow and reward of a whole CMA-ES run.
+- The straightforward program: pycma, an MjModel compiled for each candidate, `mj_step`, MuJoCo's renderer for the masks
+  (no flow), IoU; on the candidates of our first generation.
+- Bare stepping: only `mujoco.batch`, over the same steps of the same candidates, in generations from the whole run.
 """
 
 from __future__ import annotations
@@ -36,24 +38,24 @@ from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes
 
 OBJECTS = 4
-OBVIOUS_CANDIDATES = 48
+PLAIN_CANDIDATES = 48
 
 
-class Keeping(Evaluator):
-    """Keeps the candidates that it was asked for in batches."""
+class RecordingEvaluator(Evaluator):
+    """Records the batches of candidates that it evaluates."""
 
     def __init__(self, target: Target, schedule: Schedule, threads: int) -> None:
         super().__init__(target, schedule, threads)
-        self.kept: list[SceneBatch] = []
+        self.batches: list[SceneBatch] = []
 
     def rewards(self, scenes: SceneBatch, pairs: np.ndarray | None = None) -> Rewards:
         if len(scenes) > 1:
-            self.kept.append(scenes)
+            self.batches.append(scenes)
         return super().rewards(scenes, pairs)
 
 
-def obvious_reward(scene: Scene, target_masks: np.ndarray, schedule: Schedule) -> float:
-    """Sequence IoU of one candidate, the way one would first write it."""
+def plain_reward(scene: Scene, target_masks: np.ndarray, schedule: Schedule) -> float:
+    """Sequence IoU of one candidate, by a straightforward program."""
     model = mujoco.MjModel.from_xml_string(scene_xml(scene))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -77,7 +79,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--width", type=int, default=120)
     parser.add_argument("--height", type=int, default=80)
-    parser.add_argument("--seed", type=int, default=None, help="of the clip; a fresh one by default")
+    parser.add_argument("--seed", type=int, default=None, help="of the clip; default: a fresh one")
     arguments = parser.parse_args()
     seed = secrets.randbits(32) if arguments.seed is None else arguments.seed
     params = read_params_file(PARAMS_FILE, Params)
@@ -92,16 +94,16 @@ def main() -> None:
     space = search_space(scene)
     start = space.scene(np.clip(space.encode() + 0.05 * rng.choice([-1, 1], len(space.keys)), 0, 1))
 
-    evaluator = Keeping(target, schedule, arguments.threads)
+    evaluator = RecordingEvaluator(target, schedule, arguments.threads)
     cmaes_search(evaluator, [start], Budget(arguments.population, 1, 0.1), rng)  # compiles
-    evaluator.kept.clear()
+    evaluator.batches.clear()
     bar = tqdm(total=arguments.iterations, desc="ours", unit="generation", disable=None, leave=False)
     found = cmaes_search(evaluator, [start], Budget(arguments.population, arguments.iterations, 0.1), rng,
                    lambda *_: bar.update())  # fmt: skip
     bar.close()
     ours = found.simulations / found.seconds
 
-    batches = evaluator.kept[:: max(1, arguments.iterations // 20)]
+    batches = evaluator.batches[:: max(1, arguments.iterations // 20)]
     steps = evaluator.schedule.frame_steps[evaluator.schedule.pairs].max(keepdims=True).ravel()
     simulator = BatchSimulator(scene.shapes, True, arguments.population, arguments.threads)
     simulator.run(batches[0], steps)
@@ -112,20 +114,18 @@ def main() -> None:
 
     backend, why = choose_backend("auto")
     if backend == "mujoco":
-        candidates = [unstack(batches[0], b, start) for b in range(min(OBVIOUS_CANDIDATES, arguments.population))]
-        obvious_reward(start, target.masks, schedule)
+        candidates = [unstack(batches[0], b, start) for b in range(min(PLAIN_CANDIDATES, arguments.population))]
+        plain_reward(start, target.masks, schedule)
         began = time.perf_counter()
         for candidate in candidates:
-            obvious_reward(candidate, target.masks, schedule)
-        obvious = len(candidates) / (time.perf_counter() - began)
+            plain_reward(candidate, target.masks, schedule)
+        plain = len(candidates) / (time.perf_counter() - began)
     print(f"ours, a whole CMA-ES run   {ours:8.0f} simulations/s   {found.simulations} in {found.seconds:.1f} s")
     print(f"mujoco.batch, stepping     {bare:8.0f} simulations/s   ours is {ours / bare:.2f} of it")
     if backend == "mujoco":
-        print(
-            f"the obvious program        {obvious:8.1f} simulations/s   ours is {ours / obvious:.0f} times it ({why})"
-        )
+        print(f"straightforward program    {plain:8.1f} simulations/s   ours is {ours / plain:.0f} times it ({why})")
     else:
-        print(f"the obvious program        skipped: {why}")
+        print(f"straightforward program    skipped: {why}")
 
 
 if __name__ == "__main__":

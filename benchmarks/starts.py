@@ -1,17 +1,16 @@
-"""Where a search should start from, and what it reaches at which budget: the table of starts by budgets.
+"""What the search reaches from which start, at which budget.
 
-Works on the clips of a finished graph: suite `id` (the first --each clips of 1, 2 and 3 objects) and suite `real`,
-whose true masks are taken as given, and for it also masks from motion. Every answer is kept in
-benchmarks/results/starts/answers.jsonl as it comes (a run that was stopped goes on); starts.csv and starts.md beside
-it sum them up, and the report shows them. In a clone, with fresh clips and 32 samples a clip:
+Works on the clips of a finished graph: suite `id` (the first --each clips of 1, 2 and 3 objects) and suite `real`, with
+given masks, and for `real` also with masks from motion. Each answer is appended to
+benchmarks/results/starts/answers.jsonl, so that a stopped run can be continued; starts.csv and starts.md beside it sum
+them up, and the report shows them. In a clone, with fresh clips and 32 samples a clip:
 
     dvc exp run -S seed=7 -S suites.id.clips=80 -S infer.samples=32 -S suites.real.path=CROSS_ENGINE \\
         best_of_k@id best_of_k@real
     python -m benchmarks.starts [--each 16] [--simulations 12800] [--only guess,given,…] [--workers 2] [--minutes M]
 
-Starts: prior (a scene drawn as the suites' are), greedy, best1 (the first sample), bestK (the best of all samples by
-replay), guess (classical, nothing given), given (the same with the true shapes given), motion (as guess, with masks
-from motion). Rivals: plain CMA-ES (128 a generation), from bestK as in the paper, and from given.
+The starts are explained in benchmarks/results/starts/README.md. Rivals: plain CMA-ES (128 a generation), from bestK as
+in the paper, and from given.
 """
 
 from __future__ import annotations
@@ -28,10 +27,10 @@ from tqdm import tqdm
 
 from benchmarks.kept_answers import answers_of, kept_answers
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.csv_rows import write_rows
+from pipeline.csv_rows import write_rows
 from pipeline.evaluation.scene_scores import score
-from pipeline.evaluation.starts_table import starts_table
-from pipeline.evaluation.tables import markdown
+from pipeline.evaluation.suite import Suite, greedy_row, reference
+from pipeline.evaluation.tables import markdown, starts_table
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
@@ -47,7 +46,7 @@ from pipeline.vision.flow.dis import DIS
 from pipeline.vision.recordings.motion_masks import masks_from_motion
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from stages.graph.suite import Suite, greedy_row, open_suite, reference
+from stages.graph.suite import open_suite
 from training.drawn_scenes import drawn_scenes
 
 RESULTS = Path("benchmarks/results/starts")
@@ -75,6 +74,7 @@ def shapes_of(suite: Suite, clip: int, params: Params) -> list[str] | None:
 def start_of(
     kind: str, suite: Suite, clip: int, target: Target, shapes: list[str] | None, params: Params, schedule: Schedule
 ) -> Scene:
+    """The scene from which a search of this kind starts."""
     if kind == "greedy":
         return read_scene(greedy_row(suite, clip)["scene"])
     if kind == "best1":
@@ -91,6 +91,7 @@ def searched(
     kind: str, suite: Suite, clip: int, target: Target, shapes: list[str] | None, params: Params, schedule: Schedule,
     simulations: int,
 ) -> SearchResult:  # fmt: skip
+    """The result of a search of this kind."""
     evaluator, rng = Evaluator(target, schedule, threads=1), clip_rng(params.seed, "starts", clip, kind)
     if kind in ("guess", "motion"):
         return search_scene(evaluator, [], simulations, rng).result
@@ -101,6 +102,7 @@ def searched(
 
 
 def target_of(suite: Suite, clip: int, params: Params, schedule: Schedule, motion: bool) -> Target:
+    """What the search has to match; motion: with masks from motion instead of given ones."""
     rendered = suite["render"][clip]
     masks = rendered.array("mask")
     if motion:
@@ -133,6 +135,7 @@ def answer(job: tuple[str, int, str, int]) -> dict[str, Any]:
 
 
 def jobs_of(params: Params, each: int, simulations: int, kinds: list[str]) -> list[tuple[str, int, str, int]]:
+    """Suite, clip, start and simulations of every search."""
     out = []
     for name in ("id", "real"):
         suite = open_suite(name, PARTS)
@@ -168,7 +171,7 @@ def summary(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def write_summary(answers: list[dict[str, Any]]) -> str:
-    """starts.csv, starts.md; returns the text."""
+    """Write starts.csv and starts.md; return the text of the latter."""
     rows = summary(answers)
     write_rows(RESULTS / "starts.csv", rows, digits=5)
     text = markdown(*starts_table(rows))
@@ -180,9 +183,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--each", type=int, default=16, help="clips of each number of objects, suite id")
     parser.add_argument("--simulations", type=int, default=12800)
-    parser.add_argument("--only", default=",".join(KINDS), help="starts, with commas between")
+    parser.add_argument("--only", default=",".join(KINDS), help="starts, separated by commas")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--minutes", type=float, help="stop after so long; run again to go on")
+    parser.add_argument("--minutes", type=float, help="stop after so long; run again to continue")
     arguments = parser.parse_args()
     kinds = [k.strip() for k in arguments.only.split(",")]
     if wrong := [k for k in kinds if k not in KINDS]:

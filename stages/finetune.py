@@ -6,7 +6,6 @@ infer.shots the base answers as it is: nothing is trained, and there is no model
 Parameters: seed, clip, model, finetune, infer.shots. Run: python -m stages.finetune
 """
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from transformers.utils import logging
 
 from pipeline.clips.schedule import Schedule
+from pipeline.csv_rows import write_rows
 from pipeline.language.codec import Tokens
 from pipeline.model.base import load_base
 from pipeline.model.clip_dataset import ClipDataset
@@ -27,6 +27,8 @@ from stages.graph.clip_pictures import picture_stage, pictures
 from stages.graph.params import ModelSettings
 from stages.graph.run import DATA, folder, run
 from stages.graph.stage_params import load
+
+CURVES = ("loss", "eval_loss")
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,8 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
     finetune(base, dataset(train_tokens, train_pictures), dataset(val_tokens, val_pictures), parameters.plan, scratch,
              rows.append)  # fmt: skip
     base.save(output / "model")
-    write_curve(output / "loss.csv", rows, "loss")
-    write_curve(output / "eval_loss.csv", rows, "eval_loss")
+    for column in CURVES:
+        write_rows(output / f"{column}.csv", [row for row in rows if column in row], ("step", column))
     losses = [row["eval_loss"] for row in rows if "eval_loss" in row]
     before, after = round(losses[0], 4), round(losses[-1], 4)
     return {"steps": rows[-1]["step"], "validation loss before": before, "validation loss after": after}
@@ -65,16 +67,9 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
 
 def skip(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: None) -> dict[str, float]:
     """With infer.shots: no model, empty curves."""
-    write_curve(output / "loss.csv", [], "loss")
-    write_curve(output / "eval_loss.csv", [], "eval_loss")
+    for column in CURVES:
+        write_rows(output / f"{column}.csv", [], ("step", column))
     return {}
-
-
-def write_curve(path: Path, rows: list[dict], column: str) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["step", column])
-        writer.writerows([row["step"], round(row[column], 6)] for row in rows if column in row)
 
 
 def main() -> None:

@@ -1,9 +1,8 @@
-"""Prediction: fit the first part of each clip, and foretell the masks of the rest.
+"""Forecast: fit the first part of each clip, and forecast the masks of the rest.
 
 Reads data/render/<suite> (masks), data/flow/<suite>. Writes data/predict/<suite>: clip, scene (found from the first
-part alone, from the classical guess: the model has seen the whole clip), iou over the frames that were not seen, of
-the scene, of the last masks moved as it moves, of masks that move on at constant velocity, and of masks that stay; and
-the scene's over those seen.
+part and the classical guess: the model has seen the whole clip), simulations, and sequence IoU: over the unseen frames
+search (the scene's replay), moved_with_replay, constant_velocity, frozen; over the seen ones seen (the scene's replay).
 Parameters: seed, clip, search.width, search.height, predict. Run: python -m stages.predict SUITE
 """
 
@@ -15,7 +14,7 @@ from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
-from pipeline.evaluation.prediction import predict
+from pipeline.evaluation.prediction import forecast_scores
 from pipeline.evaluation.scene_scores import HEIGHT, WIDTH
 from pipeline.scene.text import write_scene
 from pipeline.search.evaluator import Evaluator
@@ -28,7 +27,7 @@ from pipeline.shards.tables import table_from_rows
 from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
 
-SCORES = ("search", "carried", "velocity", "frozen", "seen")
+SCORES = ("search", "moved_with_replay", "constant_velocity", "frozen", "seen")
 SCHEMA = pa.schema({"clip": pa.int64(), "scene": pa.string(), **dict.fromkeys(SCORES, pa.float64()),
                     "simulations": pa.int32()})  # fmt: skip
 
@@ -62,8 +61,8 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
         target = make_target(masks[part.pairs[:, 0]], flow.array(clip, "flow")[:pairs], *parameters.size)
         rng = clip_rng(parameters.seed, shard.suite, clip, "predict")
         found = search_scene(Evaluator(target, part, threads=1), [], parameters.simulations, rng).result
-        said = predict(found.scene, resize_masks(masks, WIDTH, HEIGHT), part.frames, whole)
-        rows.append({"clip": clip, "scene": write_scene(found.scene), **{k: getattr(said, k) for k in SCORES},
+        scores = forecast_scores(found.scene, resize_masks(masks, WIDTH, HEIGHT), part.frames, whole)
+        rows.append({"clip": clip, "scene": write_scene(found.scene), **{k: getattr(scores, k) for k in SCORES},
                      "simulations": found.simulations})  # fmt: skip
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
 

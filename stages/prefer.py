@@ -9,7 +9,7 @@ Run: python -m stages.prefer
 
 import json
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
+from pipeline.csv_rows import write_rows
 from pipeline.errors import ParamsError
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keep_folder import keep_folder
@@ -59,7 +60,7 @@ class Parameters:
 
 def skip(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: None) -> dict[str, float]:
     """Not enabled: the fine-tuned model answers."""
-    write_curve(output, [])
+    write_rows(output / CURVE, [], COLUMNS)
     AnsweringModel(False).write(output)
     return {}
 
@@ -114,14 +115,9 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
         prefer(base, pairs, shown, own.beta, sampling, plan, scratch, rows.append, tries)
     base.save(output / "model")
     write_pairs(output / "pairs.json", pairs)
-    write_curve(output, rows)
+    write_rows(output / CURVE, [row for row in rows if "loss" in row], COLUMNS)
     AnsweringModel(True, own.suite, p.used).write(output)
     return {"clips": len(p.used), "pairs": len(pairs)}
-
-
-def write_curve(folder: Path, rows: Sequence[Mapping[str, float]]) -> None:
-    lines = [",".join(COLUMNS), *(",".join(f"{row[c]:.6g}" for c in COLUMNS) for row in rows if "loss" in row)]
-    (folder / CURVE).write_text("\n".join(lines) + "\n")
 
 
 def write_pairs(path: Path, pairs: "Sequence[Pair]") -> None:

@@ -6,7 +6,6 @@ data/regress/<suite> for these four: clip, scene. An interrupted run goes on fro
 Parameters: seed, clip, model.input, sample.distribution, regress. Run: python -m stages.regress
 """
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.clips.schedule import Schedule
+from pipeline.csv_rows import write_rows
 from pipeline.scene.sample import Distribution
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
@@ -133,10 +133,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
 
 def write_curves(output: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     for name, column in CURVES.items():
-        with (output / name).open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(["step", column])
-            writer.writerows([row["step"], round(row[column], 6)] for row in rows if column in row)
+        write_rows(output / name, [row for row in rows if column in row], ("step", column))
 
 
 def main() -> None:

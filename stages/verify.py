@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.evaluation.csv_rows import write_rows
+from pipeline.csv_rows import write_rows
 from pipeline.evaluation.tables import markdown
 from pipeline.hidden.confusion_figure import confusion_figure
 from pipeline.hidden.judge import Judgement, confusion, judge

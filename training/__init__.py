@@ -1,0 +1,1 @@
+"""How the weights in `models` were trained: `python -m training.tiny`, `python -m training.raft`."""

@@ -1,4 +1,4 @@
-"""What cameras and codecs do to a pair of frames: exposure, colour, blur, noise, compression, mirroring."""
+"""Random augmentation of a pair of frames: exposure, colour, blur, noise, compression, mirroring."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from training.flow_pairs import Pair
+from training.frame_pair import FramePair
 
 
-def augment(rng: np.random.Generator, pair: Pair) -> Pair:
-    """The pair as another camera would have recorded it; the flow changes by mirroring alone."""
+def augment(rng: np.random.Generator, pair: FramePair) -> FramePair:
+    """The pair as another camera and codec might record it. Only mirroring changes the flow."""
     if rng.random() < 0.5:
         pair = pair.mirrored()
     frames: list[np.ndarray] = [f.astype(np.float32) for f in (pair.frame_a, pair.frame_b)]
@@ -32,19 +32,27 @@ def augment(rng: np.random.Generator, pair: Pair) -> Pair:
 
 
 def sample_tone(rng: np.random.Generator, strength: float) -> tuple[float, float, np.ndarray, float]:
-    """Contrast, brightness (of 255), gain of each channel (3,) and saturation."""
+    """Random contrast, brightness (0 to 255), gain of each channel (3,) and saturation, the arguments of `tone`."""
     contrast, saturation = np.exp(rng.uniform(-strength, strength, 2))
     return contrast, 255 * rng.uniform(-strength, strength) / 2, np.exp(rng.normal(size=3) * strength / 3), saturation
 
 
 def tone(frame: np.ndarray, contrast: float, brightness: float, gain: np.ndarray, saturation: float) -> np.ndarray:
-    """frame: (H, W, 3) float32, 0 to 255, may leave that range."""
+    """Change the tone of a frame.
+
+    Args:
+        frame: (H, W, 3) float32, 0 to 255; the result may leave that range.
+        contrast: Factor about 127.5.
+        brightness: Added after that.
+        gain: (3,) factor of each channel.
+        saturation: Factor of the distance from grey.
+    """
     grey = frame.mean(axis=-1, keepdims=True)
     coloured = (grey + saturation * (frame - grey)) * gain.astype(np.float32)
     return np.float32(contrast) * (coloured - 127.5) + np.float32(127.5 + brightness)
 
 
 def compressed(picture: np.ndarray, quality: int) -> np.ndarray:
-    """Through JPEG and back."""
+    """The picture after JPEG compression."""
     _, code = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR))

@@ -1,4 +1,4 @@
-"""Motions of the project's own clips: scenes as the suites draw them, simulated, two neighbouring frames each."""
+"""Motions of bodies between neighbouring frames of simulated clips, whose scenes are drawn as the suites' are."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from pipeline.physics.simulate import simulate
 from pipeline.vision.rendering.camera import pinhole
 from stages.graph.params import Params
 from stages.graph.params_file import read_params_file
+from training.body_motion import BodyMotion
 from training.drawn_scenes import drawn_scenes
-from training.motion import Motion
 
 COUNTS = {1: 1.0, 2: 1.0, 3: 1.0, 4: 1.0}
 SUITE = "flow pairs"
@@ -21,7 +21,7 @@ PARAMS_FILE = Path(__file__).resolve().parents[1] / "params.yaml"
 
 
 class ClipMotions:
-    """An endless supply of motions, `pairs` from each clip at random times; the clips of a seed are always the same."""
+    """An endless supply of motions, `pairs` from each clip at random frames. A seed always gives the same clips."""
 
     def __init__(self, seed: int, pairs: int = 6) -> None:
         self.params = read_params_file(PARAMS_FILE, Params)
@@ -29,16 +29,16 @@ class ClipMotions:
         self.pairs = pairs
         self.schedule = Schedule(**self.params.clip.model_dump())
         self.next_clip = 0
-        self.ready: list[Motion] = []
+        self.ready: list[BodyMotion] = []
 
-    def draw(self, rng: np.random.Generator) -> Motion:
+    def draw(self, rng: np.random.Generator) -> BodyMotion:
         while not self.ready:
             self.ready = self.of_clip(rng, self.next_clip)
             rng.shuffle(self.ready)  # type: ignore[arg-type]
             self.next_clip += 1
         return self.ready.pop()
 
-    def of_clip(self, rng: np.random.Generator, clip: int) -> list[Motion]:
+    def of_clip(self, rng: np.random.Generator, clip: int) -> list[BodyMotion]:
         (scene,) = drawn_scenes(self.params, self.seed, SUITE, range(clip, clip + 1), COUNTS)
         try:
             trace = simulate(scene, self.schedule.seconds)
@@ -49,4 +49,4 @@ class ClipMotions:
         assert scene.camera is not None
         camera = pinhole(scene.camera)
         at = [[steps[k], steps[k + 1]] for k in frames]
-        return [Motion(scene.objects, trace.position[s], trace.quaternion[s], camera) for s in at]
+        return [BodyMotion(scene.objects, trace.position[s], trace.quaternion[s], camera) for s in at]

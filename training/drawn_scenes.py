@@ -1,4 +1,4 @@
-"""Scenes drawn as the suites' are."""
+"""Scenes drawn as those of the suites."""
 
 from __future__ import annotations
 
@@ -14,9 +14,18 @@ from stages.graph.params import Params
 def drawn_scenes(
     params: Params, seed: int, suite: str, indices: range, objects: Mapping[int, float], without: Sequence[str] = ()
 ) -> list[Scene]:
-    """The scenes of these clips of a suite of that name, with the distribution and the filters of the parameters.
+    """The scenes of some clips, with the distribution and the filters of the parameters.
 
-    objects, without: as `draw_composition` takes them. Raises `DynamicsError` where a clip uses up its tries.
+    Args:
+        params: All parameters of the experiment.
+        seed: Instead of the parameters' own.
+        suite: Names the random stream.
+        indices: Of the clips.
+        objects: Number of objects -> weight.
+        without: Compositions that are never drawn, as box+box+sphere.
+
+    Raises:
+        DynamicsError: A clip used up its tries.
     """
     distribution = Distribution(**params.sample.distribution.model_dump())
     filters = Filters(**params.sample.filters.model_dump())

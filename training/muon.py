@@ -1,7 +1,7 @@
-"""Muon (Jordan et al. 2024): momentum whose matrix is made orthogonal, for the weights of hidden convolutions.
+"""Muon (Jordan et al. 2024): momentum with orthogonalised updates, for hidden weight matrices and convolutions.
 
-Small batches give gradients of low rank; taking every direction of a weight matrix alike learns more of each. The
-step's length follows Liu et al. 2025 (arXiv:2502.16982), so that a rate has the size that it has for AdamW.
+Gradients of small batches have a low effective rank; an orthogonalised update has the same length in every direction.
+The step's length follows Liu et al. 2025 (arXiv:2502.16982), so that learning rates have the size usual for AdamW.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ STEPS = 5
 COEFFICIENTS = (3.4445, -4.7750, 2.0315)
 
 
-def orthogonal(matrix: Tensor) -> Tensor:
-    """About U V^T of matrix = U S V^T, by five steps of a quintic Newton-Schulz iteration."""
+def orthogonalised(matrix: Tensor) -> Tensor:
+    """Approximately U V^T of matrix = U S V^T, by five steps of a quintic Newton-Schulz iteration."""
     a, b, c = COEFFICIENTS
     tall = matrix.shape[0] > matrix.shape[1]
     x = matrix.T if tall else matrix
@@ -28,7 +28,7 @@ def orthogonal(matrix: Tensor) -> Tensor:
 
 
 class Muon(torch.optim.Optimizer):
-    """For parameters with two or more axes, taken as matrices (outputs, all else)."""
+    """For parameters with two or more axes, flattened to matrices (outputs, all other axes)."""
 
     def __init__(
         self, parameters: Iterable[Tensor], lr: float, momentum: float = 0.95, weight_decay: float = 0.0
@@ -45,7 +45,7 @@ class Muon(torch.optim.Optimizer):
                 if "momentum" not in state:
                     state["momentum"] = torch.zeros_like(p)
                 average = state["momentum"].mul_(group["momentum"]).add_(p.grad)
-                step = orthogonal(p.grad.add(average, alpha=group["momentum"]).flatten(1))
+                step = orthogonalised(p.grad.add(average, alpha=group["momentum"]).flatten(1))
                 length = 0.2 * max(step.shape) ** 0.5
                 p.mul_(1 - group["lr"] * group["weight_decay"])
                 p.add_(step.view_as(p), alpha=-group["lr"] * length)

@@ -1,1 +1,1 @@
-"""Metrics, intervals, tables, plots and the report."""
+"""Scores of answers, their summaries, tables, plots and pictures, and the report."""

@@ -1,4 +1,4 @@
-"""How far clips determine their parameters, summed up by kind, and whether the stated spreads hold."""
+"""How well clips determine their parameters, by kind of parameter, and whether the stated spreads hold."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.evaluation.tables import NONE, Table
 from pipeline.scene.scene import Scene
 from pipeline.search.certainty import DETERMINED
 
@@ -19,25 +20,42 @@ _PLACE = re.compile(r"objects\[(\d+)\]\.(\w+)(?:\[(\d+)\])?")
 
 
 @dataclass
-class Kind:
-    """All numbers of a kind: spreads, shares of ignorance, distances from the truth in spreads where it is known."""
+class KindSpreads:
+    """The spreads of all parameters of one kind.
+
+    Attributes:
+        unit: Of the spreads; `factor` where a spread is a ratio.
+        spreads: Of each parameter.
+        shares: Each spread as a share of the spread of the parameter's bounds.
+        errors: Distance from the truth in spreads, where the truth is known.
+    """
 
     unit: str
     spreads: list[float] = field(default_factory=list)
     shares: list[float] = field(default_factory=list)
-    distances: list[float] = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)
 
     def cells(self, name: str) -> list[str]:
-        told = f"{np.mean(np.array(self.distances) < WITHIN):.2f} of {len(self.distances)}" if self.distances else "–"
-        known = np.mean(np.array(self.shares) < DETERMINED)
-        spread = f"{np.median(self.spreads):.3g}"
-        most = f"{np.quantile(self.distances, 0.95):.1f}" if self.distances else "–"
-        return [name, self.unit, str(len(self.shares)), f"{known:.2f}", spread, told, most]
+        """The row of the table, in the columns of `HEADER`."""
+        determined = np.mean(np.array(self.shares) < DETERMINED)
+        covered = f"{np.mean(np.array(self.errors) < WITHIN):.2f} of {len(self.errors)}" if self.errors else NONE
+        quantile = f"{np.quantile(self.errors, 0.95):.1f}" if self.errors else NONE
+        return [name, self.unit, str(len(self.shares)), f"{determined:.2f}", f"{np.median(self.spreads):.3g}", covered,
+                quantile]  # fmt: skip
 
 
 def true_value(truth: Scene, place: str, shapes: Sequence[str], instances: Sequence[int]) -> float | None:
-    """What `truth` has at a place of a found scene, whose objects have `shapes` and are `instances` of the truth; None
-    where the two cannot be compared: another shape, or a box, whose sizes may be called in another order."""
+    """The true value of a parameter of a found scene; None where the two cannot be compared.
+
+    Args:
+        truth: The true scene.
+        place: The parameter's place in the found scene, as `objects[0].velocity[1]` or `gravity`.
+        shapes: Shapes of the found scene's objects.
+        instances: For each of them the index of the true object, negative for none.
+
+    Returns:
+        None for another shape, an unmatched object, an orientation, or a box's size: its sides may be in another order.
+    """
     camera = truth.camera
     assert camera is not None
     scene = {"camera.position[2]": camera.position[2], "camera.pitch": camera.pitch, "camera.fov": camera.fov,
@@ -55,24 +73,31 @@ def true_value(truth: Scene, place: str, shapes: Sequence[str], instances: Seque
     return float(value[int(part)] if part is not None else value)
 
 
-def by_kind(clips: Sequence[tuple[Sequence[Mapping[str, Any]], Scene, Sequence[int], Scene | None]]) -> dict[str, Kind]:
-    """Clips as (certainties, the scene found, instance of each of its objects, the true scene or None)."""
-    out: dict[str, Kind] = {}
+def spreads_by_kind(
+    clips: Sequence[tuple[Sequence[Mapping[str, Any]], Scene, Sequence[int], Scene | None]],
+) -> dict[str, KindSpreads]:
+    """The spreads of all clips by kind of parameter.
+
+    Args:
+        clips: Of each clip the rows of its `certainty`, the scene found, the true index of each of its objects, and the
+            true scene, None where it is not known.
+    """
+    out: dict[str, KindSpreads] = {}
     for rows, found, instances, truth in clips:
         for row in rows:
-            kind = out.setdefault(row["kind"], Kind(row["unit"]))
+            kind = out.setdefault(row["kind"], KindSpreads(row["unit"]))
             kind.spreads.append(row["spread"])
             kind.shares.append(row["share"])
             true = None if truth is None else true_value(truth, row["place"], found.shapes, instances)
             if true is None:
                 continue
             if row["unit"] == "factor":
-                kind.distances.append(abs(np.log(row["value"] / true)) / np.log(row["spread"]))
+                kind.errors.append(abs(np.log(row["value"] / true)) / np.log(row["spread"]))
             else:
-                kind.distances.append(abs(row["value"] - true) / row["spread"])
+                kind.errors.append(abs(row["value"] - true) / row["spread"])
     return out
 
 
-def table(kinds: Mapping[str, Kind]) -> tuple[list[str], list[list[str]]]:
-    """Header and a row for each kind."""
+def determined_table(kinds: Mapping[str, KindSpreads]) -> Table:
+    """A line per kind of parameter."""
     return HEADER, [kind.cells(name) for name, kind in kinds.items()]

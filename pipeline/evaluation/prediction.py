@@ -1,4 +1,4 @@
-"""Prediction of frames that a fit has not seen, beside two ways to predict without any physics."""
+"""Forecasts of frames that a fit has not seen, beside two forecasts without physics."""
 
 from __future__ import annotations
 
@@ -16,22 +16,35 @@ TRACK_SECONDS = 0.2  # before the last frame seen, over which an instance's velo
 
 
 @dataclass(frozen=True)
-class Prediction:
-    """Sequence IoU over the unseen frames: of a scene's replay, of the last masks seen moved as that replay moves, of
-    masks that move on at constant velocity, and of masks that stay; and that of the replay over the seen frames."""
+class ForecastScores:
+    """Sequence IoU of four forecasts over the unseen frames, and of the replay over the seen ones.
+
+    Attributes:
+        search: The scene's replay.
+        moved_with_replay: The last masks seen, moved as the replay moves.
+        constant_velocity: The last masks seen, moved at their last velocity.
+        frozen: The last masks seen, at rest.
+        seen: The scene's replay, over the seen frames.
+    """
 
     search: float
-    carried: float
-    velocity: float
+    moved_with_replay: float
+    constant_velocity: float
     frozen: float
     seen: float
 
 
-def predict(scene: Scene, masks: np.ndarray, seen: int, schedule: Schedule) -> Prediction:
-    """How well what was found from the first `seen` frames of a clip foretells the others.
+def forecast_scores(scene: Scene, masks: np.ndarray, seen: int, schedule: Schedule) -> ForecastScores:
+    """How well a scene found from the first frames of a clip forecasts the others.
 
-    masks (F, H, W) uint8 of all frames, at 480x320. Objects are assigned to instances by the seen frames. Raises
-    `SimulationError` where the replay goes bad.
+    Args:
+        scene: The scene found. Its objects are assigned to instances by the seen frames.
+        masks: (F, H, W) uint8, true masks of all frames at 480x320.
+        seen: How many frames the fit saw.
+        schedule: Of the whole clip.
+
+    Raises:
+        SimulationError: The replay diverges.
     """
     instances = int(masks.max(initial=0))
     own = replay(scene, schedule).masks
@@ -43,13 +56,12 @@ def predict(scene: Scene, masks: np.ndarray, seen: int, schedule: Schedule) -> P
     def score(predicted: np.ndarray) -> float:
         return float(sequence_iou(count(predicted, masks[seen:], instances, instances), same))
 
-    frozen = np.repeat(masks[seen - 1 : seen], len(masks) - seen, axis=0)
-    return Prediction(
-        float(sequence_iou(late, pairs)),
-        score(carried(own, masks[:seen], pairs)),
-        score(moved_on(masks[:seen], len(masks) - seen, schedule.fps)),
-        score(frozen),
-        float(sequence_iou(early, pairs)),
+    return ForecastScores(
+        search=float(sequence_iou(late, pairs)),
+        moved_with_replay=score(moved_with_replay(own, masks[:seen], pairs)),
+        constant_velocity=score(at_constant_velocity(masks[:seen], len(masks) - seen, schedule.fps)),
+        frozen=score(np.repeat(masks[seen - 1 : seen], len(masks) - seen, axis=0)),
+        seen=float(sequence_iou(early, pairs)),
     )
 
 
@@ -57,37 +69,46 @@ def _frames(counts: Counts, which: slice) -> Counts:
     return Counts(counts.shared[which], counts.predicted[which], counts.true[which], counts.foreground[which])
 
 
-def carried(own: np.ndarray, masks: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """The frames after masks (F, H, W): each instance's last mask, moved and grown as the mask of its object (pairs
-    (P, 2): object, instance) moves and grows in a replay's masks `own` (F + more, H, W); where the two are not both
-    seen in the last frame, the object's own mask."""
+def moved_with_replay(own: np.ndarray, masks: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """The frames after `masks`: each instance's last mask, moved and scaled as its object's mask in the replay.
+
+    Args:
+        own: (F + M, H, W) the replay's masks.
+        masks: (F, H, W) masks of the seen frames.
+        pairs: (P, 2) object, instance.
+
+    Returns:
+        (M, H, W). Where instance and object are not both visible in the last frame seen: the object's own mask.
+    """
     last, later = len(masks) - 1, own[len(masks) :]
     out = np.zeros_like(later)
     for i, j in pairs:
         shape = masks[last] == j + 1
-        was, true = _place(own[last] == i + 1), _place(shape)
+        before, true = _centre_and_size(own[last] == i + 1), _centre_and_size(shape)
         for frame, mask in zip(out, later == i + 1, strict=True):
-            now = _place(mask)
-            if was is None or true is None or now is None:
+            now = _centre_and_size(mask)
+            if before is None or true is None or now is None:
                 frame[mask] = j + 1
                 continue
-            grown = now[1] / was[1]
-            shift = true[0] + now[0] - was[0] - grown * true[0]
-            matrix = np.column_stack([grown * np.eye(2), shift])
+            scale = now[1] / before[1]
+            shift = true[0] + now[0] - before[0] - scale * true[0]
+            matrix = np.column_stack([scale * np.eye(2), shift])
             moved = cv2.warpAffine(shape.astype(np.uint8), matrix, shape.shape[::-1], flags=cv2.INTER_NEAREST)
             frame[moved > 0] = j + 1
     return out
 
 
-def _place(mask: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Centroid (2,) column, row of a mask (H, W) and the root of its area, px; None where it is empty."""
+def _centre_and_size(mask: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """Centroid (2,) column, row of a mask (H, W) and the square root of its area, px; None where it is empty."""
     rows, columns = np.nonzero(mask)
     return (np.array([columns.mean(), rows.mean()]), float(np.sqrt(len(rows)))) if len(rows) else None
 
 
-def moved_on(masks: np.ndarray, more: int, fps: float) -> np.ndarray:
-    """The next `more` frames (more, H, W) of masks (F, H, W): each instance's last mask, moved at the velocity that its
-    centroid had, in px. Of two on one pixel the one with the higher number is seen."""
+def at_constant_velocity(masks: np.ndarray, more: int, fps: float) -> np.ndarray:
+    """The `more` frames (more, H, W) after masks (F, H, W): each instance's last mask, at its centroid's velocity.
+
+    The velocity, px, is fitted over `TRACK_SECONDS`. Where two instances meet, the higher number is in front.
+    """
     out = np.zeros((more, *masks.shape[1:]), np.uint8)
     steps = max(2, round(TRACK_SECONDS * fps) + 1)
     for instance in range(1, int(masks.max(initial=0)) + 1):

@@ -1,98 +1,153 @@
-"""Scores of clips, summed up by suite and method: rows, CSV, Markdown, nested JSON."""
+"""Tables as a header and rows of text: scores, parameter errors, samples, pairs of models, checkpoints, starts."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pipeline.metrics.intervals import Estimate, bootstrap_mean
+from pipeline.evaluation.summary import COSTS, Summary
+from pipeline.metrics.intervals import NO_CLIPS, MeanInterval
 
-NOTHING = Estimate(np.nan, np.nan, np.nan, 0)
-COSTS = ("simulations", "seconds")
+Table = tuple[Sequence[str], Sequence[Sequence[str]]]
+Rows = Sequence[Mapping[str, Any]]
 
-
-@dataclass(frozen=True)
-class Summary:
-    """estimates[suite, method][metric]; simulations, seconds [suite, method]: means a clip."""
-
-    estimates: dict[tuple[str, str], dict[str, Estimate]]
-    simulations: dict[tuple[str, str], float]
-    seconds: dict[tuple[str, str], float]
-
-
-def summarise(
-    rows: Sequence[Mapping[str, Any]], metrics: Sequence[str], resamples: int, rng: np.random.Generator
-) -> Summary:
-    """Sum up rows that each have suite, method, simulations, seconds and some of the metrics (others count as none)."""
-    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["suite"], row["method"]), []).append(row)
-    estimates = {
-        key: {m: bootstrap_mean(np.array([r.get(m, np.nan) for r in group], float), resamples, rng) for m in metrics}
-        for key, group in groups.items()
-    }
-    spent = [{key: float(np.mean([r[name] for r in g])) for key, g in groups.items()} for name in COSTS]
-    return Summary(estimates, *spent)
-
-
-def as_json(summary: Summary) -> dict[str, Any]:
-    """suite -> method -> metric -> mean, without those that rest on no clip: what `dvc metrics` shows."""
-    out: dict[str, Any] = {}
-    for (suite, method), metrics in summary.estimates.items():
-        means = {m: round(e.mean, 4) for m, e in metrics.items() if e.n}
-        out.setdefault(suite, {})[method] = {**means, "clips": metrics["iou"].n}
-    return out
-
-
-def as_csv(summary: Summary) -> str:
-    """One row per suite, method and metric with mean, interval and number of clips."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["suite", "method", "simulations", "metric", "mean", "low", "high", "clips"])
-    for (suite, method), metrics in summary.estimates.items():
-        for name, e in metrics.items():
-            if e.n:
-                numbers = [f"{v:.5g}" for v in (e.mean, e.low, e.high)]
-                writer.writerow([suite, method, f"{summary.simulations[suite, method]:g}", name, *numbers, e.n])
-    return text.getvalue()
+#: Metric -> heading of the table of scores.
+SCORES = {
+    "composition": "composition",
+    "iou_initial": "IoU, first frame",
+    "iou": "IoU, sequence",
+    "foreground_iou": "IoU, foreground",
+    "epe_first": "EPE, first pair",
+    "epe": "EPE, foreground",
+    "epe_frame": "EPE, whole frame",
+    "penetration": "penetration, m",
+    "valid": "valid",
+}
+#: The same for the errors of parameters, with their units.
+ERRORS = {
+    "error.camera_height": "camera height, m",
+    "error.camera_pitch": "camera pitch, deg",
+    "error.fov": "field of view, deg",
+    "error.gravity": "gravity, m/s²",
+    "error.size": "size, m",
+    "error.position": "position, m",
+    "error.velocity": "velocity, m/s",
+    "error.angular_velocity": "angular velocity, rad/s",
+    "error.orientation": "orientation, deg",
+    "error.mass": "mass, kg",
+    "error.sliding_friction": "sliding friction",
+    "error.rolling_friction": "rolling friction, m",
+    "error.damping": "damping",
+}
+#: The same for forecasts of the second half of a clip.
+FORECAST = {"iou": "IoU, unseen half", "seen": "IoU, seen half"}
+#: The same for the checkpoints of a training.
+CHECKPOINT = {"composition": "composition", "iou_initial": "IoU, first frame", "iou": "IoU, sequence"}
+#: The same for searches, at their largest budget.
+LARGEST_BUDGET = {"epe": "EPE, foreground", "epe_frame": "EPE, whole frame", "composition": "composition"}
+SAMPLES = (1, 2, 4, 8, 16, 32)
+EXTRAPOLATED = (10, 100)  # times the clips of the last checkpoint
+NONE = "–"
 
 
-def from_csv(rows: Sequence[Mapping[str, str]]) -> Summary:
-    """The summary of which `as_csv` wrote the rows; seconds are not in them, and NaN."""
-    estimates: dict[tuple[str, str], dict[str, Estimate]] = {}
-    simulations = {(r["suite"], r["method"]): float(r["simulations"]) for r in rows}
-    metrics = dict.fromkeys(r["metric"] for r in rows)
-    for key in simulations:
-        estimates[key] = dict.fromkeys(metrics, NOTHING)
-    for r in rows:
-        estimates[r["suite"], r["method"]][r["metric"]] = Estimate.of_row(r)
-    return Summary(estimates, simulations, dict.fromkeys(simulations, np.nan))
-
-
-def cell(e: Estimate) -> str:
-    """`0.53 (0.47-0.60)`, or a dash."""
-    return f"{e.mean:.3g} ({e.low:.3g}–{e.high:.3g})" if e.n else "–"
-
-
-def table(summary: Summary, columns: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of a table with one line per suite and method; columns: metric -> heading, a dash where there is
-    no such metric."""
-    header = ["suite", "method", "clips", *COSTS, *columns.values()]
-    rows = []
-    for key, metrics in summary.estimates.items():
-        cost = [
-            f"{summary.simulations[key]:.4g}",
-            "–" if np.isnan(summary.seconds[key]) else f"{summary.seconds[key]:.2g}",
-        ]
-        rows.append([*key, str(metrics["iou"].n), *cost, *(cell(metrics.get(m, NOTHING)) for m in columns)])
-    return header, rows
+def cell(interval: MeanInterval) -> str:
+    """`0.53 (0.47–0.60)`, or a dash."""
+    return f"{interval.mean:.3g} ({interval.low:.3g}–{interval.high:.3g})" if interval.n else NONE
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """The table in Markdown, with a line break at its end."""
     lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
     return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
+
+
+def metrics_table(summary: Summary, columns: Mapping[str, str], costs: bool = True) -> Table:
+    """A line per suite and method: clips, costs if asked for, and the metrics of `columns` (metric -> heading)."""
+    rows = []
+    for key, metrics in summary.intervals.items():
+        seconds = summary.seconds[key]
+        spent = [f"{summary.simulations[key]:.4g}", NONE if np.isnan(seconds) else f"{seconds:.2g}"] if costs else []
+        rows.append([*key, str(metrics["iou"].n), *spent, *(cell(metrics.get(m, NO_CLIPS)) for m in columns)])
+    return ["suite", "method", "clips", *(COSTS if costs else ()), *columns.values()], rows
+
+
+def headline_table(summary: Summary) -> Table:
+    """A line per suite: clips, and the sequence IoU of every method."""
+    suites = dict.fromkeys(suite for suite, _ in summary.intervals)
+    methods = list(dict.fromkeys(method for _, method in summary.intervals))
+    nothing = {"iou": NO_CLIPS}
+    rows = []
+    for suite in suites:
+        found = [summary.intervals.get((suite, method), nothing)["iou"] for method in methods]
+        rows.append([suite, str(max(e.n for e in found)), *map(cell, found)])
+    return ["suite", "clips", *methods], rows
+
+
+def samples_table(summary: Summary) -> Table:
+    """Sequence IoU of the best of K samples, of the methods that drew samples."""
+    one = f"iou@{SAMPLES[0]}"
+    sampled = {key: found for key, found in summary.intervals.items() if found.get(one, NO_CLIPS).n}
+    columns = {f"iou@{k}": f"K = {k}" for k in SAMPLES}
+    return metrics_table(Summary(sampled, summary.simulations, summary.seconds), columns)
+
+
+def differences_table(rows: Rows) -> Table:
+    """A line per pair of models, from rows of suite, first, second, what (first, second or difference) and interval."""
+    found: dict[tuple[str, str, str], dict[str, MeanInterval]] = {}
+    for r in rows:
+        found.setdefault((r["suite"], r["first"], r["second"]), {})[r["what"]] = MeanInterval.of_row(r)
+    header = ["suite", "first", "second", "clips", "IoU of the first", "IoU of the second", "difference by clip"]
+    return header, [
+        [*key, str(e["difference"].n), cell(e["first"]), cell(e["second"]), cell(e["difference"])]
+        for key, e in found.items()
+    ]
+
+
+def scaling_table(rows: Rows) -> Table:
+    """A line per checkpoint, from rows of clips_seen, minutes, metric and interval.
+
+    From three checkpoints on, further lines extrapolate to `EXTRAPOLATED` times as many clips: a straight line through
+    the scores' logits against the logarithm of the clips, with the range when any one checkpoint is left out.
+    """
+    seen = sorted({int(r["clips_seen"]) for r in rows})
+    found = {(int(r["clips_seen"]), r["metric"]): MeanInterval.of_row(r) for r in rows}
+    minutes = {int(r["clips_seen"]): float(r["minutes"]) for r in rows}
+    lines = [[f"{n:,}", f"{minutes[n]:.0f}", *(cell(found[n, m]) for m in CHECKPOINT)] for n in seen]
+    if len(seen) > 2:
+        for factor in EXTRAPOLATED:
+            cells = [_extrapolated(seen, [found[n, m].mean for n in seen], factor) for m in CHECKPOINT]
+            lines.append([f"{factor * seen[-1]:,} (extrapolated)", NONE, *cells])
+    return ["clips seen", "minutes", *CHECKPOINT.values()], lines
+
+
+def _extrapolated(seen: Sequence[int], values: Sequence[float], factor: int) -> str:
+    x, y = np.log(np.array(seen, float)), np.clip(values, 1e-3, 1 - 1e-3)
+    logit = np.log(y / (1 - y))
+    without_one = [np.arange(len(x)) != k for k in range(len(x))]
+    at = np.log(factor * seen[-1])
+    odds = np.exp([np.polyval(np.polyfit(x[k], logit[k], 1), at) for k in (slice(None), *without_one)])
+    of_all, *others = odds / (1 + odds)
+    return f"{of_all:.3g} ({min(others):.3g} to {max(others):.3g})"
+
+
+def starts_table(rows: Rows) -> Table:
+    """A line per suite and start of the search, from rows of suite, start, simulations, metric, interval and largest.
+
+    Columns: sequence IoU after each budget; at the largest budget the other metrics, and the largest penetration of
+    any clip, mm.
+    """
+    budgets = sorted({int(r["simulations"]) for r in rows})
+    found: dict[tuple[str, str], dict[tuple[int, str], Mapping[str, Any]]] = {}
+    for r in rows:
+        found.setdefault((r["suite"], r["start"]), {})[int(r["simulations"]), r["metric"]] = r
+    lines = []
+    for (suite, start), cells in found.items():
+        last = max(budget for budget, metric in cells if metric == "iou")
+        columns = [*((budget, "iou") for budget in budgets), *((last, metric) for metric in LARGEST_BUDGET)]
+        numbers = [cell(MeanInterval.of_row(cells[c]) if c in cells else NO_CLIPS) for c in columns]
+        deepest = max(float(r["largest"]) for (_, metric), r in cells.items() if metric == "penetration")
+        lines.append([suite, start, str(cells[last, "iou"]["clips"]), *numbers, f"{1e3 * deepest:.2g}"])
+    by_budget = (f"IoU, {budget} simulations" for budget in budgets)
+    return ["suite", "start", "clips", *by_budget, *LARGEST_BUDGET.values(), "penetration, mm"], lines

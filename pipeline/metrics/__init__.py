@@ -1,1 +1,1 @@
-"""Intersection over union, and intervals of means and shares. Below everything that searches or evaluates."""
+"""Intersection over union, and confidence intervals of means and shares. Imports nothing but numerics."""

@@ -1,4 +1,4 @@
-"""Means with bootstrap intervals, and shares with Wilson's."""
+"""Confidence intervals: of means by the bootstrap, of shares by Wilson's score interval."""
 
 from __future__ import annotations
 
@@ -7,12 +7,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
+from scipy import stats
+
+CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A mean over n clips with its 95 % interval (percentile bootstrap); NaN where n is 0."""
+class MeanInterval:
+    """A mean over clips with its 95 % interval (percentile bootstrap).
+
+    Attributes:
+        mean: The mean; NaN where n is 0, and so are the limits.
+        low: Lower limit.
+        high: Upper limit.
+        n: Number of clips.
+    """
 
     mean: float
     low: float
@@ -20,27 +29,35 @@ class Estimate:
     n: int
 
     @classmethod
-    def of_row(cls, row: Mapping[str, Any]) -> Estimate:
-        """From a row's mean, low, high and clips, which may be text."""
+    def of_row(cls, row: Mapping[str, Any]) -> MeanInterval:
+        """From the columns mean, low, high and clips of a table, as numbers or text."""
         return cls(float(row["mean"]), float(row["low"]), float(row["high"]), int(row["clips"]))
 
     def row(self) -> dict[str, float]:
+        """The columns from which `of_row` reads."""
         return {"mean": self.mean, "low": self.low, "high": self.high, "clips": self.n}
 
 
-def bootstrap_mean(values: np.ndarray, resamples: int, rng: np.random.Generator) -> Estimate:
-    """The mean of `values` (n,), NaN left out, and its interval from `resamples` resamples."""
+NO_CLIPS = MeanInterval(np.nan, np.nan, np.nan, 0)
+
+
+def bootstrap_mean(values: np.ndarray, resamples: int, rng: np.random.Generator) -> MeanInterval:
+    """The mean of `values` (n,), NaN left out, with its percentile-bootstrap interval from `resamples` resamples."""
     kept = values[~np.isnan(values)]
     if not len(kept):
-        return Estimate(np.nan, np.nan, np.nan, 0)
-    means = rng.choice(kept, (resamples, len(kept))).mean(1)
-    low, high = np.percentile(means, [2.5, 97.5])
-    return Estimate(float(kept.mean()), float(low), float(high), len(kept))
+        return NO_CLIPS
+    mean = float(kept.mean())
+    if len(kept) == 1:  # scipy asks for two
+        return MeanInterval(mean, mean, mean, 1)
+    interval = stats.bootstrap(
+        (kept,), np.mean, n_resamples=resamples, confidence_level=CONFIDENCE, method="percentile", rng=rng
+    ).confidence_interval
+    return MeanInterval(mean, float(interval.low), float(interval.high), len(kept))
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share, hits of count."""
+    """Wilson's 95 % interval of the share hits / count; 0 to 1 where count is 0."""
     if count == 0:
         return 0.0, 1.0
-    interval = binomtest(hits, count).proportion_ci(method="wilson")
+    interval = stats.binomtest(hits, count).proportion_ci(CONFIDENCE, method="wilson")
     return float(interval.low), float(interval.high)

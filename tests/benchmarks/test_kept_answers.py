@@ -1,4 +1,4 @@
-"""Long benchmarks keep their answers, go on where they were stopped, and have some of everything when stopped."""
+"""Long benchmarks keep their answers, can be continued, and are balanced when they are stopped."""
 
 from collections import Counter
 from pathlib import Path
@@ -13,7 +13,7 @@ def squared(job: int) -> dict[str, int]:
     return {"job": job, "square": job * job}
 
 
-def test_answers_are_kept_as_they_come_and_a_stopped_run_has_those_it_gave(tmp_path: Path) -> None:
+def test_answers_are_appended_one_by_one_and_a_stopped_run_keeps_them(tmp_path: Path) -> None:
     path = tmp_path / "answers.jsonl"
     assert kept_answers(path) == []
     assert len(list(answers_of(squared, [1, 2, 3, 4], path, 1, 1e-9))) == 1  # no time: one answer, and it is kept

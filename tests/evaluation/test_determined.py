@@ -1,10 +1,10 @@
-"""The table of what clips determine."""
+"""How well clips determine their parameters."""
 
 import numpy as np
 import pytest
 from sampled_scenes import draw
 
-from pipeline.evaluation.determined import HEADER, by_kind, table, true_value
+from pipeline.evaluation.determined import HEADER, determined_table, spreads_by_kind, true_value
 from pipeline.scene.scene import Scene
 
 
@@ -13,7 +13,7 @@ def truth(rng: np.random.Generator) -> Scene:
     return draw(int(rng.integers(2**31)), [0], {2: 1.0}).scenes[0]
 
 
-def test_a_number_is_looked_up_in_the_instance_that_an_object_is(truth: Scene) -> None:
+def test_a_true_value_is_that_of_the_matched_instance(truth: Scene) -> None:
     shapes = truth.shapes[::-1]
     assert true_value(truth, "objects[0].velocity[1]", shapes, [1, 0]) == truth.objects[1].velocity[1]
     assert true_value(truth, "objects[1].mass", shapes, [1, 0]) == truth.objects[0].mass
@@ -22,7 +22,7 @@ def test_a_number_is_looked_up_in_the_instance_that_an_object_is(truth: Scene) -
     assert true_value(truth, "objects[0].size[0]", ("capsule", "capsule"), [0, 1]) is None
 
 
-def test_spreads_that_hold_are_counted_and_factors_are_ratios(truth: Scene) -> None:
+def test_truths_within_two_spreads_are_counted_and_factors_are_compared_as_ratios(truth: Scene) -> None:
     mass, damping = truth.objects[0].mass, truth.objects[0].damping
     rows = [
         {"place": "objects[0].mass", "kind": "mass", "value": 3 * mass, "spread": 2.0, "unit": "factor", "share": 0.4},
@@ -35,7 +35,7 @@ def test_spreads_that_hold_are_counted_and_factors_are_ratios(truth: Scene) -> N
             "share": 1,
         },
     ]
-    header, cells = table(by_kind([(rows, truth, [0, 1], truth), (rows[1:], truth, [0, 1], None)]))
+    header, cells = determined_table(spreads_by_kind([(rows, truth, [0, 1], truth), (rows[1:], truth, [0, 1], None)]))
     assert header == HEADER
     assert cells == [["mass", "factor", "1", "1.00", "2", "1.00 of 1", "1.6"],
                      ["damping", "-", "2", "0.00", "1", "0.00 of 1", "3.0"]]  # fmt: skip

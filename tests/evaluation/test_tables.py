@@ -1,91 +1,55 @@
-"""Sums, intervals and the forms in which they are written."""
-
-import csv
-import io
-from itertools import combinations
-from xml.etree import ElementTree
+"""Tables of scores, of models compared, and of checkpoints."""
 
 import numpy as np
 import pytest
 
-from pipeline.evaluation.figures import bars, curves, jpeg, painted, tiled
-from pipeline.evaluation.mean_curves import best_of_curve, mean_curve
-from pipeline.evaluation.report import Section, folded, html_table, page
-from pipeline.evaluation.tables import Summary, as_csv, as_json, from_csv, markdown, summarise, table
-from pipeline.metrics.intervals import bootstrap_mean
+from pipeline.evaluation.summary import Summary
+from pipeline.evaluation.tables import (
+    CHECKPOINT,
+    differences_table,
+    samples_table,
+    scaling_table,
+)
+from pipeline.metrics.intervals import MeanInterval
 
 
-@pytest.fixture
-def summary(rng: np.random.Generator) -> Summary:
-    rows = [{"suite": s, "method": m, "simulations": 8, "seconds": 0.5, "iou": float(rng.random()), "composition": 1.0}
-            for s in ("id", "more") for m in ("greedy", "cmaes") for _ in range(5)]  # fmt: skip
-    return summarise(rows, ["iou", "composition", "error.mass"], 200, rng)
+def share(n: float, slope: float) -> float:
+    """A share whose odds are a power of n."""
+    odds = 0.1 * (float(n) / 1e3) ** slope
+    return odds / (1 + odds)
 
 
-def test_an_interval_holds_the_mean_and_covers_the_true_mean_in_about_95_of_100(rng: np.random.Generator) -> None:
-    hits = 0
-    for _ in range(200):
-        e = bootstrap_mean(rng.normal(3.0, 1.0, 40), 400, rng)
-        assert e.low <= e.mean <= e.high
-        hits += e.low <= 3.0 <= e.high
-    assert 170 <= hits <= 200
+def checkpoints(counts: list[int], slope: float) -> list[dict[str, str]]:
+    return [{"clips_seen": str(n), "minutes": "1.5", "metric": m, **MeanInterval(share(n, slope), 0, 1, 9).row()}
+            for n in counts for m in CHECKPOINT]  # fmt: skip
 
 
-def test_a_metric_that_no_clip_has_rests_on_none(rng: np.random.Generator) -> None:
-    assert bootstrap_mean(np.full(3, np.nan), 10, rng).n == 0
+def test_scores_that_follow_the_line_are_extrapolated_exactly(rng: np.random.Generator) -> None:
+    slope = float(rng.uniform(0.1, 0.5))
+    header, lines = scaling_table(checkpoints([4000, 1000, 2000], slope))
+    assert [line[0] for line in lines] == ["1,000", "2,000", "4,000", "40,000 (extrapolated)", "400,000 (extrapolated)"]
+    for line, n in zip(lines[3:], (4e4, 4e5), strict=True):
+        for cell in line[2:]:
+            mean, rest = cell.split(" (")
+            found = [float(v) for v in (mean, *rest.rstrip(")").split(" to "))]
+            assert found == pytest.approx([share(n, slope)] * 3, rel=0.01)
+    assert len(header) == len(lines[0])
 
 
-def test_the_best_of_k_curve_is_the_mean_over_all_subsets(rng: np.random.Generator) -> None:
-    reward, score = rng.random(6), rng.random(6)
-    expected = [
-        np.mean([score[max(c, key=lambda i: reward[i])] for c in combinations(range(6), k)]) for k in range(1, 7)
-    ]
-    assert best_of_curve(reward, score) == pytest.approx(expected)
+def test_nothing_is_extrapolated_from_two_checkpoints() -> None:
+    assert len(scaling_table(checkpoints([1000, 2000], 0.5))[1]) == 2
 
 
-def test_each_form_of_a_summary_has_every_suite_and_method(summary: Summary) -> None:
-    nested = as_json(summary)
-    assert set(nested) == {"id", "more"} and set(nested["id"]) == {"greedy", "cmaes"}
-    assert nested["id"]["greedy"]["clips"] == 5 and "error.mass" not in nested["id"]["greedy"]
-    assert len(as_csv(summary).splitlines()) == 1 + 2 * 2 * 2
-    again = from_csv(list(csv.DictReader(io.StringIO(as_csv(summary)))))
-    assert as_csv(again) == as_csv(summary) and again.simulations == summary.simulations
-    assert [row[-1] for row in table(again, {"error.mass": "mass"})[1]] == ["–"] * 4  # as_csv leaves it out
-    header, rows = table(summary, {"iou": "IoU", "error.mass": "mass"})
-    assert len(rows) == 4 and all(row[-1] == "–" for row in rows)
-    assert markdown(header, rows).count("\n") == 6
+def test_a_pair_of_models_is_one_line() -> None:
+    rows = [{"suite": "id", "first": "a", "second": "b", "what": what, **MeanInterval(v, v - 0.1, v + 0.1, 7).row()}
+            for what, v in (("first", 0.5), ("second", 0.3), ("difference", 0.2))]  # fmt: skip
+    _, (line,) = differences_table(rows)
+    assert line == ["id", "a", "b", "7", "0.5 (0.4–0.6)", "0.3 (0.2–0.4)", "0.2 (0.1–0.3)"]
 
 
-def test_figures_are_well_formed_and_the_same_each_time(summary: Summary) -> None:
-    for draw in (lambda: bars(summary, "iou", "IoU"), lambda: curves({"a": ([1, 2], [0.1, 0.4])}, "k", "IoU")):
-        assert draw() == draw()
-        assert ElementTree.fromstring(draw()).tag.endswith("svg")
-
-
-def test_a_painted_mask_changes_its_object_alone(rng: np.random.Generator) -> None:
-    frame = rng.integers(0, 255, (40, 60, 3), dtype=np.uint8)
-    mask = np.zeros((40, 60), np.uint8)
-    mask[10:20, 10:30] = 1
-    out = painted(frame, mask)
-    far = np.ones((40, 60), bool)
-    far[8:22, 8:32] = False
-    assert (out[far] == frame[far]).all() and (out[12:18, 12:28] != frame[12:18, 12:28]).any()
-    assert jpeg(tiled([("a", [frame, frame]), ("b", [out])]))[:2] == b"\xff\xd8"
-
-
-def test_the_page_escapes_what_it_is_given() -> None:
-    text = page(
-        "<t>", "a < b", {"x": "<y>"}, [Section("s", "n & m", html_table(["<h>"], [["<c>"]]) + folded("f", "<p>"))]
-    )
-    for raw in ("<t>", "<y>", "<h>", "<c>", "<p>\n"):
-        assert raw not in text.replace("<p>a", "").replace("<p>", "", 1)
-    assert "&lt;c&gt;" in text and "n &amp; m" in text
-
-
-def test_a_mean_curve_holds_each_clips_best_until_a_better_one() -> None:
-    curve = mean_curve([([10, 20, 40], [0.1, 0.2, 0.6]), ([15, 30], [0.3, 0.5]), ([], [])], points=26)
-    assert curve[0] == (15, pytest.approx((0.1 + 0.3) / 2))
-    assert dict(curve)[20] == pytest.approx((0.2 + 0.3) / 2)
-    assert curve[-1] == (40, pytest.approx((0.6 + 0.5) / 2))
-    assert (np.diff([r for _, r in curve]) >= 0).all()
-    assert mean_curve([]) == []
+def test_only_methods_with_samples_are_in_the_table_of_samples() -> None:
+    some, none = MeanInterval(0.5, 0.4, 0.6, 3), MeanInterval(np.nan, np.nan, np.nan, 0)
+    keys = [("id", "tiny"), ("id", "tiny, best of 2")]
+    found = {keys[0]: {"iou": some, "iou@1": none}, keys[1]: {"iou": some, "iou@1": some, "iou@2": some}}
+    _, (line,) = samples_table(Summary(found, dict.fromkeys(keys, 2.0), dict.fromkeys(keys, 1.0)))
+    assert line[1] == "tiny, best of 2" and line[-6:].count("–") == 4

@@ -12,13 +12,13 @@ from ruamel.yaml import YAML
 from small_base import LAYOUT, random_clips, small_base
 
 from pipeline.errors import ParamsError, ShardError
+from pipeline.evaluation.suite import AnsweredSuite
 from pipeline.shards.code_hash import ROOT
 from pipeline.shards.map_shards import map_shards
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from stages import prefer
 from stages.graph.answering_model import FINETUNED, PREFERRED, AnsweringModel, answering_model, split_clips
-from stages.score import told_apart
 
 CLIPS = 4
 FRAMES = 30
@@ -84,10 +84,11 @@ def test_where_it_is_enabled_its_model_answers_and_says_what_it_has_seen(
         curve = list(csv.DictReader(file))
     assert [int(row["step"]) for row in curve] == ([1, 2, 3, 4] if pairs else [])
     assert (PREFERRED / "model.safetensors").read_bytes() != (FINETUNED / "model.safetensors").read_bytes()
-    assert [told_apart("real", clip, model) for clip in range(CLIPS)] == [
+    suite = AnsweredSuite("real", {}, frozenset(model.used))
+    assert [suite.group(clip) for clip in range(CLIPS)] == [
         "real, used by prefer" if clip in model.used else "real" for clip in range(CLIPS)
     ]
-    assert told_apart("id", model.used[0], model) == "id"
+    assert not model.has_used("id", model.used[0])
     written = {path.name: path.read_bytes() for path in PREFERRED.iterdir()}
     prefer.main()
     assert "prefer: from the store" in capsys.readouterr().out

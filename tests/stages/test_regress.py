@@ -11,6 +11,7 @@ from ruamel.yaml import YAML
 from sampled_scenes import draw
 from small_base import random_clips
 
+from pipeline.evaluation.suite import AnsweredSuite
 from pipeline.scene.text import read_scene, write_scene
 from pipeline.shards.code_hash import ROOT
 from pipeline.shards.dataset import open_shards
@@ -20,7 +21,6 @@ from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from stages import regress
 from stages.graph.stage_params import load
-from stages.score import answers
 
 FRAMES = 4
 
@@ -116,6 +116,6 @@ def test_the_scores_have_it_only_where_it_was_run(folder: Path) -> None:
 
     found = {"scene": "scene", "simulations": 3, "guess": None, "sample": -1}
     suite: dict[str, Any] = {name: {0: Fake(**found)} for name in ("best_of_k", "cmaes", "fit", "infer")}
-    assert "vivit" not in answers(suite, 0)
-    told = answers({**suite, "regress": {0: Fake(scene="regressed")}}, 0)
-    assert told["vivit"] == ("regressed", 0)
+    assert "vivit" not in AnsweredSuite("id", suite).answers(0)
+    answers = AnsweredSuite("id", {**suite, "regress": {0: Fake(scene="regressed")}}).answers(0)
+    assert answers["vivit"] == ("regressed", 0)

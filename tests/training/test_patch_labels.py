@@ -1,4 +1,4 @@
-"""What the vision tower is taught of patches."""
+"""Labels of patches, and the head that learns them."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from pipeline.clips.view import pair_view, trace_pairs
 from pipeline.model.patches import PatchLayout
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import BASIC_SHAPES, Camera, Scene, SceneObject
-from training.patch_labels import PatchHead, PatchLabels, patch_labels
+from training.tiny.patch_labels import PatchHead, PatchLabels, patch_labels
 
 LAYOUT = PatchLayout(192, 128, 10, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
 
@@ -25,7 +25,7 @@ def labelled(rng: np.random.Generator) -> tuple[Scene, PatchLabels]:
     return scene, patch_labels(view, scene, trace, schedule, LAYOUT)
 
 
-def test_patches_know_their_object(labelled: tuple[Scene, PatchLabels]) -> None:
+def test_patches_are_labelled_with_their_object(labelled: tuple[Scene, PatchLabels]) -> None:
     scene, labels = labelled
     t, h, w = LAYOUT.grid
     assert labels.shape.shape == labels.place.shape == (t, h, w)
@@ -38,7 +38,7 @@ def test_patches_know_their_object(labelled: tuple[Scene, PatchLabels]) -> None:
         np.testing.assert_allclose(
             numbers[:, 15:18], np.tile(scene.objects[place].position, (len(numbers), 1)), atol=1e-6
         )
-        np.testing.assert_allclose(np.exp(numbers[:, 6:9]), (0.22, 0.2)[place], rtol=0.05)  # as they lie, they reach
+        np.testing.assert_allclose(np.exp(numbers[:, 6:9]), (0.22, 0.2)[place], rtol=0.05)  # half extents
         np.testing.assert_allclose(np.exp(numbers[:, 3]), scene.objects[place].size[0], rtol=1e-6)
     assert (labels.numbers[labels.shape == 0] == 0).all()
 
@@ -62,6 +62,6 @@ def test_the_head_learns_the_labels_in_the_tokens_order(labelled: tuple[Scene, P
         loss.backward()
         optimizer.step()
     assert loss.item() < 0.5 * first and head.shapes_right(tokens, [labels, labels]) > 0.9
-    told = head.blocks([labels.numbers, labels.numbers], tokens.device)
+    blocks = head.blocks([labels.numbers, labels.numbers], tokens.device)
     m = LAYOUT.merge
-    np.testing.assert_array_equal(told[: m * m].numpy(), labels.numbers[0, :m, :m].reshape(m * m, -1))
+    np.testing.assert_array_equal(blocks[: m * m].numpy(), labels.numbers[0, :m, :m].reshape(m * m, -1))

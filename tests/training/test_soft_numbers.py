@@ -1,4 +1,4 @@
-"""Targets of numbers that have their neighbours in them."""
+"""Soft targets of numbers."""
 
 import numpy as np
 import torch
@@ -9,7 +9,7 @@ from pipeline.language.codec import Codec
 from pipeline.language.completion import REAL_PART, VECTORS, completion_grammar, write_completion
 from pipeline.language.grammar import Number, split
 from pipeline.language.tokenizer import build_tokenizer
-from training.soft_numbers import SPREAD, SoftTargets, soft_loss, soft_targets
+from training.tiny.soft_numbers import SPREAD, SoftTargets, soft_loss, soft_targets
 
 CODEC = Codec(build_tokenizer(), 12)
 
@@ -29,8 +29,8 @@ def target(soft: SoftTargets, place: int) -> dict[str, float]:
     return {CODEC.decode([int(i)]): float(s) for i, s in zip(soft.ids[here], soft.share[here], strict=True)}
 
 
-def test_a_target_is_a_bell_about_the_number_and_zeros_and_heights_stay(rng: np.random.Generator) -> None:
-    bells = 0
+def test_a_target_is_a_gaussian_about_the_number_and_zeros_and_heights_stay_hard(rng: np.random.Generator) -> None:
+    gaussians = 0
     for scene in draw(int(rng.integers(2**31)), range(6)).scenes:
         text = write_completion(scene, None, 1.0)
         soft = soft_targets(CODEC, split(completion_grammar(False, 1.0), text))
@@ -50,15 +50,15 @@ def test_a_target_is_a_bell_about_the_number_and_zeros_and_heights_stay(rng: np.
             drawn = np.array([float(written[:-2] + tail) for tail in second])
             expected = np.exp(-0.5 * ((drawn - value) / spread) ** 2)
             np.testing.assert_allclose(list(second.values()), expected / expected.sum(), atol=1e-5)
-            # what lies between the least number that begins with each first token and the next one
+            # the weight of all numbers that have the first token of the written one
             step = 10.0**-number.decimals
             grid = np.arange(round((value - 3 * spread) / step), round((value + 3 * spread) / step) + 1) * step
             grid = grid[(grid > number.low - step / 2) & (grid < number.high + step / 2)]
             weight = np.exp(-0.5 * ((grid - value) / spread) ** 2)
-            alike = np.array([number.text(g)[:-2] == written[:-2] for g in grid])
-            assert abs(first[written[:-2]] - weight[alike].sum() / weight.sum()) < 0.01
-            bells += len(first) > 1
-    assert bells > 20
+            same_head = np.array([number.text(g)[:-2] == written[:-2] for g in grid])
+            assert abs(first[written[:-2]] - weight[same_head].sum() / weight.sum()) < 0.01
+            gaussians += len(first) > 1
+    assert gaussians > 20
 
 
 def test_the_loss_is_cross_entropy_with_these_targets(rng: np.random.Generator) -> None:

@@ -9,7 +9,7 @@ import pytest
 from pipeline.model.base import load_base
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from training.tiny_card import CHECKED, LEARNED, SHOWN, measure
+from training.tiny.card import CHECKED, LEARNED, SHOWN, measure
 
 CARD = Path("models/tiny/README.md").read_text(encoding="utf-8")
 

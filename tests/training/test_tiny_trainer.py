@@ -1,4 +1,4 @@
-"""The tiny model in training, on a few clips."""
+"""The training of the tiny model, on a few clips."""
 
 from pathlib import Path
 
@@ -10,18 +10,17 @@ from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from training.examples import LAYOUT, Example, Kind, make_examples
-from training.tiny import progress_of
-from training.tiny_trainer import Trainer, read_checkpoint
+from training.tiny.examples import LAYOUT, Example, ExampleKind, make_examples
+from training.tiny.trainer import Trainer, progress_of_row, read_checkpoint
 
 
 @pytest.fixture
 def examples(rng: np.random.Generator) -> list[Example]:
     params = read_params_file(PARAMS_FILE, Params).model_copy(update={"seed": int(rng.integers(2**31))})
-    return make_examples(params, Codec(build_tokenizer(), LAYOUT.tokens), Kind(), "test", range(4), False)
+    return make_examples(params, Codec(build_tokenizer(), LAYOUT.tokens), ExampleKind(), "test", range(4), False)
 
 
-def test_a_training_learns_and_goes_on_from_its_checkpoint(examples: list[Example], tmp_path: Path) -> None:
+def test_a_training_learns_and_continues_from_its_checkpoint(examples: list[Example], tmp_path: Path) -> None:
     trainer = Trainer("cpu", 1.5e-3, 4e-3, 0.5)
     losses = [trainer.learn(examples, share=1.0)[0] for _ in range(8)]
     assert losses[-1] < losses[0] - 0.3
@@ -44,17 +43,17 @@ def test_a_training_starts_from_a_model_without_a_head(examples: list[Example], 
     for mine, theirs in zip(started.base.model.parameters(), trainer.base.model.parameters(), strict=True):
         torch.testing.assert_close(mine, theirs)
     with torch.no_grad():
-        tokens = started.see(torch.as_tensor(batch[0]))
-        told, untold = started.head(tokens, batch[1]), Trainer("cpu", 1e-3, 1e-3, 0.5).head(tokens, batch[1])
-    assert told < untold - 0.5
+        tokens = started.vision_tokens(torch.as_tensor(batch[0]))
+        trained, untrained = started.head(tokens, batch[1]), Trainer("cpu", 1e-3, 1e-3, 0.5).head(tokens, batch[1])
+    assert trained < untrained - 0.5
 
 
-def test_how_far_a_training_was_is_read_from_its_log() -> None:
-    progress = progress_of({"clips": "800", "minutes": "1.5", "fresh_clips": "640"}, 8)
-    assert (progress.step, progress.seconds, progress.chunk, progress.seen) == (100, 90.0, 40, 0)
+def test_the_progress_of_a_training_is_read_from_its_log() -> None:
+    progress = progress_of_row({"clips": "800", "minutes": "1.5", "fresh_clips": "640"}, 8)
+    assert (progress.step, progress.seconds, progress.chunk, progress.vision_steps) == (100, 90.0, 40, 0)
 
 
-def test_a_checkpoint_answers(examples: list[Example], tmp_path: Path) -> None:
+def test_a_checkpoint_is_read_as_a_model_that_answers(examples: list[Example], tmp_path: Path) -> None:
     trainer = Trainer("cpu", 1e-3, 1e-3, 0.5)
     trainer.save(tmp_path / "checkpoint.pt")
     base, progress = read_checkpoint(tmp_path / "checkpoint.pt")

@@ -7,8 +7,8 @@ import pytest
 
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.raft import load_raft
-from training.flow_scores import cross_engine, cross_engine_folder, held_out, score
-from training.pair_stream import Batch
+from training.raft.flow_scores import cross_engine, cross_engine_folder, held_out, score
+from training.raft.pair_stream import Batch
 
 WEIGHTS = Path(__file__).resolve().parents[2] / "models" / "raft-small"
 pytestmark = pytest.mark.skipif(not (WEIGHTS / "model.safetensors").exists(), reason=f"no weights in {WEIGHTS}")

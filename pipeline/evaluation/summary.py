@@ -1,0 +1,123 @@
+"""Scores of clips summed up by suite and method, and what more samples or more simulations gain."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.metrics.intervals import NO_CLIPS, MeanInterval, bootstrap_mean
+
+COSTS = ("simulations", "seconds")
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Means with intervals by suite and method.
+
+    Attributes:
+        intervals: [suite, method][metric].
+        simulations: [suite, method], the mean a clip.
+        seconds: [suite, method], the mean a clip; NaN where it is not known.
+    """
+
+    intervals: dict[tuple[str, str], dict[str, MeanInterval]]
+    simulations: dict[tuple[str, str], float]
+    seconds: dict[tuple[str, str], float]
+
+
+def summarise(
+    rows: Sequence[Mapping[str, Any]], metrics: Sequence[str], resamples: int, rng: np.random.Generator
+) -> Summary:
+    """Sum up the scores of clips.
+
+    Args:
+        rows: A row for each clip and method, with suite, method, simulations, seconds and some of the metrics. A metric
+            that a row lacks is left out of that metric's mean.
+        metrics: The metrics, in the order in which their intervals are drawn.
+        resamples: Bootstrap resamples behind each interval.
+        rng: Draws the resamples.
+    """
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["suite"], row["method"]), []).append(row)
+    intervals = {
+        key: {m: bootstrap_mean(np.array([r.get(m, np.nan) for r in group], float), resamples, rng) for m in metrics}
+        for key, group in groups.items()
+    }
+    spent = [{key: float(np.mean([r[name] for r in g])) for key, g in groups.items()} for name in COSTS]
+    return Summary(intervals, *spent)
+
+
+def as_json(summary: Summary) -> dict[str, Any]:
+    """suite -> method -> metric -> mean, without metrics that no clip has: what `dvc metrics` shows."""
+    out: dict[str, Any] = {}
+    for (suite, method), metrics in summary.intervals.items():
+        means = {m: round(e.mean, 4) for m, e in metrics.items() if e.n}
+        out.setdefault(suite, {})[method] = {**means, "clips": metrics["iou"].n}
+    return out
+
+
+def as_csv(summary: Summary) -> str:
+    """One row per suite, method and metric with mean, interval and number of clips."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["suite", "method", "simulations", "metric", "mean", "low", "high", "clips"])
+    for (suite, method), metrics in summary.intervals.items():
+        for name, e in metrics.items():
+            if e.n:
+                numbers = [f"{v:.5g}" for v in (e.mean, e.low, e.high)]
+                writer.writerow([suite, method, f"{summary.simulations[suite, method]:g}", name, *numbers, e.n])
+    return text.getvalue()
+
+
+def from_csv(rows: Sequence[Mapping[str, str]]) -> Summary:
+    """The summary whose rows `as_csv` wrote; seconds are not in the file, and NaN here."""
+    simulations = {(r["suite"], r["method"]): float(r["simulations"]) for r in rows}
+    metrics = dict.fromkeys(r["metric"] for r in rows)
+    intervals = {key: dict.fromkeys(metrics, NO_CLIPS) for key in simulations}
+    for r in rows:
+        intervals[r["suite"], r["method"]][r["metric"]] = MeanInterval.of_row(r)
+    return Summary(intervals, simulations, dict.fromkeys(simulations, np.nan))
+
+
+def best_of_k_curve(reward: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """(K,) expected `score` of the sample with the best `reward` among k drawn without replacement, k = 1 … K.
+
+    The r-th best of K is the best of k with probability C(K - r - 1, k - 1) / C(K, k), r from 0.
+    """
+    count = len(reward)
+    ordered = score[np.argsort(-reward, kind="stable")]
+    out = np.empty(count)
+    for k in range(1, count + 1):
+        weight = np.zeros(count)
+        weight[0] = k / count
+        for r in range(1, count - k + 1):
+            weight[r] = weight[r - 1] * (count - r - k + 1) / (count - r)
+        out[k - 1] = weight @ ordered
+    return out
+
+
+def mean_best_so_far(
+    histories: Sequence[tuple[Sequence[int], Sequence[float]]], points: int = 24
+) -> list[tuple[int, float]]:
+    """The mean over clips of the best reward so far, as (simulations, reward).
+
+    The budgets run from the first at which every clip has a reward to the largest that any clip spent.
+
+    Args:
+        histories: For each clip the rising numbers of simulations at which its best reward was recorded, and that
+            reward. Clips without any are left out.
+        points: How many budgets.
+    """
+    histories = [(s, r) for s, r in histories if len(s)]
+    if not histories:
+        return []
+    first, last = max(s[0] for s, _ in histories), max(s[-1] for s, _ in histories)
+    budgets = np.unique(np.linspace(first, last, points).astype(int))
+    at = [np.asarray(r)[np.searchsorted(s, budgets, "right") - 1] for s, r in histories]
+    return [(int(b), float(v)) for b, v in zip(budgets, np.mean(at, axis=0), strict=True)]

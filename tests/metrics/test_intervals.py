@@ -1,0 +1,40 @@
+"""Confidence intervals of means and shares."""
+
+import numpy as np
+import pytest
+
+from pipeline.metrics.intervals import MeanInterval, bootstrap_mean, wilson
+
+
+def test_an_interval_holds_the_mean_and_covers_the_true_mean_in_about_95_of_100(rng: np.random.Generator) -> None:
+    hits = 0
+    for _ in range(200):
+        e = bootstrap_mean(rng.normal(3.0, 1.0, 40), 400, rng)
+        assert e.low <= e.mean <= e.high
+        hits += e.low <= 3.0 <= e.high
+    assert hits >= 168  # at a coverage of 0.93, fewer come less than once in a million runs
+
+
+def test_the_bootstrap_is_the_percentile_of_the_means_of_resamples() -> None:
+    values, resamples = np.random.default_rng(1).random(12), 500
+    means = np.random.default_rng(2).choice(values, (resamples, 12)).mean(1)
+    e = bootstrap_mean(values, resamples, np.random.default_rng(2))
+    assert (e.low, e.high) == pytest.approx(tuple(np.percentile(means, [2.5, 97.5])))
+
+
+def test_values_that_are_missing_do_not_count(rng: np.random.Generator) -> None:
+    assert bootstrap_mean(np.array([np.nan, 1.0, np.nan]), 10, rng) == MeanInterval(1.0, 1.0, 1.0, 1)
+    assert bootstrap_mean(np.full(3, np.nan), 10, rng).n == 0
+
+
+def test_an_interval_is_read_from_the_row_that_it_makes() -> None:
+    e = MeanInterval(0.5, 0.4, 0.6, 7)
+    assert MeanInterval.of_row({k: str(v) for k, v in e.row().items()}) == e
+
+
+@pytest.mark.parametrize(("hits", "count"), [(0, 5), (3, 7), (9, 9), (95, 100)])
+def test_the_ends_of_wilsons_interval_are_1_96_standard_errors_from_the_share(hits: int, count: int) -> None:
+    for end in wilson(hits, count):
+        if 0 < end < 1:
+            assert abs(hits / count - end) == pytest.approx(1.959964 * np.sqrt(end * (1 - end) / count), rel=1e-5)
+    assert wilson(0, 0) == (0.0, 1.0)

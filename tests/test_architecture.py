@@ -1,0 +1,94 @@
+"""How the packages may import each other, read from the source: imports in functions and under TYPE_CHECKING count."""
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+TOP = ("pipeline", "stages", "training", "benchmarks")
+Graph = dict[str, dict[str, list[str]]]
+
+
+def package_of(module: str) -> str:
+    """`pipeline.scene` for pipeline.scene.effects.kind; below the other packages nothing is told apart."""
+    return ".".join(module.split(".")[: 2 if module.startswith("pipeline.") else 1])
+
+
+def imported_modules(file: Path, root: Path) -> Iterator[str]:
+    """The modules that a file imports, as full names; `from a import b` gives a.b where that is a module."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = file.relative_to(root).with_suffix("").parts[: -node.level] if node.level else ()
+            module = ".".join([*above, *([node.module] if node.module else [])])
+            for name in (f"{module}.{alias.name}" for alias in node.names):
+                path = root.joinpath(*name.split("."))
+                yield name if path.is_dir() or path.with_suffix(".py").is_file() else module
+
+
+def import_graph(root: Path) -> Graph:
+    """Package -> package or library that it imports -> the files that do."""
+    graph: Graph = defaultdict(lambda: defaultdict(list))
+    for file in (file for top in TOP for file in sorted((root / top).rglob("*.py"))):
+        own = package_of(".".join(file.relative_to(root).with_suffix("").parts).removesuffix(".__init__"))
+        for module in imported_modules(file, root):
+            other = package_of(module)
+            if other != own:
+                graph[own][other].append(file.relative_to(root).as_posix())
+    return graph
+
+
+def circle(graph: Graph) -> list[str]:
+    """Packages of `pipeline` that import each other in a circle, and the files that close it; empty for none."""
+    inner = {a: [b for b in others if b.startswith("pipeline.")] for a, others in graph.items() if "." in a}
+    try:
+        TopologicalSorter(inner).prepare()
+    except CycleError as error:
+        around = error.args[1][::-1]
+        return [f"{a} imports {b} in {graph[a][b]}" for a, b in pairwise(around)]
+    return []
+
+
+@pytest.fixture(scope="module")
+def graph() -> Graph:
+    return import_graph(ROOT)
+
+
+def test_no_package_of_the_pipeline_imports_another_in_a_circle(graph: Graph) -> None:
+    assert circle(graph) == []
+
+
+@pytest.mark.parametrize("outer", ["stages", "training", "benchmarks"])
+def test_the_pipeline_imports_nothing_that_is_built_on_it(graph: Graph, outer: str) -> None:
+    assert {package: found[outer] for package, found in graph.items() if "pipeline" in package and outer in found} == {}
+
+
+def test_stages_import_neither_training_nor_benchmarks(graph: Graph) -> None:
+    assert {outer: graph["stages"][outer] for outer in ("training", "benchmarks") if outer in graph["stages"]} == {}
+
+
+def test_the_viewer_alone_imports_rerun(graph: Graph) -> None:
+    assert [package for package, found in graph.items() if "rerun" in found] == ["pipeline.viewer"]
+
+
+def test_imports_in_functions_and_for_types_close_a_circle(tmp_path: Path) -> None:
+    files = {
+        "pipeline/a/one.py": "import numpy\ndef f():\n    from pipeline.b import two\n",
+        "pipeline/b/two.py": "import typing\nif typing.TYPE_CHECKING:\n    from pipeline.c.three import X\n",
+        "pipeline/c/three.py": "from ..a.one import f\n",
+        "pipeline/d.py": "import pipeline.a.one\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    found = circle(import_graph(tmp_path))
+    assert len(found) == 3 and any("pipeline.b imports pipeline.c in ['pipeline/b/two.py']" in line for line in found)
+    (tmp_path / "pipeline/c/three.py").write_text("import stages.score\n")
+    graph = import_graph(tmp_path)
+    assert circle(graph) == [] and graph["pipeline.c"]["stages"] == ["pipeline/c/three.py"]

@@ -1,0 +1,1 @@
+"""Training of RAFT-small, the optical flow network."""
