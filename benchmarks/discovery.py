@@ -1,9 +1,8 @@
-"""The blind benchmark of discovery: hidden worlds by effect, strength, noise and number of clips; every answer is kept.
+"""The blind benchmark of discovery: hidden worlds by effect, strength, noise and number of clips.
 
-Writes benchmarks/results/discovery[-smoke]/answers.jsonl as it goes (a run that was stopped goes on), then summary.md,
-confusion.svg and summary.json beside it. The thresholds (select.py, fitter.py and confidence.py of
-pipeline/discrepancy) were frozen on other seeds; reported figures come from seeds from 20000 on, first used in
-that run.
+Writes benchmarks/results/discovery[-smoke]/answers.jsonl one answer at a time (a stopped run continues), then
+summary.md, confusion.svg and summary.json beside it. The thresholds (in pipeline/discrepancy/fitting and
+selection) were frozen on other seeds; reported figures come from seeds from 20000 on, first used in that run.
 Run: python -m benchmarks.discovery [--smoke] [--share 1.0] [--workers 2] [--minutes M]
 """
 
@@ -11,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import itertools
 import json
 import time
 import warnings
@@ -26,16 +26,18 @@ from tqdm import tqdm
 from benchmarks.discovery_rivals import rivals
 from benchmarks.discovery_summary import write_summary
 from benchmarks.kept_answers import answers_of, kept_answers
-from pipeline.discrepancy.discover import discover, report
-from pipeline.discrepancy.known_scene import known_scene
+from pipeline.discrepancy.discover import discover
+from pipeline.discrepancy.report.report_dict import report_dict
+from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.errors import DynamicsError
-from pipeline.hidden.engine import BULLET_EFFECTS, EVENT_EFFECTS
-from pipeline.hidden.recipes import WRONG_OF
-from pipeline.hidden.world import UNLISTED, Recipe, make_world
+from pipeline.hidden.engine import can_simulate
+from pipeline.hidden.law_perturbation import UNLISTED
+from pipeline.hidden.recipe import Recipe, perturbed_kinds
+from pipeline.hidden.world import make_world
 from pipeline.scene.effects.registry import effect_kinds
 
-FIRST_SEED = 20000  # first used in the run whose answers are kept; all below have been seen
-FIRST_SMOKE_SEED = 0  # of development: a quick look must use up no fresh seeds
+FIRST_SEED = 20000  # first used in the run whose answers are kept; lower seeds were used in development
+FIRST_SMOKE_SEED = 0  # of development: a quick check must not use fresh seeds
 PAIRS = (
     ("air_drag", "magnus_lift"),
     ("air_drag", "tilted_gravity"),
@@ -55,58 +57,58 @@ STRENGTHS = {"weak": 3.0, "medium": 10.0, "strong": 30.0}
 
 
 def plan(share: float, first_seed: int) -> Iterator[tuple[str, Recipe, str | None]]:
-    """(group, recipe, effect struck off the list), in rounds, so that a run that is stopped has some of everything.
+    """(group, recipe, effect struck off the list), in rounds, so that a stopped run has some of everything.
 
-    share: of the whole plan, in which every figure of the acceptance rests on 50 worlds or more.
+    share: of the whole plan, in which every accepted figure rests on 50 worlds or more.
     """
-    names, seed = tuple(effect_kinds()), first_seed
+    names, seeds = tuple(effect_kinds()), itertools.count(first_seed + 1)
     rounds = max(1, round(4 * share))
+    strong = STRENGTHS["strong"]
     for turn in range(rounds):
         for word, strength in STRENGTHS.items():
             for k, name in enumerate(names):
-                seed += 1
-                yield f"12 clips, 2 mm, {word}", _recipe(seed, (name,), strength, 0.002, 12, turn + k), None
+                yield f"12 clips, 2 mm, {word}", _recipe(next(seeds), (name,), turn + k, strength=strength), None
         for clips, noise in ((4, 0.001), (4, 0.002), (4, 0.005), (1, 0.002), (12, 0.0005), (12, 0.005)):
             for k, name in enumerate(names):
-                seed += 1
-                yield (
-                    f"{clips} clips, {1e3 * noise:g} mm, strong",
-                    _recipe(seed, (name,), 30.0, noise, clips, turn + k),
-                    None,
-                )
+                recipe = _recipe(next(seeds), (name,), turn + k, strength=strong, noise=noise, clips=clips)
+                yield f"{clips} clips, {1e3 * noise:g} mm, strong", recipe, None
         for k in range(75):
-            seed += 1
-            yield "none", _recipe(seed, (), 10.0, 0.002, 12, turn + k), None
+            yield "none", _recipe(next(seeds), (), turn + k), None
         for k in range(15):
-            seed += 1
             pair = PAIRS[(turn * 15 + k) % len(PAIRS)]
-            yield "two effects", _recipe(seed, pair, 30.0, 0.002, 12, turn + k), None
+            yield "two effects", _recipe(next(seeds), pair, turn + k, strength=strong), None
         for k in range(15):
-            seed += 1
-            unlisted = UNLISTED[(turn * 15 + k) % len(UNLISTED)]
-            yield (
-                "in no list",
-                Recipe(seed, (), 30.0, 0.002, 12, False, seed % 3 == 0, "events", unlisted=unlisted),
-                None,
-            )
+            seed, unlisted = next(seeds), UNLISTED[(turn * 15 + k) % len(UNLISTED)]
+            damaged = seed % 3 == 0
+            recipe = Recipe(seed, (), strength=strong, damaged=damaged, engine="events", unlisted=unlisted)
+            yield "in no list", recipe, None
         for k, name in enumerate(names if turn == 0 else ()):
-            seed += 1
-            yield "struck off", _recipe(seed, (name,), 30.0, 0.002, 12, turn + k), name
-        for k, (name, wrong) in enumerate(WRONG_OF.items()):
-            seed += 1
-            yield "law slightly wrong", Recipe(seed, (name,), 30.0, 0.002, 12, False, k % 2 == 0, "events", wrong), None
+            yield "struck off", _recipe(next(seeds), (name,), turn + k, strength=strong), name
+        for k, (name, wrong) in enumerate(perturbed_kinds().items()):
+            damaged = k % 2 == 0
+            recipe = Recipe(next(seeds), (name,), strength=strong, damaged=damaged, engine="events", wrong=wrong)
+            yield "law slightly wrong", recipe, None
 
 
-def _recipe(seed: int, effects: tuple[str, ...], strength: float, noise: float, clips: int, turn: int) -> Recipe:
-    engine = "events" if turn % 2 == 0 and set(effects) <= set(EVENT_EFFECTS) else "mujoco"
-    if turn % 5 == 4 and effects and set(effects) <= set(BULLET_EFFECTS):
+def _recipe(
+    seed: int,
+    effects: tuple[str, ...],
+    turn: int,
+    *,
+    strength: float = STRENGTHS["medium"],
+    noise: float = 0.002,
+    clips: int = 12,
+) -> Recipe:
+    """A recipe whose engine and bounces depend on `turn`, and its damage on the seed."""
+    engine = "events" if turn % 2 == 0 and can_simulate("events", effects) else "mujoco"
+    if turn % 5 == 4 and effects and can_simulate("bullet", effects):
         engine = "bullet"
-    bounces = (turn // 2) % 2 == 1
-    return Recipe(seed, effects, strength, noise, clips, bounces, seed % 3 == 0, engine)
+    bounces, damaged = (turn // 2) % 2 == 1, seed % 3 == 0
+    return Recipe(seed, effects, strength, noise, clips, bounces=bounces, damaged=damaged, engine=engine)
 
 
 def answer(job: Job) -> dict[str, Any]:
-    """One world: made, blinded, asked, and kept with its truth."""
+    """Make one world, discover its effects without the truth, and keep the answer with the truth."""
     key, group, recipe, struck = job
     warnings.simplefilter("ignore")
     out: dict[str, Any] = {"key": key, "group": group, "recipe": asdict(recipe)}
@@ -118,7 +120,7 @@ def answer(job: Job) -> dict[str, Any]:
         began, spent = time.perf_counter(), time.process_time()
         found = discover(world.tracks, known, 0.3, names, np.random.default_rng(recipe.seed))
         out["seconds"], out["processor_seconds"] = time.perf_counter() - began, time.process_time() - spent
-        out["report"] = {k: v for k, v in report(found).items() if k not in ("disagreement", "candidates")}
+        out["report"] = {k: v for k, v in report_dict(found).items() if k not in ("disagreement", "candidates")}
         asked = recipe.clips == 4 and recipe.noise == 0.002
         out["rivals"] = rivals(world.tracks, known, recipe.effects, asked)
     except (DynamicsError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
@@ -150,8 +152,8 @@ def main() -> None:
 
 
 def balanced(jobs: Sequence[Job]) -> list[Job]:
-    """The jobs in an order in which a run that is stopped has as many of every group (of some more: `WEIGHTS`), and of
-    a group every effect once before any comes twice."""
+    """The jobs in an order in which a stopped run has as many of each group (weighted by `WEIGHTS`), and of each group
+    every effect once before any comes twice."""
     rng = np.random.default_rng(0)
     order = rng.permutation(len(jobs))
     rounds: dict[tuple[str, tuple[str, ...]], int] = defaultdict(int)
@@ -169,7 +171,7 @@ def balanced(jobs: Sequence[Job]) -> list[Job]:
 
 
 def _sampled(jobs: list[Any]) -> list[Any]:
-    """Every 40th of the first round: a quick look at all groups."""
+    """Twelve jobs, evenly spaced: a quick check of all groups."""
     return jobs[:: max(1, len(jobs) // 12)][:12]
 
 

@@ -1,5 +1,7 @@
-"""What others make of the same tracks: MuJoCo's identification of parameters alone, PySINDy raw and segmented, and an
-oracle that knows the name."""
+"""Other methods on the same tracks: MuJoCo's identification of parameters alone, PySINDy, and an oracle.
+
+PySINDy gets the raw and the segmented tracks. The oracle knows the name of the effect.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.discovery_sysid import sysid_gap
-from pipeline.discrepancy.gap import measure_gap
-from pipeline.discrepancy.known_scene import KnownScene
-from pipeline.discrepancy.problem import pose
-from pipeline.discrepancy.select import Selector
-from pipeline.discrepancy.testable import names_of
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.report.gap import measure_gap
+from pipeline.discrepancy.selection.select_effects import select_once
+from pipeline.discrepancy.selection.testable import names_of
+from pipeline.discrepancy.tracks.known_scene import KnownScene
+from pipeline.discrepancy.tracks.problem import Problem, build_problem
+from pipeline.discrepancy.tracks.track import Track
 
 TERMS = {
     "v": "linear_drag",
@@ -30,14 +32,19 @@ THRESHOLD = 0.05  # of PySINDy's thresholded least squares, m/s² at typical spe
 
 
 def rivals(tracks: Sequence[Track], known: KnownScene, truth: tuple[str, ...], sysid: bool) -> dict[str, Any]:
-    """Gaps in m, and the names that PySINDy's terms stand for. sysid: whether MuJoCo's identification is asked, too,
-    of worlds with one object: with twelve clips it takes minutes."""
+    """Gaps in m, and the effects that PySINDy's terms stand for.
+
+    Args:
+        tracks: Of a world.
+        known: Its known scene.
+        truth: The hidden effects.
+        sysid: Whether to run MuJoCo's identification, too, on worlds with one object (minutes for twelve clips).
+    """
     out: dict[str, Any] = {}
-    problem = pose(tracks, known, 0.3, np.random.default_rng(0))
+    problem = build_problem(tracks, known, 0.3, np.random.default_rng(0))
     if len(truth) == 1 and truth[0] in names_of("all"):
-        selector = Selector(problem, truth)
-        found = selector.select()
-        gap = measure_gap(selector.problem, found.none, found.chosen)
+        found = select_once(problem, truth)
+        gap = measure_gap(found.problem, found.none, found.chosen)
         out["oracle"] = {
             "before": gap.before,
             "after": gap.after,
@@ -61,7 +68,7 @@ def _raw(tracks: Sequence[Track]) -> list[tuple[np.ndarray, np.ndarray, np.ndarr
     return out
 
 
-def _segmented(problem: Any) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _segmented(problem: Problem) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     return [
         (a.time, a.position, np.zeros((len(a.time), 3)) if a.spin is None else a.spin)
         for a in problem.arcs
@@ -70,7 +77,7 @@ def _segmented(problem: Any) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
 
 
 def sindy_names(segments: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], known: KnownScene) -> list[str]:
-    """The effects whose terms PySINDy keeps, with the right library of seven terms."""
+    """The effects whose terms PySINDy keeps, from a library that has the right seven terms."""
     import pysindy
 
     features, targets = [], []

@@ -1,4 +1,4 @@
-"""What the answers of the blind benchmark add up to: tables with Wilson's intervals and the confusion matrix."""
+"""Summary of the blind benchmark's answers: tables with Wilson's intervals, and the confusion matrix."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ from typing import Any
 import numpy as np
 
 from pipeline.hidden.confusion_figure import confusion_figure
-from pipeline.hidden.experiment import EVERY
-from pipeline.hidden.judge import Judgement, confusion, equals_of, judge, macro_f1, wilson
+from pipeline.hidden.judge import Judgement, confusion, equals_of, judge, macro_f1
+from pipeline.hidden.scenario import EVERY, TWO_OR_THREE
+from pipeline.metrics.intervals import wilson
 
-TWO_OR_THREE = ("pair", "carom")
 ONE = tuple(name for name in EVERY if name not in TWO_OR_THREE)
 SINDY = ("air_drag", "linear_drag", "magnus_lift", "tilted_gravity", "gravity_error")
 
 
 def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
-    """summary.md, summary.json, confusion.svg; returns the text."""
+    """Write summary.md, summary.json and confusion.svg; returns the text."""
     good = [a for a in answers if "error" not in a]
     judged = [judge(a["report"]["verdict"], a["truth"]) for a in good]
-    lines = [f"{len(good)} worlds answered, {len(answers) - len(good)} failed.", "",
-             "| group | worlds | right | 95 % interval | false claim | macro-F1 |",
-             "| --- | --- | --- | --- | --- | --- |"]  # fmt: skip
+    lines = [
+        f"{len(good)} worlds answered, {len(answers) - len(good)} failed.",
+        "",
+        "| group | worlds | right | 95 % interval | false claim | macro-F1 |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
     numbers: dict[str, Any] = {}
     groups: dict[str, list[int]] = {}
     for k, a in enumerate(good):
@@ -37,9 +40,14 @@ def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
         false = sum(j.false for j in some)
         shares = f"{hits / len(some):.3f} | {low:.2f} to {high:.2f} | {false / len(some):.3f}"
         lines.append(f"| {group} | {len(some)} | {shares} | {macro_f1(some):.2f} |")
-        numbers[group] = {"worlds": len(some), "right": hits / len(some), "low": low, "high": high,
-                          "false": false / len(some),
-                          "one_at_least": sum(j.some for j in some) / len(some)}  # fmt: skip
+        numbers[group] = {
+            "worlds": len(some),
+            "right": hits / len(some),
+            "low": low,
+            "high": high,
+            "false": false / len(some),
+            "one_at_least": sum(j.some for j in some) / len(some),
+        }
     lines += [
         "",
         *_parameters(good, judged),
@@ -60,8 +68,10 @@ def write_summary(answers: Sequence[dict[str, Any]], folder: Path) -> str:
     for words, bodies in (("one object", ONE), ("two or three", TWO_OR_THREE)):
         spent = [a["processor_seconds"] for a in timed if a["truth"]["scenario"] in bodies]
         if spent:
-            lines.append(f"Processor time with 12 clips, {words}: median {np.median(spent):.1f} s, largest "
-                         f"{max(spent):.1f} s ({len(spent)}).")  # fmt: skip
+            lines.append(
+                f"Processor time with 12 clips, {words}: median {np.median(spent):.1f} s, largest "
+                f"{max(spent):.1f} s ({len(spent)})."
+            )
     for a in answers:
         if "error" in a:
             lines.append(f"- failed: {a['group']} {a['recipe']['effects']} seed {a['recipe']['seed']}: {a['error']}")
@@ -106,9 +116,11 @@ def _gaps(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list[s
                 shrunk.append(1 - left / above)
     if not shrunk:
         return []
-    return [f"Held-out gap above the noise floor, right verdicts: shrinks by {np.median(shrunk):.2f} "
-            f"(median of {len(shrunk)} worlds where it "
-            f"is more than 0.3 of the floor); gets worse in {np.mean(worse):.3f} of {len(worse)}."]  # fmt: skip
+    return [
+        f"Held-out gap above the noise floor, right verdicts: shrinks by {np.median(shrunk):.2f} "
+        f"(median of {len(shrunk)} worlds where it "
+        f"is more than 0.3 of the floor); gets worse in {np.mean(worse):.3f} of {len(worse)}."
+    ]
 
 
 def _confidence(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list[str]:
@@ -128,8 +140,12 @@ def _rivals(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list
     if not mine:
         return []
     names = [a["truth"]["effects"][0]["name"] for a, _ in mine]
-    out = [f"On the {len(mine)} worlds whose effect is in the library of PySINDy ({', '.join(SINDY)}):", "",
-           "| method | exact structure |", "| --- | --- |"]  # fmt: skip
+    out = [
+        f"On the {len(mine)} worlds whose effect is in the library of PySINDy ({', '.join(SINDY)}):",
+        "",
+        "| method | exact structure |",
+        "| --- | --- |",
+    ]
     for rival in ("pysindy_raw", "pysindy_segmented"):
         out.append(
             f"| {rival} | {np.mean([a['rivals'][rival] == [n] for (a, _), n in zip(mine, names, strict=True)]):.2f} |"
@@ -140,14 +156,17 @@ def _rivals(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list
     if oracle:
         ratio = [np.median([g[k] / g["noise_floor"] for g in ours]) for k in ("before", "after")]
         best = np.median([o["after"] / o["floor"] for o in oracle])
-        out += ["", f"Gap over the noise floor, medians of {len(oracle)} worlds with one effect: parameters alone "
-                f"{ratio[0]:.2f}, ours {ratio[1]:.2f}, an oracle that knows the name {best:.2f} (it claims "
-                f"in {np.mean([o['claimed'] for o in oracle]):.2f})."]  # fmt: skip
+        out += [
+            "",
+            f"Gap over the noise floor, medians of {len(oracle)} worlds with one effect: parameters alone "
+            f"{ratio[0]:.2f}, ours {ratio[1]:.2f}, an oracle that knows the name {best:.2f} (it claims "
+            f"in {np.mean([o['claimed'] for o in oracle]):.2f}).",
+        ]
     return out
 
 
 def _sysid(good: Sequence[dict[str, Any]]) -> list[str]:
-    """MuJoCo's identification of parameters alone beside our calibrated model and our answer."""
+    """MuJoCo's identification of parameters alone, our calibrated model, and our answer."""
     out = []
     for words, bounces in (("without", False), ("with", True)):
         some = [a for a in good if "sysid" in a.get("rivals", {}) and a["truth"]["bounces"] == bounces]
@@ -155,9 +174,11 @@ def _sysid(good: Sequence[dict[str, Any]]) -> list[str]:
             floor = np.array([a["report"]["gap"]["noise_floor"] for a in some])
             theirs = np.median([a["rivals"]["sysid"]["after"] for a in some] / floor)
             before, after = (np.median([a["report"]["gap"][k] for a in some] / floor) for k in ("before", "after"))
-            out.append(f"4 clips, 2 mm, one object, {words} bounces: gap over the noise floor, medians of {len(some)} "
-                       f"worlds: `mujoco.sysid` with parameters alone {theirs:.2f}, our calibrated model "
-                       f"{before:.2f}, our answer {after:.2f}.")  # fmt: skip
+            out.append(
+                f"4 clips, 2 mm, one object, {words} bounces: gap over the noise floor, medians of {len(some)} "
+                f"worlds: `mujoco.sysid` with parameters alone {theirs:.2f}, our calibrated model "
+                f"{before:.2f}, our answer {after:.2f}."
+            )
     return out
 
 

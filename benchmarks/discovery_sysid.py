@@ -1,4 +1,4 @@
-"""MuJoCo's own system identification on the same tracks: the gap that parameters alone leave.
+"""MuJoCo's own system identification on the same tracks: the gap that is left with parameters alone.
 
 `mujoco.sysid.optimize` (the extra `mujoco[sysid]`) fits initial states of every clip and the scene's free contact
 numbers to rollouts of whole clips, impacts included, from straight-line starts; then, with these numbers, the initial
@@ -15,10 +15,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.discrepancy.known_scene import KnownScene
-from pipeline.discrepancy.problem import Problem
-from pipeline.discrepancy.stack import ArcStack
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.tracks.known_scene import KnownScene
+from pipeline.discrepancy.tracks.problem import Problem
+from pipeline.discrepancy.tracks.stack import ArcStack
+from pipeline.discrepancy.tracks.track import Track
 from pipeline.errors import SimulationError
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
@@ -26,13 +26,17 @@ from pipeline.scene.scene import Scene
 NUMBERS = {"sliding_friction": (0.5, 0.0, 2.0), "rolling_friction": (1e-4, 0.0, 0.05), "damping": (0.5, 0.02, 2.0)}
 """Contact number -> where the fit begins, and its bounds."""
 STATE_LOW, STATE_HIGH = np.array([-50.0] * 6 + [-300.0] * 3), np.array([50.0] * 6 + [300.0] * 3)
-ITERATIONS, STEP = 20, 1e-4  # and of finite differences: a scene's text has not more digits
-FAR = 1.0  # m: the residual of a simulation that fails
+ITERATIONS = 20
+STEP = 1e-4  # of finite differences: a scene's text has no more digits
+FAR = 1.0  # m: residual of a simulation that fails
 
 
 def sysid_gap(problem: Problem, tracks: Sequence[Track], known: KnownScene) -> float:
-    """Root mean square of what is left of the held-out clips, m: of the samples in arcs, less the initial states'
-    degrees of freedom as in ours. Worlds of one object. Raises ImportError without the extra."""
+    """Root mean square residual of the held-out clips of a world with one object, m.
+
+    It is of the samples in arcs, with the degrees of freedom of the initial states subtracted as in our gap. Raises
+    ImportError where the extra is not installed.
+    """
     from mujoco import sysid
 
     if not hasattr(sysid, "optimize"):  # without the extra it imports, and is empty
@@ -43,7 +47,7 @@ def sysid_gap(problem: Problem, tracks: Sequence[Track], known: KnownScene) -> f
     used = {c: _used(problem, by_clip[c]) for c in by_clip}
 
     def fitted(clips: Sequence[str], numbers: np.ndarray | None) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Contact numbers and residuals (n, 3) m of each clip; numbers: as they are, or None to fit them."""
+        """Contact numbers, and residuals (n, 3) m of each clip. numbers: known contact numbers; None: fit them."""
         clips = [c for c in clips if len(used[c])]
         begin = {c: _start(by_clip[c], used[c], known.of_clip(c)) for c in clips}
         parameters = sysid.ParameterDict()
@@ -67,8 +71,15 @@ def sysid_gap(problem: Problem, tracks: Sequence[Track], known: KnownScene) -> f
                 out.append(left(clip, own.tobytes(), np.ascontiguousarray(shared).tobytes()).ravel())
             return np.concatenate(out)
 
-        found, _ = sysid.optimize(parameters, residuals, optimizer="mujoco", verbose=False, max_iters=ITERATIONS,
-                                  eps=STEP, output=io.StringIO())  # fmt: skip
+        found, _ = sysid.optimize(
+            parameters,
+            residuals,
+            optimizer="mujoco",
+            verbose=False,
+            max_iters=ITERATIONS,
+            eps=STEP,
+            output=io.StringIO(),
+        )
         x = found.as_vector()
         shared = x[len(x) - len(free) :] if numbers is None else numbers
         end = _rows(x)
@@ -88,7 +99,7 @@ def sysid_gap(problem: Problem, tracks: Sequence[Track], known: KnownScene) -> f
 
 
 def _used(problem: Problem, track: Track) -> np.ndarray:
-    """The rows of a track that our arcs use, outliers left out."""
+    """The rows of a track that our arcs use, without outliers."""
     rows = [np.zeros(0, int)]
     for stack in problem.stacks:
         for i in range(len(stack)):
@@ -104,7 +115,7 @@ def _there(stack: ArcStack, i: int) -> np.ndarray:
 
 
 def _start(track: Track, used: np.ndarray, scene: Scene) -> np.ndarray:
-    """Position, velocity and, where it was not measured, spin at a track's first row."""
+    """Position and velocity at a track's first row, and the spin where it was not measured."""
     first = used[:10]
     t, x = track.time[first] - track.time[0], track.position[first]
     fall = 0.5 * np.array(scene.gravity) * (t * t)[:, None]
@@ -122,8 +133,9 @@ def _start(track: Track, used: np.ndarray, scene: Scene) -> np.ndarray:
 def _left(track: Track, used: np.ndarray, scene: Scene, state: np.ndarray, numbers: dict[str, float]) -> np.ndarray:
     """Measured minus simulated positions at the rows used, (n, 3) m."""
     spin = state[6:] if len(state) > 6 else np.nanmean(track.angular_velocity[:3], axis=0)  # type: ignore[index]
-    body = replace(scene.objects[0], position=tuple(state[:3]), velocity=tuple(state[3:6]),
-                                angular_velocity=tuple(spin))  # fmt: skip
+    body = replace(
+        scene.objects[0], position=tuple(state[:3]), velocity=tuple(state[3:6]), angular_velocity=tuple(spin)
+    )
     body = replace(body, **numbers)  # type: ignore[arg-type]
     if track.quaternion is not None:
         body = replace(body, orientation=tuple(track.quaternion[0]))

@@ -1,7 +1,7 @@
-"""Discovery on published measurements: verdicts, parameters, gaps, and forecasts of what was not fitted.
+"""Discovery on published measurements: verdicts, parameters, gaps, and forecasts of samples that were not fitted.
 
 Reads the folders of `real_motion` (DYNAMICS_DATA, else ../shared/data). Writes reports/real_motion.md; with --write
-FOLDER nothing but each set's tracks and known scene there, for `dynamics discover`.
+FOLDER it writes only each set's tracks and known scene to that folder, for `dynamics discover`.
 Run: python -m benchmarks.real_motion [--tosses 24] [--flights 54] [--write FOLDER]
 """
 
@@ -22,28 +22,41 @@ from benchmarks.published.ball_drops import read_ball_drops
 from benchmarks.published.cube_tosses import read_cube_tosses
 from benchmarks.published.published_set import RealSet, real_motion_folder
 from benchmarks.published.table_tennis import read_table_tennis
-from pipeline.discrepancy.arc import Arc
-from pipeline.discrepancy.discover import Discovery, discover
-from pipeline.discrepancy.fit import first_starts, fit, run
-from pipeline.discrepancy.known_scene import known_scene
-from pipeline.discrepancy.model import known_model, with_effect
-from pipeline.discrepancy.stack import stack_arcs
-from pipeline.discrepancy.track import tracks_table
+from pipeline.discrepancy.discover import discover
+from pipeline.discrepancy.fitting.initial_states import stack_initial_states
+from pipeline.discrepancy.fitting.least_squares import fit
+from pipeline.discrepancy.fitting.model import known_model, with_effect
+from pipeline.discrepancy.fitting.predictions import run
+from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.tracks.arc import Arc
+from pipeline.discrepancy.tracks.known_scene import known_scene
+from pipeline.discrepancy.tracks.stack import stack_arcs
+from pipeline.discrepancy.tracks.track import tracks_table
 from pipeline.scene.effects.registry import effect_kinds
 
-SEEN = 0.4  # of the second drop
+SEEN = 0.4  # share of the second drop that is fitted
 FORECASTS = (None, "linear_drag", "air_drag")
 
 
 def forecast_errors(real: RealSet) -> list[float]:
-    """RMS error, m, over the unseen 60 % of drop 2: no drag, linear, quadratic; least squares on every sample of drop 1
-    and of the rest of drop 2."""
+    """RMS errors, m, over the unseen 60 % of drop 2, without drag, with linear and with quadratic drag.
+
+    The models are fitted by least squares to all samples of drop 1 and to the first 40 % of drop 2.
+    """
     known = known_scene(real.known)
     arcs = [
-        Arc(t.clip, 0, False, t.time - t.time[0], t.position, np.ones(len(t.time)), np.arange(len(t.time)),
-            np.zeros((len(t.time), 0, 3)))
+        Arc(
+            clip=t.clip,
+            object=0,
+            grounded=False,
+            time=t.time - t.time[0],
+            position=t.position,
+            sigma=np.ones(len(t.time)),
+            row=np.arange(len(t.time)),
+            others=np.zeros((len(t.time), 0, 3)),
+        )
         for t in real.tracks
-    ]  # fmt: skip
+    ]
     stack = stack_arcs(arcs, [a.clip for a in arcs], known, False)
     seen = int(SEEN * len(arcs[1].time))
     weight = stack.weight.copy()
@@ -54,20 +67,22 @@ def forecast_errors(real: RealSet) -> list[float]:
         model = known_model(known, [fitted])
         if name:
             model = with_effect(model, effect_kinds()[name], known)
-        found = fit([fitted], model, model.start, [first_starts(fitted)], [np.ones(2, bool)])
+        found = fit([fitted], model, model.start, [stack_initial_states(fitted)], [np.ones(2, bool)])
         rows, _ = run(stack, model, found.theta[None], found.starts[0][None])
         predicted = rows[0, 1].reshape(-1, 3)[seen : len(arcs[1].time), 2]  # in units of 1 m
         out.append(float(np.sqrt(np.mean((arcs[1].position[seen:, 2] - predicted) ** 2))))
     return out
 
 
-def line(name: str, found: Discovery, seconds: float) -> str:
+def table_row(name: str, found: Discovery, seconds: float) -> str:
     v, g = found.verdict, found.gap
     numbers = "; ".join(f"{k} {_short(e.value)} ± {_short(e.stderr)} {e.unit}" for k, e in v.parameters.items())
     alike = " / ".join(", ".join(s) for s in v.equivalent)
-    return (f"| {name} | {' + '.join(v.effects) or 'none'} | {v.confidence:.2f} | {alike} | "
-            f"{numbers or (v.form or '')} | "
-            f"{1e3 * g.before:.3g} | {1e3 * g.after:.3g} | {1e3 * g.noise_floor:.3g} | {seconds:.1f} |")  # fmt: skip
+    return (
+        f"| {name} | {' + '.join(v.effects) or 'none'} | {v.confidence:.2f} | {alike} | "
+        f"{numbers or (v.form or '')} | "
+        f"{1e3 * g.before:.3g} | {1e3 * g.after:.3g} | {1e3 * g.noise_floor:.3g} | {seconds:.1f} |"
+    )
 
 
 def _short(value: float | list[float] | None) -> str:
@@ -77,7 +92,7 @@ def _short(value: float | list[float] | None) -> str:
 
 
 def write_sets(sets: Sequence[RealSet], folder: Path) -> None:
-    """<name>.parquet and <name>.yaml of each set, as `dynamics discover` takes them."""
+    """Write <name>.parquet and <name>.yaml of each set, for `dynamics discover`."""
     folder.mkdir(parents=True, exist_ok=True)
     for real in sets:
         name = real.name.replace(" ", "_")
@@ -97,22 +112,32 @@ def main() -> None:
     if folder is None:
         sys.exit("error: no folder real_motion; set DYNAMICS_DATA to the folder that has it")
     drops = read_ball_drops(folder / "ball_drops")
-    sets = [*drops, read_table_tennis(folder / "table_tennis", arguments.flights),
-            read_cube_tosses(folder / "cube_tosses", arguments.tosses)]  # fmt: skip
+    sets = [
+        *drops,
+        read_table_tennis(folder / "table_tennis", arguments.flights),
+        read_cube_tosses(folder / "cube_tosses", arguments.tosses),
+    ]
     if arguments.write:
         write_sets(sets, arguments.write)
         return
-    lines = ["| set | verdict | confidence | equivalent | parameters or form | gap before, mm | after | floor | s |",
-             "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"]  # fmt: skip
+    lines = [
+        "| set | verdict | confidence | equivalent | parameters or form | gap before, mm | after | floor | s |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
     for real in sets:
         began = time.perf_counter()
         found = discover(real.tracks, known_scene(real.known), 0.3, tuple(effect_kinds()), np.random.default_rng(0))
-        lines.append(line(real.name, found, time.perf_counter() - began))
+        lines.append(table_row(real.name, found, time.perf_counter() - began))
         print(lines[-1], flush=True)
         for note in found.notes:
             print("   ", note, flush=True)
-    lines += ["", "Forecasts of the unseen 60 % of drop 2, RMS error in m, after drop 1 and 40 % of drop 2:", "",
-              "| ball | no drag | linear drag | quadratic drag |", "| --- | --- | --- | --- |"]  # fmt: skip
+    lines += [
+        "",
+        "Forecasts of the unseen 60 % of drop 2, RMS error in m, after drop 1 and 40 % of drop 2:",
+        "",
+        "| ball | no drag | linear drag | quadratic drag |",
+        "| --- | --- | --- | --- |",
+    ]
     for real in drops:
         lines.append(f"| {real.name} | " + " | ".join(f"{e:.2f}" for e in forecast_errors(real)) + " |")
         print(lines[-1], flush=True)

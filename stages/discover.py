@@ -5,18 +5,17 @@ scene (YAML with the effects found). Parameters: seed, discover. Run: python -m 
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
 import pyarrow as pa
 from ruamel.yaml import YAML
 
-from pipeline.discrepancy.discover import discover, report
-from pipeline.discrepancy.known_scene import known_scene
-from pipeline.discrepancy.testable import names_of
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.discover import discover
+from pipeline.discrepancy.report.report_dict import report_dict
+from pipeline.discrepancy.selection.testable import names_of
+from pipeline.discrepancy.tracks.known_scene import known_scene
+from pipeline.discrepancy.tracks.track import tracks_from_rows
 from pipeline.errors import ParamsError
 from pipeline.scene.text import write_scene
 from pipeline.shards.clip_rng import clip_rng
@@ -38,34 +37,15 @@ class Parameters:
     effects: tuple[str, ...]
 
 
-def tracks_of(rows: Sequence[Mapping[str, Any]]) -> list[Track]:
-    grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for row in rows:
-        grouped.setdefault((row["recording"], row["object"]), []).append(row)
-
-    def columns(group: Sequence[Mapping[str, Any]], names: Sequence[str]) -> np.ndarray | None:
-        if any(group[0][n] is None for n in names):
-            return None
-        return np.array([[row[n] for n in names] for row in group], float)
-
-    out = []
-    for (clip, body), group in grouped.items():
-        position = columns(group, ("x", "y", "z"))
-        assert position is not None
-        time = np.array([row["time"] for row in group])
-        quaternion, spin = columns(group, ("qw", "qx", "qy", "qz")), columns(group, ("wx", "wy", "wz"))
-        out.append(Track(clip, body, time, position, quaternion, spin))
-    return out
-
-
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     (hidden,) = inputs
     rows = []
     for number in shard.clips:
         known = known_scene(YAML(typ="safe").load(hidden.row(number)["scene"]), f"world {number}")
         rng = clip_rng(parameters.seed, "discover", number, "held out")
-        found = discover(tracks_of(hidden.rows(number, "tracks")), known, parameters.held_out, parameters.effects, rng)
-        rows.append({"clip": number, "report": json.dumps(report(found)), "scene": write_scene(found.scene)})
+        tracks = tracks_from_rows(row | {"clip": row["recording"]} for row in hidden.rows(number, "tracks"))
+        found = discover(tracks, known, parameters.held_out, parameters.effects, rng)
+        rows.append({"clip": number, "report": json.dumps(report_dict(found)), "scene": write_scene(found.scene)})
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
 
 

@@ -9,12 +9,12 @@ import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import pyarrow as pa
 from ruamel.yaml import YAML
 
-from pipeline.hidden.recipes import recipe_of
+from pipeline.discrepancy.tracks.track import ROW_NUMBERS, track_rows
+from pipeline.hidden.recipe import recipe_of
 from pipeline.hidden.world import World, make_world
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
@@ -25,9 +25,8 @@ from stages.graph.stage_params import load
 
 WORLDS = pa.schema({"clip": pa.int64(), "scene": pa.string()})
 TRUTH = pa.schema({"clip": pa.int64(), "truth": pa.string()})
-NUMBERS = ("time", "x", "y", "z", "qw", "qx", "qy", "qz", "wx", "wy", "wz")
 TRACKS = pa.schema({"clip": pa.int64(), "recording": pa.string(), "object": pa.string()}
-                   | {name: pa.float64() for name in NUMBERS})  # fmt: skip
+                   | {name: pa.float64() for name in ROW_NUMBERS})  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Parameters:
 
 def world_of(number: int, p: Parameters) -> World:
     rng = clip_rng(p.seed, "hide", number, "world")
-    return make_world(recipe_of(number, p.effects, p.strength, p.noise, p.clips, rng), rng)
+    return make_world(recipe_of(number, p.effects, p.strength, p.noise, p.clips, rng=rng), rng)
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
@@ -61,14 +60,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
         text = io.StringIO()
         YAML(typ="safe").dump(world.known, text)
         scenes.append({"clip": number, "scene": text.getvalue()})
-        for t in world.tracks:
-            parts: list[Any] = [t.time[:, None], t.position]
-            parts += [t.quaternion if t.quaternion is not None else [[None] * 4] * len(t.time)]
-            parts += [t.angular_velocity if t.angular_velocity is not None else [[None] * 3] * len(t.time)]
-            for values in zip(*parts, strict=True):
-                flat = [v if v is None else float(v) for part in values for v in part]
-                head = {"clip": number, "recording": t.clip, "object": t.object}
-                rows.append(head | dict(zip(NUMBERS, flat, strict=True)))
+        rows += [row | {"clip": number, "recording": row["clip"]} for row in track_rows(world.tracks)]
     tables = {"clips": table_from_rows(scenes, WORLDS), "tracks": table_from_rows(rows, TRACKS)}
     return ShardResult(tables, notes={"samples": len(rows)})
 

@@ -13,7 +13,8 @@ import numpy as np
 from pipeline.evaluation.csv_rows import write_rows
 from pipeline.evaluation.tables import markdown
 from pipeline.hidden.confusion_figure import confusion_figure
-from pipeline.hidden.judge import Judgement, confusion, judge, wilson
+from pipeline.hidden.judge import Judgement, confusion, judge
+from pipeline.metrics.intervals import wilson
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
 from stages.graph.run import folder, run

@@ -1,2 +1,1 @@
-"""Published measurements of motion, read from their own files into measured tracks. None of that data is in this
-project."""
+"""Published measurements of motion, read from their own files into measured tracks. The data is not in this project."""

@@ -1,6 +1,8 @@
 """Balls dropped from a 48 m bridge: heights at 15 Hz, two drops each
-(github.com/briandesilva/discovery-of-physics-from-data, MIT). The sheet is OOXML whatever its name says. Where a
-ball's weight is not given (??), that of its kind is taken."""
+(github.com/briandesilva/discovery-of-physics-from-data, MIT).
+
+The sheet is OOXML although it is named .xls. Where a ball's weight is not given (??), a usual one is assumed.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.published.published_set import RealSet
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.tracks.track import Track
 
 OUNCE = 0.0283495  # kg
 USUAL = {"volleyball": (9.5, 66.0)}  # ounces, cm around
@@ -18,7 +20,7 @@ SOURCE, LICENCE = "briandesilva/discovery-of-physics-from-data", "MIT"
 
 
 def read_ball_drops(folder: Path) -> list[RealSet]:
-    """A set for each ball. folder: real_motion/ball_drops."""
+    """One set for each ball. folder: real_motion/ball_drops."""
     import openpyxl  # of the extra `benchmark`
 
     sizes = _sizes(folder / "data" / "balls.txt")
@@ -50,7 +52,7 @@ def _same(name: str, sheet: str) -> bool:
 
 
 def _sizes(path: Path) -> dict[str, tuple[float, float]]:
-    """Ball -> mass, kg, and radius, m."""
+    """Name of a ball -> mass, kg, and radius, m."""
     out = {}
     for line in path.read_text().splitlines()[1:]:
         parts = line.split()

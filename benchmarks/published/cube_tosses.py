@@ -1,6 +1,6 @@
 """Tosses of an acrylic cube with orientations at 148 Hz (github.com/DAIRLab/contact-nets, BSD-3).
 
-Lengths are in half sides of the cube, and smoothed. The ground's height is that of the lowest corners when it rests.
+Lengths are in half sides of the cube, and were smoothed. The ground is at the lowest corners of the resting cube.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.published.published_set import RealSet
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.tracks.track import Track
 from pipeline.scene.rotation import matrix_from_quaternion
 
 HALF_SIDE, MASS, STEP = 0.0524, 0.37, 1 / 148

@@ -1,4 +1,4 @@
-"""Where published measurements lie: `DYNAMICS_DATA`, else ../shared/data beside the project."""
+"""A published set, and the folder of all sets: `DYNAMICS_DATA`, else ../shared/data beside the project."""
 
 from __future__ import annotations
 
@@ -7,14 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.tracks.track import Track
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)
 class RealSet:
-    """tracks: measured; known: the content of the scene file; source, licence: whose they are."""
+    """A published set of measurements.
+
+    Attributes:
+        name: Of the set.
+        tracks: Measured motion.
+        known: The content of the scene file.
+        source: Repository.
+        licence: Of the data.
+    """
 
     name: str
     tracks: tuple[Track, ...]
@@ -24,7 +32,7 @@ class RealSet:
 
 
 def real_motion_folder() -> Path | None:
-    """The folder with ball_drops, cube_tosses and table_tennis; None where there is none."""
+    """The folder that holds ball_drops, cube_tosses and table_tennis; None if there is none."""
     base = Path(os.environ.get("DYNAMICS_DATA", ROOT.parent / "shared" / "data"))
     folder = base / "real_motion"
     return folder if folder.is_dir() else None

@@ -1,9 +1,9 @@
 """Table-tennis balls with bounces, at nominally 10 ms, without time stamps
 (github.com/intelligent-soft-robots/context, BSD-3).
 
-Distance over speed, row by row, heaps at 5.5, 11 and 16.5 ms: a recorder that asked every 10 ms for the last picture of
-cameras that run at 180 Hz. So the time between two rows is the number of such pictures that the distance takes at the
-speed that the file gives; a row that repeats the one before is the same picture, and is left out.
+The ratio of distance to speed between rows clusters at 5.5, 11 and 16.5 ms: every 10 ms the recorder took the latest
+frame of cameras that run at 180 Hz. So the time between two rows is taken as the whole number of camera frames that
+fits the distance and the speed in the file. A row that repeats the one before is the same frame and is left out.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from benchmarks.published.published_set import RealSet
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.tracks.track import Track
 
 STEP = 1 / 180  # s
 BALL = {"name": "ball", "shape": "sphere", "radius": 0.02, "mass": 0.0027}

@@ -11,12 +11,14 @@ import pyarrow.parquet as pq
 
 from pipeline.commands.progress import Progress
 from pipeline.commands.result_folder import check_replaceable, result_folder, write_result
-from pipeline.discrepancy.discover import Discovery, discover, report
-from pipeline.discrepancy.known_scene import load_known_scene
-from pipeline.discrepancy.page import html_page, sentence
-from pipeline.discrepancy.residual_table import residual_table
-from pipeline.discrepancy.testable import names_of
-from pipeline.discrepancy.track import read_tracks
+from pipeline.discrepancy.discover import discover
+from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.report.html_page import html_page, sentence
+from pipeline.discrepancy.report.report_dict import report_dict
+from pipeline.discrepancy.report.residual_table import residual_table
+from pipeline.discrepancy.selection.testable import names_of
+from pipeline.discrepancy.tracks.known_scene import load_known_scene
+from pipeline.discrepancy.tracks.track import read_tracks
 from pipeline.errors import ParamsError
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.text import write_scene
@@ -40,8 +42,8 @@ def discover_tracks(
     known, tracks = load_known_scene(scene), read_tracks(measured)
     with Progress(2) as progress:
         with progress.step("discover"):
-            found = discover(tracks, known, held_out, names, np.random.default_rng(seed), progress.detail)
-        content = report(found)
+            found = discover(tracks, known, held_out, names, np.random.default_rng(seed), progress=progress.detail)
+        content = report_dict(found)
         with progress.step("report"), result_folder(out, force) as folder:
             facts = {
                 "measured": str(measured), "scene": str(scene), "clips": str(len({t.clip for t in tracks})),

@@ -1,2 +1,1 @@
-"""Worlds with something hidden in them: who makes the measurements that discovery is tried on. Discovery imports
-none of it."""
+"""Worlds with hidden effects, which discovery is tested on. Discovery imports none of it."""

@@ -1,4 +1,4 @@
-"""Hidden motion by Bullet (the extra `benchmark`): balls and boxes, with effects as forces, 240 steps a second."""
+"""Hidden motion by Bullet (the extra `benchmark`): balls and boxes with effects as forces, 240 steps per second."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.hidden.events import body_at
 from pipeline.physics.effect_forces import HalfwayVelocity, chosen_effects, resting_body, total_force, with_force
-from pipeline.scene.effects.kinds.restitution import restitution_of
+from pipeline.scene.effects.contact_damping import restitution_of
 from pipeline.scene.scene import Scene, half_extents
 
 RATE = 240
@@ -15,7 +15,8 @@ RATE = 240
 def run_bullet(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (T, N, 3), quaternions (T, N, 4) and angular velocities (T, N, 3) at `times`.
 
-    Bullet multiplies the two bodies' friction and restitution: the ground has 1 of each. Raises ImportError without it.
+    Bullet multiplies the two bodies' friction and restitution, so that those of the ground are 1.
+    Raises ImportError where Bullet is not installed.
     """
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
@@ -40,7 +41,7 @@ def run_bullet(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray,
                 for rows in ([p[0] for p in poses], [r[0] for r in rates], [r[1] for r in rates])
             )
             history.append((x[0], np.array([p[1] for p in poses])[:, [3, 0, 1, 2]], w[0]))
-            body_at(body, step / RATE, x, halfway.after(v), w, np.zeros(x.shape[:2], bool), 0.0)
+            body_at(body, step / RATE, x, halfway.after(v), w)
             for b, force, place in zip(bodies, total_force(effects, body)[0], x[0], strict=True):
                 world.applyExternalForce(b, -1, force.tolist(), place.tolist(), pybullet.WORLD_FRAME)
             world.stepSimulation()
@@ -65,6 +66,13 @@ def _add(world, pybullet, obj) -> int:  # type: ignore[no-untyped-def]
     w, x, y, z = obj.orientation
     number = world.createMultiBody(obj.mass, shape, basePosition=obj.position, baseOrientation=[x, y, z, w])
     world.resetBaseVelocity(number, obj.velocity, obj.angular_velocity)
-    world.changeDynamics(number, -1, lateralFriction=obj.sliding_friction, restitution=restitution_of(obj.damping),
-                         linearDamping=0, angularDamping=0, rollingFriction=obj.rolling_friction)  # fmt: skip
+    world.changeDynamics(
+        number,
+        -1,
+        lateralFriction=obj.sliding_friction,
+        restitution=restitution_of(obj.damping),
+        linearDamping=0,
+        angularDamping=0,
+        rollingFriction=obj.rolling_friction,
+    )
     return int(number)

@@ -1,5 +1,8 @@
-"""What is launched: balls that fly or bounce, balls and pucks on the ground, tossed cubes, pairs of balls in the air,
-three that collide on the ground."""
+"""Kinds of experiment, and the bodies and launches of one.
+
+Balls that fly or bounce, balls and pucks on the ground, tossed cubes, pairs of balls in the air, and three balls that
+collide on the ground.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +11,34 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.discrepancy.known_scene import FITTED
-from pipeline.hidden.experiment import BOUNCING, EVERY, FLYING, MUST_BE_KNOWN, SCENARIOS
+from pipeline.discrepancy.tracks.known_scene import FITTED
+from pipeline.scene.effects.discovery_rules import Experiment, Need
+from pipeline.scene.effects.hiding import FLYING
+from pipeline.scene.effects.kind import EffectKind
+from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import SceneObject
 
 SECONDS = 1.0
+THROW_HEIGHT = 6.5  # m, mean; thrown balls do not reach the ground
+BOUNCING = "bounce"
+EVERY = ("throw", BOUNCING, "cube", "pair", "puck", "roll", "spin", "carom")
+ON_THE_GROUND = ("puck", "roll", "carom")
+"""On the ground from the start, with positions that show an effect."""
+TWO_OR_THREE = ("pair", "carom")
+"""Experiments with several bodies."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A kind of experiment. bodies: what is launched in each clip, before its motion is drawn. spin, orientation:
-    what is measured beside positions. fit: what the known scene lets be fitted; it states the other contact numbers."""
+    """An experiment.
+
+    Attributes:
+        name: One of `EVERY`.
+        bodies: What is launched in each clip, without its motion.
+        spin: Whether spins are measured.
+        orientation: Whether orientations are measured.
+        fit: The contact numbers that the known scene lets be fitted; it states the others.
+    """
 
     name: str
     bodies: tuple[SceneObject, ...]
@@ -27,46 +47,68 @@ class Scenario:
     fit: tuple[str, ...] = FITTED
 
 
+def experiment_of(scenario: str, clips: int) -> Experiment:
+    """What of an experiment decides which effects are equal in it."""
+    return Experiment(
+        in_the_air=scenario in (*FLYING, BOUNCING),
+        one_body=scenario not in TWO_OR_THREE,
+        sliding=scenario == "puck",
+        clips=clips,
+    )
+
+
 def draw_name(effects: Sequence[str], bounces: bool, rng: np.random.Generator) -> str:
-    """A kind of experiment in which the effects show; any kind where there are none. bounces: with impacts where the
-    first effect shows in the air."""
+    """An experiment in which the effects show; any where there are none.
+
+    bounces: with impacts, where the first effect shows in the air.
+    """
     if not effects:
         return str(rng.choice(EVERY))
-    choices = SCENARIOS.get(effects[0], FLYING)
+    hiding = effect_kinds()[effects[0]].hiding
+    choices = FLYING if hiding is None else hiding.scenarios
     return BOUNCING if bounces and "throw" in choices and len(choices) > 1 else str(rng.choice(choices))
 
 
 def draw_fit(effects: Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
-    """Which contact numbers are not known: any, but for those that are a hidden effect by another name."""
+    """The contact numbers that are not known: any but those that could stand for a hidden effect."""
+    known = {name for kind in _kinds(effects) for name in kind.discovery.needs_known}
     while True:
         fit = tuple(key for key in FITTED if rng.random() < 0.5)
-        if not any(MUST_BE_KNOWN.get(e) in fit for e in effects):
+        if not known & set(fit):
             return fit
 
 
 def draw_scenario(name: str, effects: Sequence[str], rng: np.random.Generator) -> Scenario:
-    """A scenario with bodies of random size, mass and contact numbers. What is measured and what is known is drawn
-    alike whatever is hidden: an effect only forbids draws in which nothing could show it."""
+    """A scenario with bodies of random size, mass and contact numbers.
+
+    What is measured and known has the same distribution whatever is hidden; only draws in which nothing could show the
+    effect are excluded.
+    """
     radius, mass = rng.uniform(0.03, 0.11), np.exp(rng.uniform(np.log(0.05), np.log(0.6)))
     friction, damping = rng.uniform(0.15, 0.6), rng.uniform(0.05, 0.35)
-    spin = "magnus_lift" in effects or name == "spin" or bool(rng.random() < 0.5)
-    turn = "off_center_mass" in effects or bool(rng.random() < 0.5)
+    needs = {need for kind in _kinds(effects) for need in kind.discovery.needs}
+    spin = Need.SPIN in needs or name == "spin" or bool(rng.random() < 0.5)
+    turn = Need.ORIENTATION in needs or bool(rng.random() < 0.5)
     fit = draw_fit(effects, rng)
-    ball = SceneObject("sphere", (radius,), mass, friction, 0.0, damping, name="ball")
+    ball = SceneObject("sphere", (radius,), mass, friction, damping=damping, name="ball")
     if name == "puck":
         return Scenario(name, (SceneObject("cylinder", (radius, 0.4 * radius), mass, friction, name="puck"),), fit=fit)
     if name == "cube":
         cube = SceneObject("box", (2 * radius,) * 3, mass, friction, name="cube")
         return Scenario(name, (cube,), spin, turn or not spin, fit)
-    if name in ("pair", "carom"):
+    if name in TWO_OR_THREE:
         more = ("other", "third")[: 1 if name == "pair" else 2]
         others = tuple(replace(ball, name=n, mass=float(mass * rng.uniform(0.6, 1.6))) for n in more)
         return Scenario(name, (ball, *others), spin, fit=fit)
     return Scenario(name, (ball,), spin, fit=fit)
 
 
-def launch(scenario: Scenario, rng: np.random.Generator, drag_free_height: float = 6.5) -> tuple[SceneObject, ...]:
-    """The bodies with the positions and velocities of one clip."""
+def _kinds(effects: Sequence[str]) -> list[EffectKind]:
+    return [effect_kinds()[e] for e in effects]
+
+
+def launch(scenario: Scenario, rng: np.random.Generator) -> tuple[SceneObject, ...]:
+    """The bodies with the initial states of one clip."""
     first = scenario.bodies[0]
     angle = rng.uniform(-np.pi, np.pi)
     across = np.array([np.cos(angle), np.sin(angle), 0.0])
@@ -99,7 +141,7 @@ def launch(scenario: Scenario, rng: np.random.Generator, drag_free_height: float
         start = (*rng.normal(0, 0.3, 2), first.size[0] + rng.uniform(0.3, 1.0))
         velocity = across * rng.uniform(0.5, 3.0) + np.array([0, 0, rng.uniform(-1.0, 1.5)])
         return (_moving(first, start, velocity, spin),)
-    start = (*rng.normal(0, 0.4, 2), rng.uniform(drag_free_height - 0.5, drag_free_height + 0.5))
+    start = (*rng.normal(0, 0.4, 2), rng.uniform(THROW_HEIGHT - 0.5, THROW_HEIGHT + 0.5))
     velocity = across * speed + np.array([0, 0, rng.uniform(-0.5, 3.0)])
     orientation = tuple(rng.normal(size=4)) if name == "cube" else (1.0, 0, 0, 0)
     return (replace(_moving(first, start, velocity, spin), orientation=orientation),)
@@ -115,8 +157,11 @@ def _carom(bodies: tuple[SceneObject, ...], across: np.ndarray, rng: np.random.G
     third = second + across * (2 * r + rng.uniform(0.05, 0.3)) + side * rng.uniform(-1.5, 1.5) * r
     rolling = np.array([-velocity[1], velocity[0], 0]) / r
     still = np.zeros(3)
-    return (_moving(bodies[0], start, velocity, rolling), _moving(bodies[1], second, still, still),
-            _moving(bodies[2], third, still, still))  # fmt: skip
+    return (
+        _moving(bodies[0], start, velocity, rolling),
+        _moving(bodies[1], second, still, still),
+        _moving(bodies[2], third, still, still),
+    )
 
 
 def _moving(

@@ -2,46 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.known_scene import FITTED
-from pipeline.discrepancy.track import Track
-from pipeline.hidden.engine import BULLET_EFFECTS, ENGINES, EVENT_EFFECTS, Motion, Twist
-from pipeline.hidden.scenario import SECONDS, Scenario, draw_name, draw_scenario, launch
+from pipeline.discrepancy.tracks.known_scene import FITTED
+from pipeline.discrepancy.tracks.track import Track
+from pipeline.hidden.engine import ENGINES, SimulatedMotion, can_simulate
+from pipeline.hidden.law_perturbation import draw_perturbation
+from pipeline.hidden.recipe import Recipe
+from pipeline.hidden.scenario import BOUNCING, SECONDS, Scenario, draw_name, draw_scenario, launch
 from pipeline.hidden.strength import scaled_effect
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import SIZE_KEYS, Effect, Scene
 
 FPS = 60
 DROPOUTS, OUTLIERS = 0.10, 0.02
-WRONG_LAWS = ("drag_slope", "spin_decay")
-UNLISTED = ("cubic_drag", "swirl", "pulsed", "spring")
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """What a world is made of. effects: hidden names; strength: in detection limits; noise m; bounces: whether
-    balls hit the ground; damaged: with dropouts and outliers; engine; wrong: one of `WRONG_LAWS`; unlisted: one of
-    `UNLISTED`."""
-
-    seed: int
-    effects: tuple[str, ...]
-    strength: float = 10.0
-    noise: float = 0.002
-    clips: int = 12
-    bounces: bool = False
-    damaged: bool = False
-    engine: str = "mujoco"
-    wrong: str | None = None
-    unlisted: str | None = None
 
 
 @dataclass(frozen=True)
 class World:
-    """tracks: measured motion. known: the scene file's content. truth: what nobody but the judge may see."""
+    """tracks: measured motion. known: the scene file's content. truth: what only the judge may see."""
 
     tracks: tuple[Track, ...]
     known: dict[str, Any]
@@ -50,31 +32,35 @@ class World:
 
 def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
     """The world of a recipe; everything random comes from `rng`."""
+    kinds = [effect_kinds()[name] for name in recipe.effects]
     name = draw_name(recipe.effects, recipe.bounces, rng)
-    if recipe.unlisted or recipe.wrong:  # of balls alone, for which there is an integrator that has such laws
-        name = "bounce" if recipe.bounces else "throw"
+    if recipe.unlisted or recipe.wrong:  # balls alone: only our own integrator has such laws
+        name = BOUNCING if recipe.bounces else "throw"
     scenario = draw_scenario(name, recipe.effects, rng)
-    shifted = bool(rng.random() < 0.3) and "impulse" not in recipe.effects  # a blow is sought at one time of all clips
+    # a blow is sought at one time of all clips, whose clocks must then agree
+    shifted = bool(rng.random() < 0.3) and not any(kind.kick for kind in kinds)
     launches = [launch(scenario, rng) for _ in range(recipe.clips)]
     times = np.arange(round(SECONDS * FPS) + 1) / FPS
-    engine = recipe.engine if _can(recipe, scenario) else "mujoco"
     effects: list[Effect] = []
     for effect in recipe.effects:
-        effects.append(scaled_effect(effect, recipe.strength, recipe.noise, scenario, launches, times, rng))
-    twist = _twist(recipe, scenario, rng)
-    if not twist.plain or "adhesion" in recipe.effects:  # MuJoCo's pucks hop, and adhere only while they touch
+        effects.append(scaled_effect(effect, recipe, scenario, launches, times, rng=rng))
+    size = recipe.strength / 10 * recipe.noise / 0.002
+    perturbation = draw_perturbation(recipe.wrong, recipe.unlisted, size, rng)
+    engine = recipe.engine if _can_simulate(recipe, scenario) else "mujoco"
+    if not perturbation.is_none or not can_simulate(engine, recipe.effects):
         engine = "events"
     clips = []
     for number, bodies in enumerate(launches):
         start = rng.uniform(0, 5) if shifted else 0.0
         hidden = tuple(e for e in effects if effect_kinds()[e.name].recording is None)
-        motion = ENGINES[engine](Scene(bodies, effects=hidden), times, twist)
-        clips += _measured(f"clip_{number:02d}", motion, times, start, scenario, effects, recipe, rng)
+        motion = ENGINES[engine](Scene(bodies, effects=hidden), times, perturbation)
+        clip = _Clip(f"clip_{number:02d}", motion, times + start)
+        clips += _measured(clip, scenario, effects, recipe, rng)
     truth = {
         "effects": [{"name": e.name, **{k: _plain(v) for k, v in e.parameters}} for e in effects],
         "unlisted": recipe.unlisted, "wrong": recipe.wrong, "engine": engine, "scenario": scenario.name,
         "strength": recipe.strength, "noise": recipe.noise, "clips": recipe.clips, "seed": recipe.seed,
-        "bounces": scenario.name == "bounce", "damaged": recipe.damaged,
+        "bounces": scenario.name == BOUNCING, "damaged": recipe.damaged,
     }  # fmt: skip
     return World(tuple(clips), known_scene_of(scenario), truth)
 
@@ -83,47 +69,32 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _can(recipe: Recipe, scenario: Scenario) -> bool:
+def _can_simulate(recipe: Recipe, scenario: Scenario) -> bool:
     """Whether the recipe's engine has the effects and the bodies."""
     if recipe.engine == "bullet":
-        return set(recipe.effects) <= set(BULLET_EFFECTS) and scenario.name in ("throw", "bounce", "pair")
+        return can_simulate("bullet", recipe.effects) and scenario.name in ("throw", BOUNCING, "pair")
     if recipe.engine != "events":
         return True
-    return set(recipe.effects) <= set(EVENT_EFFECTS) and scenario.name not in ("cube", "spin", "carom")
+    return can_simulate("events", recipe.effects) and scenario.name not in ("cube", "spin", "carom")
 
 
-def _twist(recipe: Recipe, scenario: Scenario, rng: np.random.Generator) -> Twist:
-    if recipe.wrong == "drag_slope":
-        return Twist(drag_slope=-0.03)
-    if recipe.wrong == "spin_decay":
-        return Twist(spin_decay=0.4)
-    if recipe.unlisted is None:
-        return Twist()
-    size = recipe.strength / 10 * recipe.noise / 0.002
-    angle = rng.uniform(-np.pi, np.pi)
-    axis = np.array([np.cos(angle), np.sin(angle), 0.0])
+@dataclass(frozen=True)
+class _Clip:
+    """A clip's name, its motion, and the times (T,) of the motion by the recording's clock, s."""
 
-    def extra(t: float, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        speed = np.linalg.norm(v, axis=-1, keepdims=True)
-        if recipe.unlisted == "cubic_drag":
-            return -0.004 * size * speed**3 * v / np.maximum(speed, 1e-9)
-        if recipe.unlisted == "swirl":
-            return 0.6 * size * np.stack([np.sin(3 * x[..., 1]), np.sin(3 * x[..., 2]), np.sin(3 * x[..., 0])], -1)
-        if recipe.unlisted == "pulsed":
-            return 1.2 * size * np.sin(2 * np.pi * 2.5 * t) * axis + 0 * x
-        return -2.0 * size * (x - np.array([0, 0, 5.0]))
-
-    return Twist(extra=extra)
+    name: str
+    motion: SimulatedMotion
+    times: np.ndarray
 
 
 def _measured(
-    clip: str, motion: Motion, times: np.ndarray, start: float, scenario: Scenario, effects: list[Effect],
-    recipe: Recipe,    rng: np.random.Generator,
-) -> list[Track]:  # fmt: skip
-    """What a recording of the motion shows: clock and ruler, noise, dropouts, outliers."""
+    clip: _Clip, scenario: Scenario, effects: list[Effect], recipe: Recipe, rng: np.random.Generator
+) -> list[Track]:
+    """What a recording of a clip shows, with wrong clocks and lengths, noise, dropouts and outliers."""
+    motion, times = clip.motion, clip.times
     tracks = []
     for i, body in enumerate(scenario.bodies):
-        shown, position = times + start, motion.position[:, i].copy()
+        shown, position = times, motion.position[:, i].copy()
         for e in effects:
             kind = effect_kinds()[e.name]
             if kind.recording is not None:
@@ -140,8 +111,17 @@ def _measured(
         if turn is not None:
             turn = turn + rng.normal(0, recipe.noise / 0.2 / 2, turn.shape)
             turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-        tracks.append(Track(clip, body.name, shown[kept], position[kept], None if turn is None else turn[kept],
-                            None if spin is None else spin[kept]))  # fmt: skip
+        quaternion, angular_velocity = (None if rows is None else rows[kept] for rows in (turn, spin))
+        tracks.append(
+            Track(
+                clip=clip.name,
+                object=body.name,
+                time=shown[kept],
+                position=position[kept],
+                quaternion=quaternion,
+                angular_velocity=angular_velocity,
+            )
+        )
     return tracks
 
 
@@ -155,8 +135,3 @@ def known_scene_of(scenario: Scenario) -> dict[str, Any]:
         entry |= {key: float(getattr(body, key)) for key in FITTED if key not in scenario.fit}
         objects.append(entry)
     return {"objects": objects, "fit": list(scenario.fit)}
-
-
-def blind(world: World) -> World:
-    """The world without its truth."""
-    return replace(world, truth={})

@@ -1,4 +1,4 @@
-"""Means with bootstrap intervals."""
+"""Means with bootstrap intervals, and shares with Wilson's."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 
 @dataclass(frozen=True)
@@ -35,3 +36,11 @@ def bootstrap_mean(values: np.ndarray, resamples: int, rng: np.random.Generator)
     means = rng.choice(kept, (resamples, len(kept))).mean(1)
     low, high = np.percentile(means, [2.5, 97.5])
     return Estimate(float(kept.mean()), float(low), float(high), len(kept))
+
+
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share, hits of count."""
+    if count == 0:
+        return 0.0, 1.0
+    interval = binomtest(hits, count).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)

@@ -1,10 +1,10 @@
-"""The forces of a scene's effects that plain MuJoCo has not, written into a running simulation."""
+"""The forces of those effects that plain MuJoCo does not have, written into a running simulation."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -16,14 +16,13 @@ from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect, Scene, half_extents
 
 CHATTER_STEPS = 16  # a body that slides at 3 m/s hops by 5 mm, for 15 steps of 1/240 s
-BLOW = 0.3  # m/s in a step: more is an impact
+IMPACT = 0.3  # m/s: a larger change in a step is an impact
 ApplyForces = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
 
 @dataclass(frozen=True)
 class AppliedEffect:
-    """An effect of B scenes at once: its parameters (B, 1) and (B, 1, 3), and the objects on which it acts (N,)
-    bool."""
+    """An effect of B scenes with its parameters (B, 1) and (B, 1, 3). acts (N,) bool: the objects on which it acts."""
 
     kind: EffectKind
     values: dict[str, np.ndarray]
@@ -31,17 +30,17 @@ class AppliedEffect:
 
 
 def applied_by_us(kind: EffectKind) -> bool:
-    """Whether MuJoCo has no form of its own of the effect."""
+    """Whether the effect is applied as a force, because MuJoCo does not have it."""
     return kind.applied
 
 
 def with_force(kind: EffectKind) -> bool:
-    """Whether the effect is a force, also where MuJoCo has a form of its own: of engines that know no effects."""
+    """Whether the effect is a force, also where MuJoCo has it: for engines that have no effects."""
     return kind.force is not None
 
 
 def chosen_effects(scenes: Sequence[Scene], which: Callable[[EffectKind], bool]) -> list[AppliedEffect]:
-    """Those effects of the scenes whose kind is asked for; the scenes share their names and objects, in order."""
+    """The effects of B scenes whose kind is wanted. The scenes share their effects' names and objects, in order."""
     names = [[(e.name, e.objects) for e in s.effects] for s in scenes]
     assert all(n == names[0] for n in names), "scenes of one batch share their effects' names"
     out = []
@@ -75,31 +74,43 @@ def total_force(effects: Sequence[AppliedEffect], body: Body) -> np.ndarray:
 
 
 def needs_contacts(effects: Sequence[AppliedEffect]) -> bool:
-    """Whether some effect acts on the ground alone, so that the contacts of the last step must be looked at."""
+    """Whether some effect acts on the ground alone, so that the contacts of the last step are needed."""
     return any(Regime.FLIGHT not in e.kind.regimes for e in effects)
 
 
 def other_centres(position: np.ndarray) -> np.ndarray:
-    """Of positions (..., N, 3), for each object those of the others, (..., N, N - 1, 3)."""
+    """For each object the positions of the others, (..., N, N - 1, 3), from positions (..., N, 3)."""
     n = position.shape[-2]
     index = np.array([[j for j in range(n) if j != i] for i in range(n)], int).reshape(n, max(n - 1, 0))
     return position[..., index, :]
 
 
 def resting_body(scenes: Sequence[Scene]) -> Body:
-    """What does not change during the runs of B scenes, the rest zero; leading shape (B, N)."""
+    """The bodies of B scenes, leading shape (B, N), with what does not change during a run; the rest is zero."""
     shape = (len(scenes), len(scenes[0].objects))
     zero = np.zeros((*shape, 3))
     mass = np.array([[o.mass for o in s.objects] for s in scenes])
     radius = np.array([[0.0 if o.shape == "mesh" else half_extents(o)[2] for o in s.objects] for s in scenes])
     friction = np.array([[o.sliding_friction for o in s.objects] for s in scenes])
     gravity = np.array([s.gravity for s in scenes])[:, None] + zero
-    return Body(np.zeros(shape), zero, zero, zero, other_centres(zero), mass, radius, gravity, np.zeros(shape),
-                friction, zero, zero)  # fmt: skip
+    return Body(
+        time=np.zeros(shape),
+        position=zero,
+        velocity=zero,
+        angular_velocity=zero,
+        others=other_centres(zero),
+        mass=mass,
+        radius=radius,
+        gravity=gravity,
+        normal_force=np.zeros(shape),
+        sliding_friction=friction,
+        air_velocity=zero,
+        ground_velocity=zero,
+    )
 
 
 def effect_forces(scene: Scene) -> ApplyForces | None:
-    """What writes the forces of `scene` before each step; None where MuJoCo needs no help."""
+    """A function that writes the forces of a scene's effects before each step; None where there are none."""
     effects = chosen_effects([scene], applied_by_us)
     if not effects or not scene.objects:
         return None
@@ -115,43 +126,51 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
         spin = np.einsum("nij,nj->ni", data.xmat[ends].reshape(-1, 3, 3), qvel[:, 3:])
         position = data.xipos[ends].copy()
         velocity = qvel[:, :3] + np.cross(spin, position - data.xpos[ends])
-        body = Body(
-            np.full(constant.time.shape, data.time), position[None], halfway.after(velocity[None]), spin[None],
-            other_centres(position)[None], constant.mass, constant.radius, constant.gravity,
-            normal.after(ground_forces(model, data, len(scene.objects))[None]) if in_contact else constant.normal_force,
-            constant.sliding_friction, constant.air_velocity, constant.ground_velocity,
-        )  # fmt: skip
+        pressed = constant.normal_force
+        if in_contact:
+            pressed = normal.after(ground_forces(model, data, len(scene.objects))[None])
+        body = replace(
+            constant,
+            time=np.full(constant.time.shape, data.time),
+            position=position[None],
+            velocity=halfway.after(velocity[None]),
+            angular_velocity=spin[None],
+            others=other_centres(position)[None],
+            normal_force=pressed,
+        )
         data.xfrc_applied[ends, :3] = total_force(effects, body)[0]
 
     return apply
 
 
 class HalfwayVelocity:
-    """Velocities half-way through the step to come, by those of this step and of the last one.
+    """Velocities halfway through the coming step, extrapolated from this step and the last one.
 
-    An engine's step takes forces at its start, where a body that falls is half a step too slow: by 1 % in drag.
+    An engine takes forces at the start of a step, where a falling body is half a step too slow: 1 % of drag.
     """
 
     def __init__(self) -> None:
         self._last: np.ndarray | None = None
 
     def after(self, velocity: np.ndarray) -> np.ndarray:
-        """Velocities (..., 3) m/s, from those at the start of the step; those of a blow are not carried on."""
+        """The velocities (..., 3) m/s, from those at the start of the step; an impact is not extrapolated."""
         change = np.zeros_like(velocity) if self._last is None else velocity - self._last
         self._last = velocity.copy()
-        struck = np.linalg.norm(change, axis=-1, keepdims=True) > BLOW
+        struck = np.linalg.norm(change, axis=-1, keepdims=True) > IMPACT
         return velocity + np.where(struck, 0.0, change / 2)
 
 
 class RecentNormalForce:
-    """The normal force of the last few steps, in the mean: MuJoCo's bodies chatter on the ground, touching it at some
-    steps and not at others, where a real one would rest on it."""
+    """Mean normal force over the last few steps.
+
+    MuJoCo's bodies chatter: they touch the ground in some steps and not in others, where a real body would rest.
+    """
 
     def __init__(self) -> None:
         self._recent: deque[np.ndarray] = deque(maxlen=CHATTER_STEPS)
 
     def after(self, last: np.ndarray) -> np.ndarray:
-        """The mean with the forces of the last step (...) N, and those before."""
+        """The mean over the forces of the last step, (...) N, and of steps before."""
         self._recent.append(last)
         return np.mean(self._recent, axis=0)
 

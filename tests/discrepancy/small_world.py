@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.tracks.track import Track
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Effect, Scene, SceneObject
 
@@ -26,8 +26,8 @@ def thrown(
         trace = simulate(Scene((ball,), effects=effects))
         steps = np.arange(0, 241, 4)
         position = trace.position[steps, 0] + rng.normal(0, NOISE, (len(steps), 3))
-        out.append(Track(f"clip_{c}", "ball", trace.times[steps], position, None,
-                         trace.angular_velocity[steps, 0] if spin else None))  # fmt: skip
+        measured = trace.angular_velocity[steps, 0] if spin else None
+        out.append(Track(f"clip_{c}", "ball", trace.times[steps], position, angular_velocity=measured))
     return out
 
 

@@ -13,10 +13,11 @@ from ruamel.yaml import YAML
 from small_world import KNOWN, effect, thrown
 
 from pipeline.commands.main import main
-from pipeline.discrepancy.discover import discover, report
-from pipeline.discrepancy.known_scene import known_scene
-from pipeline.discrepancy.page import sentence
-from pipeline.discrepancy.track import Track, tracks_table
+from pipeline.discrepancy.discover import discover
+from pipeline.discrepancy.report.html_page import sentence
+from pipeline.discrepancy.report.report_dict import report_dict
+from pipeline.discrepancy.tracks.known_scene import known_scene
+from pipeline.discrepancy.tracks.track import Track, tracks_table
 from pipeline.hidden.events import run_events
 from pipeline.physics.simulate import compile_xml
 from pipeline.scene.effects.registry import effect_kinds
@@ -107,7 +108,7 @@ def test_struck_off_the_list_lift_is_unknown_and_the_formula_finds_it() -> None:
 def test_probabilities_sum_to_one_and_the_report_has_what_the_format_says() -> None:
     rng = np.random.default_rng(9)
     found = discover(thrown(rng, 4, (effect("linear_drag", coefficient=0.1),)), known_scene(KNOWN), 0.3, ALL, rng)
-    content = report(found)
+    content = report_dict(found)
     assert sum(found.probability.values()) == pytest.approx(1)
     needed = {"noise", "clips", "calibrated", "disagreement", "candidates", "verdict", "gap"}
     assert needed <= content.keys()

@@ -6,17 +6,19 @@ import numpy as np
 import pytest
 from small_world import KNOWN, NOISE, effect, thrown
 
-from pipeline.discrepancy.arc import Arc, cut_tracks
-from pipeline.discrepancy.breaks import Break, find_breaks
-from pipeline.discrepancy.fit import SPIN_SCALE, fit, run
-from pipeline.discrepancy.known_scene import known_scene
-from pipeline.discrepancy.model import known_model, with_effect
-from pipeline.discrepancy.noise import leave_one_out, rough_sigma
-from pipeline.discrepancy.obstacle import SIZE_SPREAD, fit_obstacle
-from pipeline.discrepancy.problem import pose, starts_of, with_rulers
-from pipeline.discrepancy.quick import QuickRegression
-from pipeline.discrepancy.starts import starts
-from pipeline.discrepancy.track import Track
+from pipeline.discrepancy.fitting.initial_states import initial_states
+from pipeline.discrepancy.fitting.least_squares import fit
+from pipeline.discrepancy.fitting.model import known_model, with_effect
+from pipeline.discrepancy.fitting.predictions import SPIN_SCALE, run
+from pipeline.discrepancy.fitting.screening import ScreeningRegression
+from pipeline.discrepancy.fitting.velocity_jump_hits import velocity_jump_hits
+from pipeline.discrepancy.tracks.arc import Arc
+from pipeline.discrepancy.tracks.cutting import cut_tracks
+from pipeline.discrepancy.tracks.known_scene import known_scene
+from pipeline.discrepancy.tracks.noise import leave_one_out, rough_sigma
+from pipeline.discrepancy.tracks.problem import build_problem, with_length_scale_nuisance
+from pipeline.discrepancy.tracks.track import Track
+from pipeline.discrepancy.tracks.velocity_jumps import VelocityJump, find_velocity_jumps
 from pipeline.errors import MeasurementError
 from pipeline.scene.effects.registry import effect_kinds
 
@@ -31,12 +33,12 @@ def test_noise_is_found_at_irregular_times_with_outliers_in_between(rng: np.rand
 def test_a_bounce_is_a_break_and_a_parabola_has_none(rng: np.random.Generator) -> None:
     t = np.arange(60) / 60
     smooth = np.stack([t, 0 * t, 3 * t - 4.9 * t**2], 1) + rng.normal(0, NOISE, (60, 3))
-    assert find_breaks(t, smooth, NOISE) == []
+    assert find_velocity_jumps(t, smooth, NOISE) == []
     kinked = smooth + np.maximum(0, t - 0.505)[:, None] * [0.0, 0.0, 4.0]
-    (found,) = find_breaks(t, kinked, NOISE)
+    (found,) = find_velocity_jumps(t, kinked, NOISE)
     assert found.time == pytest.approx(0.505, abs=0.01)
-    standard_error = np.linalg.norm(found.jump) / found.z
-    assert np.abs(found.jump - [0, 0, 4]).max() < 5 * standard_error < 1.5
+    standard_error = np.linalg.norm(found.change) / found.z
+    assert np.abs(found.change - [0, 0, 4]).max() < 5 * standard_error < 1.5
 
 
 def test_an_object_that_the_scene_lacks_is_named(rng: np.random.Generator) -> None:
@@ -54,19 +56,20 @@ def test_single_outliers_are_left_out_and_good_samples_are_not(rng: np.random.Ge
 
 def test_a_fit_finds_the_coefficient_within_its_standard_errors(rng: np.random.Generator) -> None:
     known = known_scene(KNOWN)
-    problem = pose(thrown(rng, 8, (effect("air_drag", coefficient=0.004),)), known, 0.0, rng)
+    problem = build_problem(thrown(rng, 8, (effect("air_drag", coefficient=0.004),)), known, 0.0, rng)
     model = with_effect(known_model(known, problem.stacks), effect_kinds()["air_drag"], known)
-    found = fit(problem.stacks, model, model.start, starts_of(problem), problem.chosen)
+    found = fit(problem.stacks, model, model.start, initial_states(problem), problem.chosen)
     assert abs(found.theta[0] - 0.004) < 4 * found.covariance[0, 0] ** 0.5
     assert found.total(problem.chosen) == pytest.approx(problem.rows - 6 * 8, rel=0.12)
 
 
 def test_chi_squared_never_rises_during_a_fit(rng: np.random.Generator) -> None:
     known = known_scene(KNOWN)
-    problem = pose(thrown(rng, 4, (effect("linear_drag", coefficient=0.1),)), known, 0.0, rng)
+    problem = build_problem(thrown(rng, 4, (effect("linear_drag", coefficient=0.1),)), known, 0.0, rng)
     model = with_effect(known_model(known, problem.stacks), effect_kinds()["linear_drag"], known)
-    totals = [fit(problem.stacks, model, model.start, starts_of(problem), problem.chosen, n).total(problem.chosen)
-              for n in (1, 2, 4)]  # fmt: skip
+    begin = initial_states(problem)
+    fits = [fit(problem.stacks, model, model.start, begin, problem.chosen, iterations=n) for n in (1, 2, 4)]
+    totals = [found.total(problem.chosen) for found in fits]
     assert totals[0] >= totals[1] - 1e-6 >= totals[2] - 2e-6
 
 
@@ -80,35 +83,53 @@ def test_heights_alone_give_the_drag_and_nothing_across(rng: np.random.Generator
         z = 48 - np.interp(t, fine, fallen) + rng.normal(0, 0.03, len(t))
         tracks.append(Track(f"drop_{clip}", "ball", t, np.column_stack([0 * z, 0 * z, z])))
     known = known_scene({"ground": None, "objects": [{"name": "ball", "shape": "sphere", "radius": 0.1, "mass": mass}]})
-    problem = pose(tracks, known, 0.0, rng)
+    problem = build_problem(tracks, known, 0.0, rng)
     model = with_effect(known_model(known, problem.stacks), effect_kinds()["air_drag"], known)
-    found = fit(problem.stacks, model, model.start, starts_of(problem), problem.chosen)
+    found = fit(problem.stacks, model, model.start, initial_states(problem), problem.chosen)
     assert found.theta[0] == pytest.approx(k, rel=0.05)
     assert np.abs(found.starts[0][:, 3:5]).max() < 1e-6
 
 
-def test_a_known_ruler_is_no_ruler_of_its_own_and_a_stretched_clip_shows(rng: np.random.Generator) -> None:
+def test_clips_with_exact_lengths_keep_them_and_stretched_ones_show(rng: np.random.Generator) -> None:
     tracks = thrown(rng, 4, spin=False)
     stretched = [replace(t, position=t.position * s) for t, s in zip(tracks, (0.97, 1.0, 1.0, 1.03), strict=True)]
     known = known_scene(KNOWN)
-    problem = with_rulers(pose(stretched, known, 0.0, rng))
+    problem = with_length_scale_nuisance(build_problem(stretched, known, 0.0, rng))
     model = known_model(known, problem.stacks)
-    found = fit(problem.stacks, model, model.start, starts_of(problem), problem.chosen)
+    found = fit(problem.stacks, model, model.start, initial_states(problem), problem.chosen)
     order = np.argsort(problem.stacks[0].clip)
     np.testing.assert_allclose(found.starts[0][order, 9], [-0.03, 0, 0, 0.03], atol=0.006)
-    plain = fit([replace(s, ruler=0.0) for s in problem.stacks], model, model.start, starts_of(problem), problem.chosen)
+    plain = fit(
+        [replace(s, length_scale_sigma=0.0) for s in problem.stacks],
+        model,
+        model.start,
+        initial_states(problem),
+        problem.chosen,
+    )
     assert found.total(problem.chosen) < plain.total(problem.chosen) - 100
 
 
-def test_one_hit_tells_where_an_obstacle_is_but_not_how_large() -> None:
-    jump = Break(0.5, np.array([1.0, 0.0, 3.0]), np.array([-4.0, 0.0, 0.0]), 60.0)
+def test_one_hit_tells_where_an_obstacle_is_but_not_how_large(rng: np.random.Generator) -> None:
+    jump = VelocityJump(0.5, np.array([1.0, 0.0, 3.0]), np.array([-4.0, 0.0, 0.0]), 60.0)
     t = np.arange(61) / 60
     x = np.column_stack([1.0 + np.where(t < 0.5, 2.0, -2.0) * (t - 0.5), 0 * t, 3 + 0 * t])
-    arc = Arc("clip", 0, False, t, x, np.full(61, 0.002), np.arange(61), np.zeros((61, 0, 3)), jumps=(jump,))
-    found = fit_obstacle([arc], known_scene(KNOWN))
-    assert found is not None and found.hits == 1
-    assert found.size_error > 0.9 * SIZE_SPREAD
-    surface = found.position - found.size * np.array([1.0, 0, 0])
+    arc = Arc(
+        clip="clip",
+        object=0,
+        grounded=False,
+        time=t,
+        position=x,
+        sigma=np.full(61, 0.002),
+        row=np.arange(61),
+        others=np.zeros((61, 0, 3)),
+        jumps=(jump,),
+    )
+    problem = replace(build_problem(thrown(rng, 2), known_scene(KNOWN), 0.0, rng), arcs=(arc,))
+    hits, rules = velocity_jump_hits(problem), effect_kinds()["hidden_obstacle"].discovery
+    assert hits is not None and rules.fit_hits is not None
+    found = rules.fit_hits(hits)
+    assert found.count == 1 and found.errors["size"] is None
+    surface = np.array(found.values["position"]) - found.values["size"] * np.array([1.0, 0, 0])
     np.testing.assert_allclose(surface, [1.05, 0, 3], atol=0.02)
 
 
@@ -120,17 +141,17 @@ def rolling(rng: np.random.Generator, clips: int) -> tuple[list[Track], dict[str
         v = speed * np.array([np.cos(angle), np.sin(angle), 0.0])
         position = np.array([0, 0, radius]) + time[:, None] * v + rng.normal(0, NOISE, (61, 3))
         spin = np.array([-v[1], v[0], 0.0]) / radius
-        out.append(Track(f"clip_{c}", "ball", time, position, None, np.tile(spin, (61, 1))))
+        out.append(Track(f"clip_{c}", "ball", time, position, angular_velocity=np.tile(spin, (61, 1))))
     return out, {**KNOWN, "fit": []}
 
 
 def test_spins_weigh_as_noise_and_a_common_factor_say(rng: np.random.Generator) -> None:
     tracks, data = rolling(rng, 1)
     known = known_scene(data)
-    problem = pose(tracks, known, 0.0, rng)
+    problem = build_problem(tracks, known, 0.0, rng)
     (stack,) = problem.stacks
     model = known_model(known, problem.stacks)
-    start = starts_of(problem)[0]
+    start = initial_states(problem)[0]
     two = np.stack([start, start])
     two[1, :, 6:9] = 1.1 * two[0, :, 6:9] + rng.normal(0, 0.5, 3)
     rows, _ = run(stack, model, np.tile(model.start, (2, 1)), two)
@@ -143,24 +164,24 @@ def test_spins_weigh_as_noise_and_a_common_factor_say(rng: np.random.Generator) 
     assert ours @ ours < 0.9 * (change @ change)  # most of it is a common factor
 
 
-def test_spins_that_are_off_by_a_factor_are_no_wrong_ruler(rng: np.random.Generator) -> None:
+def test_spins_with_a_wrong_factor_do_not_look_like_a_wrong_length_scale(rng: np.random.Generator) -> None:
     tracks, data = rolling(rng, 6)
     tracks = [replace(t, angular_velocity=1.03 * t.angular_velocity) for t in tracks]
     known = known_scene(data)
-    problem = pose(tracks, known, 0.0, rng)
+    problem = build_problem(tracks, known, 0.0, rng)
     plain = known_model(known, problem.stacks)
     models = (plain, with_effect(plain, effect_kinds()["length_scale"], known))
-    none, ruler = (fit(problem.stacks, m, m.start, starts_of(problem), problem.chosen) for m in models)
-    assert none.total(problem.chosen) - ruler.total(problem.chosen) < 12  # 1 of each clip, not 60
+    none, scaled = (fit(problem.stacks, m, m.start, initial_states(problem), problem.chosen) for m in models)
+    assert none.total(problem.chosen) - scaled.total(problem.chosen) < 12  # 1 of each clip, not 60
 
 
 def test_balls_that_are_taken_to_roll_roll_whatever_velocity_is_fitted(rng: np.random.Generator) -> None:
     tracks, data = rolling(rng, 4)
     tracks = [replace(t, angular_velocity=None) for t in tracks]
     known = known_scene(data)
-    problem = pose(tracks, known, 0.0, rng)
+    problem = build_problem(tracks, known, 0.0, rng)
     (stack,), model = problem.stacks, known_model(known, problem.stacks)
-    begin = starts_of(problem)[0]
+    begin = initial_states(problem)[0]
     v = rng.normal(0, 0.3, (len(stack), 2))  # a poor first guess
     begin[:, 3:5], begin[:, 6], begin[:, 7] = v, -v[:, 1] / 0.05, v[:, 0] / 0.05
     found = fit([stack], model, model.start, [begin], problem.chosen)
@@ -176,10 +197,15 @@ def test_a_gentle_touch_cuts_both_balls_and_what_follows_it_is_left_out(rng: np.
     x = np.where(time < touch, 0.06 * (time - touch), 0.03 * (time - touch)) - 2 * radius  # too gently to show
     positions = {"ball": x, "other": 0.03 * np.maximum(0, time - touch)}
     tracks = [
-        Track("c", name, time, np.stack([p, 0 * p, 0 * p + radius], 1) + rng.normal(0, 0.001, (61, 3)), None,
-              np.zeros((61, 3)))
+        Track(
+            clip="c",
+            object=name,
+            time=time,
+            position=np.stack([p, 0 * p, 0 * p + radius], 1) + rng.normal(0, 0.001, (61, 3)),
+            angular_velocity=np.zeros((61, 3)),
+        )
         for name, p in positions.items()
-    ]  # fmt: skip
+    ]
     cut = cut_tracks(tracks, known_scene({"objects": objects}))
     assert {(i.object, i.other) for i in cut.impacts} == {(0, 1), (1, 0)}
     assert not any(a.time[0] < touch < a.time[-1] for a in cut.arcs)
@@ -192,10 +218,15 @@ def test_a_ball_is_cut_where_it_touches_the_right_one_also_where_a_clip_does_not
     objects = [{"name": n, "shape": "sphere", "radius": r, "mass": 0.2} for n, r in radii.items()]
     x = {"ball": -0.3 + 0.2 * time, "other": 0.0 * time}  # 0.1 m apart in the end: they touch only then
     tracks = [
-        Track("c", n, time, np.stack([p, 0 * p, 0 * p + 0.05], 1) + rng.normal(0, 0.001, (61, 3)), None,
-              np.zeros((61, 3)))
+        Track(
+            clip="c",
+            object=n,
+            time=time,
+            position=np.stack([p, 0 * p, 0 * p + 0.05], 1) + rng.normal(0, 0.001, (61, 3)),
+            angular_velocity=np.zeros((61, 3)),
+        )
         for n, p in x.items()
-    ]  # fmt: skip
+    ]
     cut = cut_tracks(tracks, known_scene({"objects": objects}))
     assert {i.other for i in cut.impacts} <= {0, 2}
     assert max(a.time[-1] - a.time[0] for a in cut.arcs if a.object == 0) > 0.8
@@ -208,13 +239,13 @@ def test_an_effect_is_promising_where_a_fitted_number_at_its_bound_would_do_the_
         spin = rng.uniform(90, 120) - 80 * times  # MuJoCo's own torsional friction takes 49 rad/s a second
         turn = np.column_stack([0 * times, 0 * times, spin]) + rng.normal(0, 0.1, (61, 3))
         place = np.array([0, 0, 0.05]) + rng.normal(0, 0.001, (61, 3))
-        tracks.append(Track(f"clip_{c}", "ball", times, place, None, turn))
-    problem = pose(tracks, known, 0.3, rng)
+        tracks.append(Track(f"clip_{c}", "ball", times, place, angular_velocity=turn))
+    problem = build_problem(tracks, known, 0.3, rng)
     model = known_model(known, problem.stacks)
-    found = fit(problem.stacks, model, model.start, starts_of(problem), problem.chosen)
+    found = fit(problem.stacks, model, model.start, initial_states(problem), problem.chosen)
     torsional = model.column("object:0", "torsional")
     assert torsional is not None and found.theta[torsional] == pytest.approx(model.unknowns[torsional].high, rel=1e-3)
-    quick = QuickRegression(problem.stacks, found, problem.chosen)
+    screening = ScreeningRegression(problem, found)
     kinds = [effect_kinds()[name] for name in ("spin_friction", "tilted_gravity")]
-    promising, idle = (quick.guesses(k, starts(k, known, problem.stacks), known)[0].gain for k in kinds)
+    promising, idle = (screening.guesses(k)[0].gain for k in kinds)
     assert promising > 100 > idle

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from pipeline.discrepancy.known_scene import FITTED, known_scene
+from pipeline.discrepancy.tracks.known_scene import FITTED, known_scene
 from pipeline.errors import SceneError
 
 BALL: dict[str, Any] = {"name": "ball", "shape": "sphere", "radius": 0.05, "mass": 0.2}
@@ -15,7 +15,7 @@ def test_name_shape_sizes_and_mass_are_enough() -> None:
     (ball,) = known.scene.objects
     assert (ball.sliding_friction, ball.rolling_friction, ball.damping) == (0.5, 0.0, 1.0)
     assert known.scene.gravity == (0, 0, -9.81) and known.scene.ground == 0 and known.scene.camera is None
-    assert known.fit == FITTED and not known.fit_stated
+    assert known.fit == FITTED
 
 
 def test_a_clip_may_override_a_mass() -> None:

@@ -10,7 +10,7 @@ from benchmarks.published.cube_tosses import read_cube_tosses
 from benchmarks.published.published_set import real_motion_folder
 from benchmarks.published.table_tennis import read_table_tennis
 from pipeline.discrepancy.discover import discover
-from pipeline.discrepancy.known_scene import known_scene
+from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.scene.effects.registry import effect_kinds
 
 

@@ -7,7 +7,14 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.discrepancy.track import Track, read_tracks, tracks_table
+from pipeline.discrepancy.tracks.track import (
+    ROW_NUMBERS,
+    Track,
+    read_tracks,
+    track_rows,
+    tracks_from_rows,
+    tracks_table,
+)
 from pipeline.errors import MeasurementError
 
 
@@ -19,8 +26,15 @@ def good(rows: int = 8) -> pd.DataFrame:
 def test_a_track_comes_back_from_parquet_and_csv_as_it_was(tmp_path: Path, rng: np.random.Generator) -> None:
     turn = rng.normal(size=(9, 4))
     turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    track = Track("a", "ball", np.cumsum(rng.uniform(0.01, 0.03, 9)), rng.normal(size=(9, 3)), turn,
-                  rng.normal(size=(9, 3)), rng.uniform(0.001, 0.002, 9))  # fmt: skip
+    track = Track(
+        clip="a",
+        object="ball",
+        time=np.cumsum(rng.uniform(0.01, 0.03, 9)),
+        position=rng.normal(size=(9, 3)),
+        quaternion=turn,
+        angular_velocity=rng.normal(size=(9, 3)),
+        sigma=rng.uniform(0.001, 0.002, 9),
+    )
     table = tracks_table([track])
     pq.write_table(table, tmp_path / "m.parquet")
     table.to_pandas().to_csv(tmp_path / "m.csv", index=False)
@@ -82,3 +96,15 @@ def test_files_that_are_none_are_said_to_be(tmp_path: Path) -> None:
     (tmp_path / "m.txt").write_text("x")
     with pytest.raises(MeasurementError, match=r"valid: \.parquet, \.csv"):
         read_tracks(tmp_path / "m.txt")
+
+
+def test_a_track_comes_back_from_rows_as_it_was(rng: np.random.Generator) -> None:
+    time = np.cumsum(rng.uniform(0.01, 0.03, 9))
+    spinning = Track("a", "ball", time, rng.normal(size=(9, 3)), angular_velocity=rng.normal(size=(9, 3)))
+    turning = Track("a", "cube", time, rng.normal(size=(9, 3)), quaternion=rng.normal(size=(9, 4)))
+    rows = track_rows([spinning, turning])
+    assert set(rows[0]) == {"clip", "object", *ROW_NUMBERS} and rows[0]["qw"] is None and rows[-1]["wx"] is None
+    for track, back in zip((spinning, turning), tracks_from_rows(rows), strict=True):
+        assert (back.clip, back.object) == (track.clip, track.object)
+        for name in ("time", "position", "quaternion", "angular_velocity"):
+            np.testing.assert_equal(getattr(back, name), getattr(track, name))

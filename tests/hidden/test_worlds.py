@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.known_scene import FITTED
-from pipeline.hidden.engine import ENGINES, Twist, run_event_driven, run_mujoco
-from pipeline.hidden.experiment import EVERY, MUST_BE_KNOWN, SCENARIOS
-from pipeline.hidden.judge import confusion, equals_of, judge, macro_f1, wilson
-from pipeline.hidden.recipes import recipe_of
-from pipeline.hidden.scenario import draw_fit, draw_name, draw_scenario
-from pipeline.hidden.world import Recipe, make_world
+from pipeline.discrepancy.tracks.known_scene import FITTED
+from pipeline.hidden.engine import ENGINES, run_event_driven, run_mujoco
+from pipeline.hidden.judge import confusion, equals_of, judge, macro_f1
+from pipeline.hidden.law_perturbation import WRONG_LAWS, LawPerturbation
+from pipeline.hidden.recipe import Recipe, perturbed_kinds, recipe_of
+from pipeline.hidden.scenario import EVERY, draw_fit, draw_name, draw_scenario
+from pipeline.hidden.world import make_world
+from pipeline.metrics.intervals import wilson
+from pipeline.scene.effects import hiding
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect, Scene, SceneObject
 
@@ -31,8 +33,8 @@ BALL = SceneObject(
 )  # fmt: skip
 def test_in_the_air_both_engines_agree(effect: Effect) -> None:
     scene = Scene((BALL,), effects=(effect,))
-    ours, mujoco = (run(scene, TIMES, Twist()).position for run in (run_event_driven, run_mujoco))
-    free = run_mujoco(Scene((BALL,)), TIMES, Twist()).position
+    ours, mujoco = (run(scene, TIMES, LawPerturbation()).position for run in (run_event_driven, run_mujoco))
+    free = run_mujoco(Scene((BALL,)), TIMES, LawPerturbation()).position
     start = np.linspace(0, 1, len(TIMES))[:, None, None]
     apart = ours - mujoco
     assert (
@@ -44,21 +46,21 @@ def test_in_the_air_both_engines_agree(effect: Effect) -> None:
 def test_bullet_agrees_in_the_air(name: str, coefficient: float) -> None:
     pytest.importorskip("pybullet", reason="an extra: benchmark")
     scene = Scene((BALL,), effects=(Effect(name, (("coefficient", coefficient),)),))
-    ours, bullet = (ENGINES[e](scene, TIMES, Twist()).position for e in ("events", "bullet"))
+    ours, bullet = (ENGINES[e](scene, TIMES, LawPerturbation()).position for e in ("events", "bullet"))
     assert np.abs(ours - bullet).max() < 0.03
 
 
 def test_a_ball_bounces_off_with_its_restitution_at_once() -> None:
     ball = SceneObject("sphere", (0.05,), 0.2, 0.0, position=(0, 0, 0.55), name="ball")
     scene = Scene((ball,), effects=(Effect("restitution", (("coefficient", 0.8),)),))
-    z = run_event_driven(scene, np.arange(241) / 240, Twist()).position[:, 0, 2]  # fmt: skip
+    z = run_event_driven(scene, np.arange(241) / 240, LawPerturbation()).position[:, 0, 2]  # fmt: skip
     assert z.min() > 0.049
     assert z[100:].max() - 0.05 == pytest.approx(0.5 * 0.8**2, rel=0.02)
 
 
 def test_a_puck_stops_where_friction_says() -> None:
     puck = SceneObject("cylinder", (0.05, 0.02), 0.2, 0.3, position=(0, 0, 0.01), velocity=(1, 0, 0), name="puck")
-    x = run_event_driven(Scene((puck,)), TIMES, Twist()).position[-1, 0, 0]
+    x = run_event_driven(Scene((puck,)), TIMES, LawPerturbation()).position[-1, 0, 0]
     assert x == pytest.approx(1 / (2 * 0.3 * 9.81), rel=0.01)
 
 
@@ -66,7 +68,7 @@ def test_viscous_friction_slows_a_puck_that_hops_as_it_slows_one_that_does_not()
     c, mu, speed = 0.3, 0.35, 2.5
     puck = SceneObject("cylinder", (0.05, 0.02), 0.2, mu, position=(0, 0, 0.01), velocity=(speed, 0, 0), name="puck")
     scene = Scene((puck,), effects=(Effect("viscous_friction", (("coefficient", c),)),))
-    x = run_mujoco(scene, TIMES, Twist()).position[:, 0, 0]
+    x = run_mujoco(scene, TIMES, LawPerturbation()).position[:, 0, 0]
     rate, friction = c / 0.2, mu * 9.81
     law = (speed + friction / rate) / rate * (1 - np.exp(-rate * TIMES)) - friction / rate * TIMES
     without = speed * TIMES - friction / 2 * TIMES**2
@@ -82,7 +84,7 @@ def test_a_world_is_a_function_of_its_recipe_and_generator() -> None:
 
 def test_recipes_go_round_their_list() -> None:
     names = ["air_drag", "none", "unlisted", "air_drag+wind"]
-    recipes = [recipe_of(k, names, 10, 0.002, 4, np.random.default_rng(k)) for k in range(4)]
+    recipes = [recipe_of(k, names, 10, 0.002, 4, rng=np.random.default_rng(k)) for k in range(4)]
     assert [r.effects for r in recipes] == [("air_drag",), (), (), ("air_drag", "wind")]
     assert recipes[2].unlisted is not None and recipes[1].unlisted is None
 
@@ -100,10 +102,18 @@ def test_worlds_with_nothing_hidden_are_of_every_kind_and_know_what_others_know(
 def test_what_would_be_the_effect_by_another_name_is_known_and_nothing_else_depends_on_it(
     rng: np.random.Generator,
 ) -> None:
-    for effect, number in MUST_BE_KNOWN.items():
-        fits = {draw_fit((effect,), rng) for _ in range(100)}
-        assert not any(number in fit for fit in fits) and len(fits) == 4
-    assert set().union(*SCENARIOS.values()) <= set(EVERY)
+    for name, kind in effect_kinds().items():
+        fits = {draw_fit((name,), rng) for _ in range(200)}
+        assert not any(number in fit for fit in fits for number in kind.discovery.needs_known)
+        assert len(fits) == 2 ** (len(FITTED) - len(kind.discovery.needs_known))
+
+
+def test_every_effect_is_hidden_in_scenarios_and_engines_that_exist() -> None:
+    assert set(hiding.ENGINES) == set(ENGINES)
+    for kind in effect_kinds().values():
+        assert kind.hiding is not None and (kind.hiding.values is None) != (kind.hiding.draw is None)
+        assert set(kind.hiding.scenarios) <= set(EVERY) and set(kind.hiding.engines) <= set(ENGINES)
+    assert set(perturbed_kinds().values()) == set(WRONG_LAWS)
 
 
 def test_an_equal_of_an_effect_that_is_struck_off_is_no_wrong_name() -> None:

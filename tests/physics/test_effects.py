@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from pipeline.physics.effect_batch import run_with_effects
 from pipeline.physics.simulate import compile_xml, simulate
 from pipeline.scene.effects.kind import EffectKind
 from pipeline.scene.effects.registry import effect_kinds
@@ -61,6 +60,7 @@ def test_every_effect_has_units_bounds_and_something_that_it_does(kind: EffectKi
     assert kind.applied == (kind.edit is None and kind.recording is None)
     assert kind.force or kind.torque or kind.edit or kind.recording
     assert kind.experiment and kind.formula and kind.regimes
+    assert kind.bounce_ratio is None or [p.length for p in kind.parameters] == [1]
     for p in kind.parameters:
         assert p.low <= p.neutral <= p.high and p.scale > 0 and p.unit
 
@@ -222,24 +222,6 @@ EXAMPLES = {
 
 def test_there_is_an_example_of_every_effect() -> None:
     assert set(EXAMPLES) == set(effect_kinds())
-
-
-@pytest.mark.parametrize("name", sorted(EXAMPLES))
-def test_a_batch_moves_as_single_simulations_do(name: str) -> None:
-    scenes = []
-    for factor in (1.0, 0.7):
-        values = {
-            k: tuple(factor * c for c in v) if isinstance(v, tuple) else factor * v for k, v in EXAMPLES[name].items()
-        }
-        fast = replace(BALL, velocity=tuple(factor * c for c in BALL.velocity))
-        scenes.append(Scene((fast, replace(PUCK, position=(0.6, 0, 0.02))), effects=(effect(name, **values),)))
-    steps = np.array([0, 60, 120])
-    states = run_with_effects(scenes, steps, 1)
-    assert states.valid.all()
-    chatters = name in ("anisotropic_friction", "viscous_friction")  # as pucks do, and contacts warm-start
-    tolerance = 6e-3 if chatters else 1e-6
-    for row, scene in enumerate(scenes):
-        np.testing.assert_allclose(states.position[row], simulate(scene, 0.5).position[steps], atol=tolerance)
 
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES))

@@ -1,4 +1,4 @@
-"""Effects: physical laws that a scene may have beside MuJoCo's usual ones, and what a recording may do to motion.
+"""Physical effects: laws with names and parameters, added by one module each in `kinds`.
 
-Each is a module of `kinds` with one `EFFECT`; adding one is adding a file there. See `kind.EffectKind`.
+They import neither the discovery nor the hidden worlds: what those need of an effect stands in its `EffectKind`.
 """

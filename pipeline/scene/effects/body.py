@@ -1,4 +1,4 @@
-"""What a law sees of a body: arrays that broadcast, so that one law serves one body, a scene, a batch and a fit."""
+"""What a law is given of a body: arrays that broadcast, so that one law serves a scene, a batch and a fit."""
 
 from __future__ import annotations
 
@@ -11,9 +11,19 @@ import numpy as np
 class Body:
     """Bodies at one moment, in the world's frame; `...` is any leading shape.
 
-    time (...), s. position, velocity, angular_velocity (..., 3): of the centre of mass. others (..., M, 3) m:
-    centres of the other objects. mass (...), kg; radius (...), m. gravity (..., 3) m/s². normal_force (...), N, of
-    the ground on the body, 0 in the air. sliding_friction (...). air_velocity, ground_velocity (..., 3) m/s.
+    Attributes:
+        time: (...) s.
+        position: (..., 3) m, of the centre of mass.
+        velocity: (..., 3) m/s, of the centre of mass.
+        angular_velocity: (..., 3) rad/s.
+        others: (..., M, 3) m, centres of the other objects.
+        mass: (...) kg.
+        radius: (...) m.
+        gravity: (..., 3) m/s².
+        normal_force: (...) N, of the ground on the body; 0 in the air.
+        sliding_friction: (...).
+        air_velocity: (..., 3) m/s.
+        ground_velocity: (..., 3) m/s.
     """
 
     time: np.ndarray
@@ -36,7 +46,7 @@ class Body:
 
     @property
     def slip(self) -> np.ndarray:
-        """Velocity of a ball's lowest point over the ground, (..., 3) m/s, its z being 0."""
+        """Velocity of a ball's lowest point relative to the ground, (..., 3) m/s, with z = 0."""
         out = self.velocity - self.ground_velocity
         out[..., 0] -= self.angular_velocity[..., 1] * self.radius
         out[..., 1] += self.angular_velocity[..., 0] * self.radius
@@ -50,5 +60,5 @@ def length(vectors: np.ndarray) -> np.ndarray:
 
 
 def direction(vectors: np.ndarray, least: float) -> np.ndarray:
-    """v / sqrt(|v|² + least²): a unit vector that goes smoothly through zero, (..., 3)."""
+    """v / sqrt(|v|² + least²) (..., 3): nearly a unit vector, and smooth where v passes through zero."""
     return vectors / np.sqrt(np.einsum("...i,...i->...", vectors, vectors)[..., None] + least * least)

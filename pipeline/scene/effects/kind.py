@@ -1,4 +1,4 @@
-"""What every effect's module declares."""
+"""What an effect's module declares: its law, its parameters, and how it is discovered and hidden."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 
 from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.discovery_rules import DEFAULT, DiscoveryRules
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.scene import Scene
 
 Values = Mapping[str, np.ndarray]
 """Parameters by name: numbers (...), vectors (..., 3), which broadcast against the leading shape of a `Body`."""
 Law = Callable[[Values, Body], np.ndarray]
 Edit = Callable[[Any, Scene, Mapping[str, Any], tuple[str, ...]], None]
+Collide = Callable[[Values, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 class Regime(StrEnum):
@@ -36,9 +39,18 @@ EVERYWHERE = (Regime.FLIGHT, *GROUNDED)
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number (length 1) or a vector of an effect. low, high: bounds of each component, open where infinite.
+    """A number or a vector of an effect.
 
-    scale: a size that matters in everyday motion, from which fits take their steps; neutral: the value without effect.
+    Attributes:
+        name: As in a scene's YAML.
+        unit: In plain text.
+        length: Number of components; 1: a number.
+        low: Lower bound of each component.
+        high: Upper bound of each component.
+        scale: A size that matters in everyday motion; fits take their steps from it.
+        neutral: The value without effect.
+        stated: The value without effect in a given scene, where it depends on the scene.
+        period: By which a direction may be changed without changing the law.
     """
 
     name: str
@@ -48,21 +60,35 @@ class Parameter:
     high: float = math.inf
     scale: float = 1.0
     neutral: float = 0.0
-    required: bool = True
+    stated: Callable[[Scene], float] | None = None
+    period: float | None = None
 
 
 @dataclass(frozen=True)
 class EffectKind:
-    """A law with a name. What it does is said by those of its functions that are not None:
+    """A law with a name. The functions that are not None say what it does.
 
-    force, torque: (values, body) -> (..., 3) N or N m, on the centre of mass; air_velocity, ground_velocity: the
-    same, m/s; normal_force: (values, body) -> (...) N, pressing the body on what it touches;
-    edit: writes the effect into an MJCF document where MuJoCo has it; `force` is then not applied by us;
-    recording: (values, times, positions) -> those that a recording shows; such an effect is not physics;
-    kick: (values) -> time (...) s and momentum (..., 3) N s of a blow.
-
-    regimes: where it can be seen. needs: what measurements must have for it: "spin", "orientation", "others".
-    formula: the law in words. experiment: what would tell it from effects that look the same.
+    Attributes:
+        name: As in a scene's YAML; the name of the module.
+        formula: The law as text.
+        parameters: Of the law.
+        regimes: In which it can be seen.
+        experiment: What would tell it from effects that look the same.
+        force: (values, body) -> (..., 3) N on the centre of mass.
+        torque: (values, body) -> (..., 3) N m.
+        air_velocity: (values, body) -> (..., 3) m/s.
+        ground_velocity: (values, body) -> (..., 3) m/s.
+        normal_force: (values, body) -> (...) N that presses the body on what it touches, beside its weight.
+        rolling_friction: (values) -> (...) m, added to the body's own.
+        bounce_ratio: (values) -> (...) normal speed after over before an impact with the ground. The effect is fitted
+            to the bounces, and must have this ratio as its only parameter.
+        collide: (values, positions, velocities, radii) -> velocities, after hits on what the effect puts in the way.
+        mass_offset: (values) -> (..., 3) m, the centre of mass in the body's frame.
+        edit: Writes the effect into an MJCF document, where MuJoCo has it; we then do not apply its force.
+        recording: (values, times, positions) -> those that a recording shows; such an effect is not physics.
+        kick: (values) -> time (...) s and momentum (..., 3) N s of a blow.
+        discovery: How it is discovered.
+        hiding: How it is hidden in worlds for the blind benchmark; None: it is not.
     """
 
     name: str
@@ -75,17 +101,32 @@ class EffectKind:
     air_velocity: Law | None = None
     ground_velocity: Law | None = None
     normal_force: Law | None = None
+    rolling_friction: Callable[[Values], np.ndarray] | None = None
+    bounce_ratio: Callable[[Values], np.ndarray] | None = None
+    collide: Collide | None = None
+    mass_offset: Callable[[Values], np.ndarray] | None = None
     edit: Edit | None = None
     recording: Callable[[Values, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
     kick: Callable[[Values], tuple[np.ndarray, np.ndarray]] | None = None
-    needs: tuple[str, ...] = ()
+    discovery: DiscoveryRules = DEFAULT
+    hiding: Hiding | None = None
 
     @property
     def size(self) -> int:
-        """How many numbers its parameters are."""
+        """Number of components of all parameters."""
         return sum(p.length for p in self.parameters)
 
     @property
     def applied(self) -> bool:
-        """Whether our program applies it as a force, plain MuJoCo having no such thing."""
+        """Whether we apply it as a force, because plain MuJoCo does not have it."""
         return self.edit is None and self.recording is None
+
+    @property
+    def fitted_to_arcs(self) -> bool:
+        """Whether its parameters are fitted to the motion along arcs, and not to bounces or hits."""
+        return self.bounce_ratio is None and self.discovery.fit_hits is None
+
+    @property
+    def is_single_blow(self) -> bool:
+        """Whether it may be a single blow, which only several blows tell from other such effects."""
+        return self.kick is not None or self.discovery.fit_hits is not None

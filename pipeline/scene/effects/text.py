@@ -1,35 +1,38 @@
-"""Effects as they stand in a scene's YAML: reading with one clear error per fault, and the canonical form."""
+"""Effects in a scene's YAML, read with one error for each fault."""
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Sequence
 from typing import Any
 
-from pipeline.errors import SceneError
+from pipeline.errors import SceneError, did_you_mean
 from pipeline.scene.effects.kind import EffectKind, Parameter
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect
 
 
 def effect_from_dict(entry: Any, index: int, names: Sequence[str], source: str) -> Effect:
-    """The effect that parsed YAML describes; names: of the scene's objects. Raises `SceneError`, naming the place."""
+    """The effect that an entry of `effects` describes. Raises `SceneError` that names the place.
+
+    Args:
+        entry: Parsed YAML.
+        index: Of the entry.
+        names: Of the scene's objects.
+        source: What the YAML was read from, for errors.
+    """
     place = f"{source}: effects[{index}]"
     if not isinstance(entry, dict):
         raise SceneError(f"{place}: must be a mapping with a name and its parameters, not {entry!r}")
     kind = effect_kinds().get(entry.get("name"))  # type: ignore[arg-type]
     if kind is None:
-        close = difflib.get_close_matches(str(entry.get("name")), effect_kinds(), 1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        raise SceneError(
-            f"{place}.name: unknown effect {entry.get('name')!r}{hint}; valid: {', '.join(effect_kinds())}"
-        )
+        name, valid_names = entry.get("name"), effect_kinds()
+        hint = did_you_mean(name, valid_names)
+        raise SceneError(f"{place}.name: unknown effect {name!r}{hint}; valid: {', '.join(valid_names)}")
     valid = ["name", *(p.name for p in kind.parameters), "objects"] + ["object"] * (kind.kick is not None)
     for key in entry:
         if key not in valid:
-            close = difflib.get_close_matches(str(key), valid, 1)
-            hint = f" (did you mean {close[0]!r}?)" if close else ""
+            hint = did_you_mean(key, valid)
             raise SceneError(f"{place}.{key}: unknown key{hint}; valid keys of {kind.name}: {', '.join(valid)}")
     for parameter in kind.parameters:
         if parameter.name not in entry:
@@ -57,7 +60,7 @@ def _number(value: Any, parameter: Parameter, place: str) -> float:
 
 
 def _objects(entry: dict[str, Any], names: Sequence[str], place: str) -> tuple[str, ...] | None:
-    """Which objects it acts on; None: all. `object` (of a blow) is short for a list of one."""
+    """The objects that the effect acts on; None: all. `object` (of a blow) is short for a list of one."""
     key = "object" if "object" in entry else "objects"
     if entry.get(key) is None:
         return None
@@ -72,5 +75,5 @@ def _objects(entry: dict[str, Any], names: Sequence[str], place: str) -> tuple[s
 
 
 def effect_kind(effect: Effect) -> EffectKind:
-    """What a scene's effect is an instance of."""
+    """The kind of a scene's effect."""
     return effect_kinds()[effect.name]

@@ -1,1 +1,1 @@
-"""The effects, a module each, all of the same shape: laws as functions, then `EFFECT`, an `EffectKind`."""
+"""The effects, one module each: the law as functions, then `EFFECT`, an `EffectKind` with the module's name."""

@@ -1,4 +1,4 @@
-"""Contact pulls the body on, which presses it harder on what it touches until it lets go."""
+"""Contact pulls a body towards what it touches, which increases the normal force until the contact ends."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, Experiment
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EffectKind, Parameter, Regime, Values
 from pipeline.scene.scene import Scene
 
@@ -23,6 +25,11 @@ def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str,
     key.ctrl = np.ones(len(root.actuator.adhesion))
 
 
+def equals(effect: Mapping[str, Any], experiment: Experiment) -> frozenset[str]:
+    """It presses as a larger weight does."""
+    return frozenset({"clock_rate", "gravity_error", "length_scale"})
+
+
 EFFECT = EffectKind(
     name="adhesion",
     formula="the normal force grows by F while in contact",
@@ -31,4 +38,7 @@ EFFECT = EffectKind(
     experiment="slide it with a weight on top: friction of adhesion does not grow with the weight",
     normal_force=normal_force,
     edit=edit,
+    discovery=DiscoveryRules(needs_known=("sliding_friction",), equals=equals),
+    # in MuJoCo pucks hop, and adhere only while they touch the ground
+    hiding=Hiding(lambda s, at: {"force": 0.1 * s * at.mass * 9.81}, scenarios=("puck",), engines=("events",)),
 )

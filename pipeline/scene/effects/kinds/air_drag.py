@@ -1,10 +1,12 @@
-"""Drag of the air at everyday speeds, quadratic in the speed."""
+"""Drag of the air at everyday speeds: quadratic in the speed."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pipeline.scene.effects.body import Body, length
+from pipeline.scene.effects.discovery_rules import DiscoveryRules
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
 
@@ -19,4 +21,6 @@ EFFECT = EffectKind(
     regimes=EVERYWHERE,
     experiment="throw at half and at twice the speed: quadratic drag grows fourfold, linear drag twofold",
     force=force,
+    discovery=DiscoveryRules(equals=lambda effect, experiment: frozenset({"wind"})),  # wind of no speed
+    hiding=Hiding(lambda s, at: {"coefficient": 0.02 * s * at.mass}, wrong_law="drag_slope"),
 )

@@ -1,4 +1,4 @@
-"""A share of the weight that the surrounding air or water carries."""
+"""The surrounding air or water carries a share of the weight."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, GravityScale
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 from pipeline.scene.scene import Scene
 
@@ -29,4 +31,6 @@ EFFECT = EffectKind(
     experiment="repeat with a heavier body of the same size: buoyancy takes a smaller share of its weight",
     force=force,
     edit=edit,
+    discovery=DiscoveryRules(gravity_scale=GravityScale(lambda effect: True, only_weakens=True)),
+    hiding=Hiding(lambda s, at: {"fraction": 0.05 * s}, largest=10.0),
 )

@@ -1,4 +1,4 @@
-"""Gravity has another strength than was stated."""
+"""Gravity has another strength than stated."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.scene.effects.body import Body, length
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, GravityScale
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 from pipeline.scene.scene import Scene
 
@@ -26,12 +28,21 @@ def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str,
     root.option.gravity = values["gravity"] * (stated / size if size else DOWN)
 
 
+def stated(scene: Scene) -> float:
+    return float(np.linalg.norm(scene.gravity))
+
+
 EFFECT = EffectKind(
     name="gravity_error",
     formula="g is not what was stated",
-    parameters=(Parameter("gravity", "m/s^2", low=0, high=100, scale=1.0, neutral=9.81),),
+    parameters=(Parameter("gravity", "m/s^2", low=0, high=100, scale=1.0, neutral=9.81, stated=stated),),
     regimes=EVERYWHERE,
     experiment="time a pendulum of known length at the same place",
     force=force,
     edit=edit,
+    discovery=DiscoveryRules(
+        scene_parameter="gravity",
+        gravity_scale=GravityScale(lambda effect: bool(effect["gravity"] < 9.81)),
+    ),
+    hiding=Hiding(lambda s, at: {"gravity": 9.81 + at.sign * 0.5 * s}, largest=8.0),
 )

@@ -1,10 +1,14 @@
-"""One unseen blow."""
+"""One unseen blow, at the same time of every clip."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
 from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, Observed, Start
+from pipeline.scene.effects.hiding import Hiding, Setting
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
 WIDTH = 1 / 240  # s: one step of the simulation
@@ -15,10 +19,20 @@ def kick(values: Values) -> tuple[np.ndarray, np.ndarray]:
 
 
 def force(values: Values, body: Body) -> np.ndarray:
-    """All of the momentum within the one step that begins nearest to the time."""
+    """The whole momentum in the simulation step that begins nearest to the time."""
     since = body.time - values["time"]
     now = (since >= -WIDTH / 2) & (since < WIDTH / 2)
     return (now / WIDTH)[..., None] * values["momentum"] + 0 * body.velocity
+
+
+def starts(observed: Observed) -> list[Start]:
+    """At 30 times of the recording."""
+    times = np.linspace(observed.first, observed.last, 34)[2:-2]
+    return [Start(np.array([t, 0, 0, 0]), np.hstack([np.zeros((3, 1)), 0.02 * np.eye(3)])) for t in times]
+
+
+def hidden_values(s: float, at: Setting) -> dict[str, Any]:
+    return {"time": at.time, "momentum": tuple(0.1 * s * at.mass * at.direction)}
 
 
 EFFECT = EffectKind(
@@ -32,4 +46,6 @@ EFFECT = EffectKind(
     experiment="repeat the recording: a blow does not come again at the same time",
     force=force,
     kick=kick,
+    discovery=DiscoveryRules(starts=starts),
+    hiding=Hiding(hidden_values, engines=("mujoco", "events")),
 )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, GravityScale
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
 
@@ -18,4 +20,6 @@ EFFECT = EffectKind(
     regimes=EVERYWHERE,
     experiment="film a ruler at the bodies' distance",
     recording=recording,
+    discovery=DiscoveryRules(gravity_scale=GravityScale(lambda effect: bool(effect["ratio"] < 1))),
+    hiding=Hiding(lambda s, at: {"ratio": 1 + at.sign * 0.02 * s}, largest=8.0),
 )

@@ -1,10 +1,11 @@
-"""Drag that is proportional to the speed, as of slow motion in something viscous."""
+"""Drag proportional to the speed, as in slow motion through a viscous fluid."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
 
@@ -19,4 +20,5 @@ EFFECT = EffectKind(
     regimes=EVERYWHERE,
     experiment="throw at half and at twice the speed: quadratic drag grows fourfold, linear drag twofold",
     force=force,
+    hiding=Hiding(lambda s, at: {"coefficient": 0.1 * s * at.mass}),
 )

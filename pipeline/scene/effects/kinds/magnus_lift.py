@@ -1,10 +1,12 @@
-"""Lift of a spinning body across its spin and its motion."""
+"""Lift of a spinning body, perpendicular to its spin and its velocity."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, Need
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
 
@@ -28,5 +30,6 @@ EFFECT = EffectKind(
     regimes=EVERYWHERE,
     experiment="throw with the spin reversed: lift changes its side",
     force=force,
-    needs=("spin",),
+    discovery=DiscoveryRules(needs=(Need.SPIN,), must_beat_shuffled_spins=True),
+    hiding=Hiding(lambda s, at: {"coefficient": 0.005 * s * at.mass * at.sign}, wrong_law="spin_decay"),
 )

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.errors import SceneError
 from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import GROUNDED, EffectKind, Parameter, Values
 from pipeline.scene.scene import Scene
 
@@ -32,4 +33,7 @@ EFFECT = EffectKind(
     experiment="put a body down at rest: a belt carries it along",
     ground_velocity=ground_velocity,
     edit=edit,
+    hiding=Hiding(
+        lambda s, at: {"velocity": tuple(0.05 * s * at.across)}, scenarios=("puck",), engines=("mujoco", "events")
+    ),
 )

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, Need
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
-LEAST_DISTANCE = 0.02  # m: nearer, the force grows no more
+LEAST_DISTANCE = 0.02  # m, below which the force no longer grows
 
 
 def force(values: Values, body: Body) -> np.ndarray:
@@ -23,5 +25,6 @@ EFFECT = EffectKind(
     regimes=EVERYWHERE,
     experiment="move one of the objects alone",
     force=force,
-    needs=("others",),
+    discovery=DiscoveryRules(needs=(Need.OTHERS,)),
+    hiding=Hiding(lambda s, at: {"strength": at.sign * 0.02 * s * at.mass}, largest=8.0, scenarios=("pair",)),
 )

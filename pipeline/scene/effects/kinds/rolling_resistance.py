@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.scene.effects.body import Body, direction
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, Need
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EffectKind, Parameter, Regime, Values
 from pipeline.scene.scene import Scene
 
@@ -17,6 +19,10 @@ LEAST_SPIN = 0.3  # rad/s, below which the torque fades
 def torque(values: Values, body: Body) -> np.ndarray:
     rolling = body.angular_velocity * np.array([1.0, 1.0, 0.0])
     return -(values["coefficient"] * body.normal_force)[..., None] * direction(rolling, LEAST_SPIN)
+
+
+def rolling_friction(values: Values) -> np.ndarray:
+    return values["coefficient"]
 
 
 def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str, ...]) -> None:
@@ -32,5 +38,12 @@ EFFECT = EffectKind(
     regimes=(Regime.ROLLING, Regime.SLIDING),
     experiment="let it roll at two speeds: this slows it alike, viscous friction in proportion to the speed",
     torque=torque,
+    rolling_friction=rolling_friction,
     edit=edit,
+    discovery=DiscoveryRules(
+        needs=(Need.GROUND_BALL,), needs_known=("rolling_friction",), scene_parameter="rolling_friction"
+    ),
+    hiding=Hiding(
+        lambda s, at: {"coefficient": 0.01 * s * at.radius}, scenarios=("roll",), engines=("mujoco", "events")
+    ),
 )

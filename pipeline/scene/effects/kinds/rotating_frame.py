@@ -1,10 +1,12 @@
-"""The recording's frame turns about z: Coriolis and centrifugal forces."""
+"""The recording's frame rotates about z: Coriolis and centrifugal forces."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, Need
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
 
@@ -23,4 +25,6 @@ EFFECT = EffectKind(
     regimes=EVERYWHERE,
     experiment="throw in opposite directions: Coriolis forces turn to the same hand",
     force=force,
+    discovery=DiscoveryRules(needs=(Need.DIRECTIONS,)),
+    hiding=Hiding(lambda s, at: {"angular_velocity": 0.05 * s * at.sign}),
 )

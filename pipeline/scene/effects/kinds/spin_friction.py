@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.scene.effects.body import Body, direction
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, Need
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import GROUNDED, EffectKind, Parameter, Values
 from pipeline.scene.scene import Scene
 
@@ -33,5 +35,12 @@ EFFECT = EffectKind(
     experiment="spin it on the spot, with a mark on it",
     torque=torque,
     edit=edit,
-    needs=("spin",),
+    discovery=DiscoveryRules(needs=(Need.GROUND_SPIN,)),
+    hiding=Hiding(
+        lambda s, at: {"coefficient": 0.05 * s * at.radius},
+        largest=10.0,
+        scenarios=("spin",),
+        engines=("mujoco",),
+        shows_in_spin=True,
+    ),
 )

@@ -1,4 +1,4 @@
-"""Gravity is not along -z of the recording's frame: a sloped table, or a camera that is not level."""
+"""Gravity is not along -z of the recording's frame: a sloped table or a camera that is not level."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.scene.effects.body import Body
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, Experiment
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 from pipeline.scene.scene import Scene
 
@@ -28,6 +30,11 @@ def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str,
     root.option.gravity = tilted(np.array(root.option.gravity), np.array(values["tilt"]))
 
 
+def equals(effect: Mapping[str, Any], experiment: Experiment) -> frozenset[str]:
+    """A far attractor pulls evenly, but with a force that is the same for all masses."""
+    return frozenset({"hidden_attractor"}) if experiment.one_body else frozenset()
+
+
 EFFECT = EffectKind(
     name="tilted_gravity",
     formula="g is turned by the tilt about x, then about y",
@@ -36,4 +43,10 @@ EFFECT = EffectKind(
     experiment="hang a plumb line in the picture",
     force=force,
     edit=edit,
+    discovery=DiscoveryRules(equals=equals),
+    hiding=Hiding(
+        lambda s, at: {"tilt": tuple(0.03 * s * at.across)},
+        largest=10.0,
+        scenarios=("throw", "throw", "cube", "pair", "puck", "roll", "carom"),
+    ),
 )

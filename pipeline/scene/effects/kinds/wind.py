@@ -1,10 +1,12 @@
-"""Air that moves as a whole; it acts through its own drag, and other drags feel it too."""
+"""Air that moves as a whole. It acts through a drag of its own, and other drags depend on it too."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pipeline.scene.effects.body import Body, length
+from pipeline.scene.effects.discovery_rules import DiscoveryRules, Observed, Start
+from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
 
@@ -14,6 +16,16 @@ def air_velocity(values: Values, body: Body) -> np.ndarray:
 
 def force(values: Values, body: Body) -> np.ndarray:
     return -values["coefficient"][..., None] * length(body.airspeed) * body.airspeed
+
+
+def starts(observed: Observed) -> list[Start]:
+    """At two speeds in eight directions: without drag the velocity has no effect."""
+    out = []
+    for speed in (1.5, 5.0):
+        for angle in np.arange(8) * np.pi / 4:
+            velocity = [speed * np.cos(angle), speed * np.sin(angle), 0.0]
+            out.append(Start(np.array([*velocity, 0.0]), np.array([[0, 0, 0, 1e-4]])))
+    return out
 
 
 EFFECT = EffectKind(
@@ -27,4 +39,6 @@ EFFECT = EffectKind(
     experiment="let a light body of the same shape go at rest: wind moves it",
     force=force,
     air_velocity=air_velocity,
+    discovery=DiscoveryRules(starts=starts),
+    hiding=Hiding(lambda s, at: {"velocity": at.wind, "coefficient": 0.02 * s * at.mass}),
 )

@@ -1,0 +1,95 @@
+"""Fitted parameters with their standard errors, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.discrepancy.fitting.bounces import fit_restitution
+from pipeline.discrepancy.fitting.calibration import Calibration
+from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.fitting.model import OBJECT
+from pipeline.discrepancy.tracks.known_scene import SCENE_FITTABLE
+from pipeline.scene.effects.contact_damping import damping_of
+from pipeline.scene.effects.discovery_rules import Number
+from pipeline.scene.effects.registry import effect_kinds, kind_of_scene_parameter
+
+ENOUGH_FREEDOM = 30  # degrees of freedom that tell how large the noise is
+DETERMINED = 0.5  # of the prior's standard deviation: a number with a larger error is not determined
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """A number, or the components of a vector, with standard errors.
+
+    stderr is None where nothing determines the value.
+    """
+
+    value: Number
+    stderr: Number | None
+    unit: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """As in report.json."""
+        return {"value": self.value, "stderr": self.stderr, "unit": self.unit}
+
+
+def standard_errors(found: Candidate) -> np.ndarray:
+    """Standard errors of the shared parameters, (G,), for the size and the correlation of the model's own residuals."""
+    problem = found.problem
+    rows = sum(int((s.weight[m] > 0).sum()) for s, m in zip(problem.stacks, problem.chosen, strict=True))
+    own = sum(s.own * int((s.samples[m] > 0).sum()) for s, m in zip(problem.stacks, problem.chosen, strict=True))
+    freedom = max(rows - own - found.fit.model.size, 1)
+    left = sum(float(c[m].sum()) for c, m in zip(found.fit.position_chi2, problem.chosen, strict=True)) / freedom
+    noise = left if freedom > ENOUGH_FREEDOM else max(left, 1.0)
+    return np.sqrt(np.maximum(np.diag(found.fit.covariance), 0) * noise / problem.floor.information)
+
+
+def effect_estimates(found: Candidate, effect: str) -> dict[str, ParameterEstimate]:
+    """The parameters of one of a candidate's effects."""
+    kind, model = effect_kinds()[effect], found.fit.model
+    if kind.bounce_ratio is not None:
+        assert found.restitution is not None
+        (p,) = kind.parameters
+        return {p.name: ParameterEstimate(found.restitution.coefficient, found.restitution.stderr, p.unit)}
+    if kind.discovery.fit_hits is not None:
+        assert found.hits is not None
+        hits = found.hits
+        return {p.name: ParameterEstimate(hits.values[p.name], hits.errors[p.name], p.unit) for p in kind.parameters}
+    errors = standard_errors(found)
+    values: dict[str, Number] = {}
+    spreads: dict[str, Number] = {}
+    for p in kind.parameters:
+        columns = [c for i in range(p.length) if (c := model.column(effect, p.name, i)) is not None]
+        value, spread = ([float(v) for v in array[columns]] for array in (found.fit.theta, errors))
+        values[p.name], spreads[p.name] = (value, spread) if p.length > 1 else (value[0], spread[0])
+    if kind.discovery.canonical is not None:
+        values, spreads = kind.discovery.canonical(values, spreads, found.problem.known.fit)
+    return {p.name: ParameterEstimate(values[p.name], spreads[p.name], p.unit) for p in kind.parameters}
+
+
+def calibrated(calibration: Calibration, found: Candidate) -> dict[str, ParameterEstimate]:
+    """The free parameters of the known scene, `object.parameter`, as fitted with the effects of `found`."""
+    known = calibration.problem.known
+    fitted = [parameter for parameter in SCENE_FITTABLE if parameter in known.fit]
+    scene_level = {kind.name: p for p in fitted if (kind := kind_of_scene_parameter(p)) is not None}
+    errors, out = standard_errors(found), {}
+    for i, u in enumerate(found.fit.model.unknowns):
+        if u.owner.startswith(OBJECT) and u.name in known.fit:
+            name = known.scene.objects[int(u.owner.removeprefix(OBJECT))].name
+            determined = errors[i] < DETERMINED * u.sigma
+            out[f"{name}.{u.name}"] = ParameterEstimate(
+                float(found.fit.theta[i]), float(errors[i]) if determined else None, u.unit
+            )
+        elif u.owner in scene_level:
+            out[scene_level[u.owner]] = ParameterEstimate(float(found.fit.theta[i]), float(errors[i]), u.unit)
+    if "damping" in known.fit:
+        for number, obj in enumerate(known.scene.objects):
+            bounce = fit_restitution([b for b in calibration.bounces if b.object == number])
+            if bounce is not None:
+                value = damping_of(bounce.coefficient)
+                slope = abs(damping_of(bounce.coefficient - bounce.stderr) - value)
+                out[f"{obj.name}.damping"] = ParameterEstimate(value, slope, "-")
+    return out

@@ -1,0 +1,200 @@
+"""Models with one effect more, and with one effect less."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.discrepancy.fitting.calibration import Calibration, fit_model, with_bounces, with_free_bounces
+from pipeline.discrepancy.fitting.candidate import Candidate, with_hits
+from pipeline.discrepancy.fitting.initial_states import initial_states
+from pipeline.discrepancy.fitting.model import OBJECT, Model, with_effect, without_effect
+from pipeline.discrepancy.fitting.screening import Guess, ScreeningRegression
+from pipeline.discrepancy.fitting.velocity_jump_hits import velocity_jump_hits
+from pipeline.discrepancy.tracks.problem import split_at_jumps
+from pipeline.scene.effects.kind import EffectKind
+
+CLAIM = 8.0  # by how much the score of a first effect must win; frozen on development worlds (benchmarks/discovery.py)
+WORTH_FITTING = 0.5  # share of the best screening gain that makes a further fit worthwhile
+STARTS, STARTS_APART = 2, 5  # starts of an effect that are fitted; the same of one that acts from a place
+SHUFFLED_SHARE = 0.5  # of the gain with measured spins, which the spins of other clips must not reach
+SAME_SPINS = 0.2  # relative scatter of spins below which shuffling them says nothing
+LARGEST_MISFIT = 0.1  # m; friction of a hit turns its direction
+HIT_PARAMETERS = 5  # of an effect fitted to hits, with how bodies rebound from it
+PIECE_PRICE = 6  # of an initial state of each additional piece of an arc
+EQUALS = 5  # further effects that are fitted because they promise nearly as much as the best
+MOST_FITTED = 9  # effects that are fitted at a time: the most promising in the screening regression
+Progress = Callable[[str], None]
+
+
+def extend(
+    calibration: Calibration,
+    base: Candidate,
+    kinds: Sequence[EffectKind],
+    progress: Progress,
+    most: int = MOST_FITTED,
+) -> list[Candidate]:
+    """`base` with one effect more, the best first.
+
+    Args:
+        calibration: Of the problem.
+        base: The model to extend.
+        kinds: The effects that may be added.
+        progress: Called with the name of each effect that is fitted to the arcs.
+        most: Number of effects that are fitted, beside those that promise nearly as much as the best.
+    """
+    screening = ScreeningRegression(base.problem, base.fit)
+    out, promising = [], []
+    for kind in kinds:
+        if kind.name in base.effects:
+            continue
+        if kind.fitted_to_arcs:
+            promising.append((kind, screening.guesses(kind)))
+            continue
+        fit_effect = _with_bounce_effect if kind.bounce_ratio is not None else _with_hit_effect
+        found = fit_effect(calibration, kind, base)
+        if found is not None:
+            out.append(found)
+    promising.sort(key=lambda pair: -pair[1][0].gain)
+    enough = promising[0][1][0].gain * WORTH_FITTING if promising else 0.0
+    for number, (kind, guesses) in enumerate(promising):
+        if number < most or (guesses[0].gain > enough and number < most + EQUALS):
+            progress(kind.name)
+            found = _with_arc_effect(calibration, kind, base, guesses)
+            if found is not None:
+                out.append(found)
+    return sorted(out, key=lambda c: c.score)
+
+
+def _with_arc_effect(
+    calibration: Calibration, kind: EffectKind, base: Candidate, guesses: Sequence[Guess]
+) -> Candidate | None:
+    """`base` with an effect fitted to the arcs, the best of the fits from several guesses."""
+    best: Candidate | None = None
+    apart = kind.discovery.starts_apart and not base.effects
+    model = with_effect(base.fit.model, kind, calibration.problem.known)
+    low, high = (np.array([getattr(u, k) for u in model.unknowns[base.fit.model.size :]]) for k in ("low", "high"))
+    effects = (*base.effects, kind.name)
+    for guess in _well_apart(guesses) if apart else guesses[:STARTS]:
+        if guess is not guesses[0] and guess.gain < WORTH_FITTING / 2 * guesses[0].gain:
+            continue
+        theta = np.concatenate([base.fit.theta, np.clip(guess.values, low, high)])
+        found = fit_model(calibration, base.problem, model, theta, base.fit.starts, effects=effects)
+        balls = any(s.grounded and (s.radius > 0).any() for s in base.problem.stacks)
+        if found.fit.slipping or (balls and not base.effects):
+            stated, begin = _with_stated_friction(model, theta), initial_states(base.problem)
+            again = fit_model(calibration, base.problem, model, stated, begin, effects=effects)
+            found = min(found, again, key=lambda c: c.score)
+        found = _completed(calibration, found, base)
+        if np.isfinite(found.score) and (best is None or found.score < best.score):
+            best = found
+    if best is not None and kind.discovery.must_beat_shuffled_spins and not _beats_shuffled(calibration, base, best):
+        return None
+    return best
+
+
+def _completed(calibration: Calibration, found: Candidate, base: Candidate) -> Candidate:
+    """A fitted model with the parts of the score that are not of arcs, for the same effects as `base` has."""
+    found = with_bounces(calibration, found, base.restitution is not None)
+    return with_hits(found, base.hits, base.hits_price)
+
+
+def _with_bounce_effect(calibration: Calibration, kind: EffectKind, base: Candidate) -> Candidate | None:
+    """`base` with an effect that gives the bounces a restitution of their own; None where no bounce tells it."""
+    if calibration.restitution is None:
+        return None
+    return replace(with_free_bounces(calibration, base), effects=(*base.effects, kind.name))
+
+
+def _with_hit_effect(calibration: Calibration, kind: EffectKind, base: Candidate) -> Candidate | None:
+    """`base` with an effect that explains most of the velocity jumps, at which the arcs are then split."""
+    hits = velocity_jump_hits(calibration.problem)
+    if hits is None or base.hits is not None or kind.discovery.fit_hits is None:
+        return None
+    found_hits = kind.discovery.fit_hits(hits)
+    if found_hits.misfit > LARGEST_MISFIT or 2 * found_hits.count < calibration.problem.jumps:
+        return None
+    split = split_at_jumps(base.problem)  # also at jumps of outliers, whose pieces have their price
+    effects = (*base.effects, kind.name)
+    found = fit_model(calibration, split, base.fit.model, base.fit.theta, initial_states(split), effects=effects)
+    lost = max(base.problem.rows - split.rows, 0)
+    added = sum(map(len, split.stacks)) - sum(map(len, base.problem.stacks))
+    price = HIT_PARAMETERS * np.log(calibration.problem.effective_rows) + PIECE_PRICE * added + lost
+    found = with_hits(found, found_hits, price)
+    return with_bounces(calibration, found, base.restitution is not None)
+
+
+def _beats_shuffled(calibration: Calibration, base: Candidate, found: Candidate) -> bool:
+    """Whether the measured spins explain more than the spins of other clips in their places."""
+    stacks = found.problem.stacks
+    spins = np.concatenate([s.spin for s in stacks])
+    if np.linalg.norm(spins - spins.mean(0), axis=1).mean() < SAME_SPINS * np.linalg.norm(spins, axis=1).mean():
+        return True
+    gain = base.score - found.score
+    if gain < CLAIM:
+        return True
+    shuffled = [replace(s, spin=np.roll(s.spin, max(1, len(s) // 2), axis=0)) for s in stacks]
+    begin = [
+        np.concatenate([b[:, :6], s.spin, b[:, 9:]], 1) if not s.grounded else b
+        for b, s in zip(found.fit.starts, shuffled, strict=True)
+    ]
+    problem = replace(found.problem, stacks=tuple(shuffled))
+    other = fit_model(calibration, problem, found.fit.model, found.fit.theta, begin, effects=found.effects)
+    other = with_bounces(calibration, other, base.restitution is not None)
+    return base.score - other.score < SHUFFLED_SHARE * gain
+
+
+def without_one(calibration: Calibration, found: Candidate) -> list[Candidate]:
+    """`found` without one of its effects other than the last.
+
+    An effect that stood in for later ones is no longer needed with them. Effects that are not fitted to arcs stay.
+    """
+    out = []
+    for name in found.effects[:-1]:
+        if name not in found.fit.model.names:
+            continue
+        model, kept = without_effect(found.fit.model, name)
+        effects = tuple(e for e in found.effects if e != name)
+        shorter = fit_model(calibration, found.problem, model, found.fit.theta[kept], found.fit.starts, effects=effects)
+        out.append(_completed(calibration, shorter, found))
+    return out
+
+
+def refitted(calibration: Calibration, found: Candidate, begin: Sequence[np.ndarray]) -> Candidate:
+    """A candidate of arcs alone, fitted again from other initial states, per stack (A, 10)."""
+    again = fit_model(calibration, found.problem, found.fit.model, found.fit.theta, begin, effects=found.effects)
+    return with_bounces(calibration, again, False)
+
+
+def has_promising_extension(
+    calibration: Calibration, base: Candidate, kinds: Sequence[EffectKind], least: float
+) -> bool:
+    """Whether a further effect would win by `least` in the screening regression.
+
+    Where the noise is taken from the best model's residuals, these cannot show that an effect is missing.
+    """
+    screening = ScreeningRegression(base.problem, base.fit)
+    for kind in kinds:
+        if kind.fitted_to_arcs and kind.name not in base.effects:
+            gain = screening.guesses(kind)[0].gain * calibration.information
+            if gain > least + kind.size * np.log(calibration.problem.effective_rows):
+                return True
+    return False
+
+
+def _with_stated_friction(model: Model, theta: np.ndarray) -> np.ndarray:
+    """theta with frictions as stated: without the effect they may have been far off to make up for it."""
+    return np.where([u.owner.startswith(OBJECT) for u in model.unknowns], model.start, theta)
+
+
+def _well_apart(guesses: Sequence[Guess]) -> list[Guess]:
+    """The best guesses whose places (the first three numbers) are well apart from each other."""
+    places = np.array([g.values[:3] for g in guesses])
+    spacing = float(np.ptp(places, axis=0).max()) / 3
+    out: list[Guess] = []
+    for guess in guesses:
+        if all(np.linalg.norm(guess.values[:3] - other.values[:3]) > spacing for other in out):
+            out.append(guess)
+    return out[:STARTS_APART]

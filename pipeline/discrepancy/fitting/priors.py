@@ -1,0 +1,89 @@
+"""Priors of the arcs' own parameters, and prices of parameters that fit noise, in the units of chi squared."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.discrepancy.fitting.model import Model
+from pipeline.discrepancy.fitting.motion import Nodes
+from pipeline.discrepancy.fitting.predictions import SCALE_PLACE, free_state, run
+from pipeline.discrepancy.tracks.stack import ArcStack
+
+SPIN_PRIOR = 30.0  # rad/s: standard deviation of an unmeasured spin about that of rolling
+FIXED = 1e12  # precision of a prior that fixes a parameter
+SLIPPING = 0.003  # m/s: a ball whose lowest point is faster slips
+SLIP_PRICE = 8.0  # of a ball whose spin was not measured and that slips during most of its arc
+FIRST_SLIP = 0.02  # m/s: a larger slip at the start of an arc has a price
+
+
+def own_covariance(stack: ArcStack, local: np.ndarray) -> np.ndarray:
+    """Inverse of each arc's own normal matrix, (A, L, L), with the priors. local (A, L, R): derivatives.
+
+    Coordinates that a one- or two-dimensional recording does not show are fixed.
+    """
+    gram = np.einsum("alr,amr->alm", local, local)
+    return np.linalg.inv(gram + np.eye(gram.shape[1]) * _prior_precision(stack)[:, None])
+
+
+def _prior_precision(stack: ArcStack) -> np.ndarray:
+    """Precision of the priors of each arc's own parameters, (A, L)."""
+    places = free_state(stack)
+    shown: np.ndarray = np.max(stack.weight, axis=1) > 0  # (A, 3)
+    weak = np.where(places < 3, 1e-2, np.where(places < 6, 1e-4, 1 / SPIN_PRIOR**2))
+    prior = np.tile(np.where(places == SCALE_PLACE, scale_precision(stack), weak), (len(stack), 1))
+    fixed = (places < 6) & ~shown[:, places % 3]
+    if stack.tied is not None:  # a free spin would fit the noise of the first samples, the better the more friction
+        fixed |= (places >= 6) & (places < 9) & stack.tied[:, None]
+    return np.where(fixed, FIXED, prior)
+
+
+def scale_precision(stack: ArcStack) -> float:
+    """Precision of the prior of an arc's own length scale; 0 where it has none."""
+    return 1 / stack.length_scale_sigma**2 if stack.length_scale_sigma > 0 else 0.0
+
+
+def occam_price(stack: ArcStack, local: np.ndarray) -> np.ndarray:
+    """Price of the arcs' own length scales and measured spins, (A,): the Occam factors of their priors in Laplace's
+    approximation of the evidence. local (A, L, R): derivatives.
+
+    Without it, a law that lets balls slide almost without friction wins: spins and velocities then fit their own noise,
+    with twice as many parameters as where balls roll.
+    """
+    places = free_state(stack)
+    spins = (places >= 6) & (places < 9)
+    out = np.zeros(len(stack))
+    if stack.length_scale_sigma == 0 and not spins.any():
+        return out
+    own, prior = np.linalg.inv(own_covariance(stack, local)), _prior_precision(stack)
+    if stack.length_scale_sigma > 0:
+        out += _occam_factor(own, prior, places == SCALE_PLACE)
+    if spins.any():
+        out += np.where(stack.has_spin, _occam_factor(own, prior, spins), 0.0)
+    return out
+
+
+def _occam_factor(own: np.ndarray, prior: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Log of how much better the parameters `which` (L,) are known than their priors (A, L) say; own (A, L, L):
+    precisions."""
+    rest = own[:, ~which][:, :, ~which]
+    return np.linalg.slogdet(own)[1] - np.linalg.slogdet(rest)[1] - np.log(prior[:, which]).sum(1)
+
+
+def slip_price(stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray) -> tuple[int, float]:
+    """Balls on the ground whose spin was not measured and that slip during most of their arc, and the price of slip.
+
+    A slip at the start has a price, too: with enough friction a free spin would fit the first sample.
+    """
+    if not stack.grounded:
+        return 0, 0.0
+    _, nodes = run(stack, model, theta[None], start[None])
+    free = (stack.radius > 0) & ~stack.has_spin & (stack.samples > 0)
+    first, late = (_slip_speed(stack, nodes, k)[free] for k in (0, int(0.6 * stack.steps)))
+    slipping = int((late > SLIPPING).sum())
+    return slipping, SLIP_PRICE * slipping + 2 * float(np.log1p((first / FIRST_SLIP) ** 2).sum())
+
+
+def _slip_speed(stack: ArcStack, nodes: Nodes, node: int) -> np.ndarray:
+    """Speed of the balls' lowest points over the ground at a node of a single run, (A,) m/s."""
+    v, w = nodes.velocity[0, :, node], nodes.angular_velocity[0, :, node]
+    return np.hypot(v[:, 0] - w[:, 1] * stack.radius, v[:, 1] + w[:, 0] * stack.radius)

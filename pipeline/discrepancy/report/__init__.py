@@ -1,0 +1,1 @@
+"""What a selection says, for people and programs: verdict, gap, tables, figures, page."""

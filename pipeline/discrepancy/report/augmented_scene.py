@@ -1,0 +1,68 @@
+"""The known scene with the effects found, so that it moves as the measured one did."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated, effect_estimates
+from pipeline.discrepancy.selection.selection import Selection
+from pipeline.discrepancy.tracks.arc import Arc
+from pipeline.discrepancy.tracks.known_scene import FITTED
+from pipeline.scene.scene import Effect, Scene, SceneObject
+
+LEAST_DAMPING = 1e-3
+
+
+def augmented_scene(found: Selection) -> Scene:
+    """The scene with the answer's effects, parameters as calibrated with them, and the motion of the first clip."""
+    answer, problem = found.answer, found.problem
+    scene = problem.known.scene
+    numbers = calibrated(found.calibration, answer)
+    objects = []
+    for number, obj in enumerate(scene.objects):
+        obj = _with_parameters(obj, numbers)
+        arcs = [(i, a) for i, a in enumerate(problem.arcs) if a.object == number]
+        if arcs:
+            first_clip = problem.arcs[0].clip
+            obj = _with_motion(obj, answer, *min(arcs, key=lambda pair: (pair[1].clip != first_clip, pair[1].time[0])))
+        objects.append(obj)
+    effects = [*scene.effects]
+    for name in answer.effects:
+        values = {k: e.value for k, e in effect_estimates(answer, name).items()}
+        effects.append(Effect(name, tuple((k, tuple(v) if isinstance(v, list) else v) for k, v in values.items())))
+    gravity = scene.gravity
+    if "gravity" in numbers:
+        gravity = tuple(np.array(gravity) / np.linalg.norm(gravity) * numbers["gravity"].value)
+    return replace(scene, objects=tuple(objects), effects=tuple(effects), gravity=gravity)
+
+
+def _with_parameters(obj: SceneObject, numbers: Mapping[str, ParameterEstimate]) -> SceneObject:
+    """The object with its determined contact numbers."""
+    for key in FITTED:
+        estimate = numbers.get(f"{obj.name}.{key}")
+        if estimate is not None and estimate.stderr is not None:
+            assert isinstance(estimate.value, float)
+            changed: dict[str, Any] = {key: max(estimate.value, LEAST_DAMPING if key == "damping" else 0.0)}
+            obj = replace(obj, **changed)
+    return obj
+
+
+def _with_motion(obj: SceneObject, answer: Candidate, index: int, arc: Arc) -> SceneObject:
+    """The object with the fitted initial state of an arc, where the answer has it. index: of the arc."""
+    for stack, start in zip(answer.problem.stacks, answer.fit.starts, strict=True):
+        place = np.flatnonzero(stack.index == index)
+        if len(place):
+            s = start[place[0]]
+            return replace(
+                obj,
+                position=tuple(s[:3]),
+                velocity=tuple(s[3:6]),
+                angular_velocity=tuple(s[6:9]),
+                orientation=obj.orientation if arc.quaternion is None else tuple(arc.quaternion[0]),
+            )
+    return obj

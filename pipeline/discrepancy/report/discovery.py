@@ -1,0 +1,154 @@
+"""The discovery: a verdict with its reasons, from a selection."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated, effect_estimates
+from pipeline.discrepancy.fitting.predictions import SCALE_PLACE
+from pipeline.discrepancy.report.augmented_scene import augmented_scene
+from pipeline.discrepancy.report.formula import residual_formula
+from pipeline.discrepancy.report.gap import Gap, measure_gap
+from pipeline.discrepancy.report.localisation import Stretch, stretches
+from pipeline.discrepancy.selection.confidence import SMOOTHED, confidence, probabilities
+from pipeline.discrepancy.selection.equivalence import equivalent_sets, next_experiment
+from pipeline.discrepancy.selection.selection import Selection
+from pipeline.discrepancy.tracks.problem import Problem
+from pipeline.scene.scene import Scene
+
+UNKNOWN = "unknown"
+MOST_DISAGREEMENTS = 40
+NOTABLE_Z = 3.0
+NOTABLE_CORRELATION = 0.1
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer.
+
+    Attributes:
+        effects: Names; empty where nothing is missing; `unknown` alone where no listed effect explains what is missing.
+        parameters: By name; as `effect.name` where there are several effects.
+        confidence: Probability that the verdict is right.
+        equivalent: Sets of effects that the data cannot tell apart.
+        experiment: What would tell them apart.
+        form: The residual force as a formula, where the effect is unknown.
+    """
+
+    effects: tuple[str, ...]
+    parameters: dict[str, ParameterEstimate]
+    confidence: float
+    equivalent: tuple[tuple[str, ...], ...]
+    experiment: str
+    form: str | None = None
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """Everything that was found.
+
+    Attributes:
+        selection: The models that were compared.
+        verdict: The answer.
+        calibrated: Free parameters of the known scene, without effects.
+        gap: Before and after, in metres.
+        disagreement: Where the calibrated model misses the measurements, the most significant first.
+        probability: Of `none`, `unknown` and each candidate.
+        scene: The known scene with the effects found.
+        notes: What a reader should know beside the verdict, a sentence each.
+    """
+
+    selection: Selection
+    verdict: Verdict
+    calibrated: dict[str, ParameterEstimate]
+    gap: Gap
+    disagreement: tuple[Stretch, ...]
+    probability: dict[str, float]
+    scene: Scene
+    notes: tuple[str, ...]
+
+    @property
+    def problem(self) -> Problem:
+        """What was fitted."""
+        return self.selection.problem
+
+    @property
+    def answer(self) -> Candidate:
+        """The model behind the verdict."""
+        return self.selection.answer
+
+
+def discovery_of(found: Selection) -> Discovery:
+    """The discovery that a selection amounts to."""
+    disagreement = [s for s in stretches(found.none) if s.z > NOTABLE_Z]
+    return Discovery(
+        selection=found,
+        verdict=_verdict(found),
+        calibrated=calibrated(found.calibration, found.none),
+        gap=measure_gap(found.problem, found.baseline, found.answer),
+        disagreement=tuple(disagreement[:MOST_DISAGREEMENTS]),
+        probability=probabilities(found),
+        scene=augmented_scene(found),
+        notes=_notes(found),
+    )
+
+
+def _verdict(found: Selection) -> Verdict:
+    answer = found.answer
+    names = (UNKNOWN,) if found.unknown else answer.effects
+    equivalent = equivalent_sets(found)
+    parameters: dict[str, ParameterEstimate] = {}
+    for name in answer.effects:
+        for key, estimate in effect_estimates(answer, name).items():
+            parameters[key if len(answer.effects) == 1 else f"{name}.{key}"] = estimate
+    return Verdict(
+        effects=names,
+        parameters=parameters,
+        confidence=confidence(found, names),
+        equivalent=equivalent,
+        experiment=next_experiment(names, equivalent),
+        form=residual_formula(found.none) if found.unknown else None,
+    )
+
+
+def _notes(found: Selection) -> tuple[str, ...]:
+    problem, notes = found.problem, []
+    if not problem.held_out:
+        notes.append("there is only one clip: the gap is measured on the clip that was fitted")
+    scatter = _length_scale_scatter(found.answer)
+    if scatter > 0:
+        notes.append(
+            f"the length scales of the clips seem to differ, by {scatter:.1%}: each clip was fitted with one of its own"
+        )
+    if problem.floor.correlation > NOTABLE_CORRELATION:
+        notes.append(
+            f"the noise is correlated (by {problem.floor.correlation:.2f} between neighbouring samples): "
+            f"a sample counts as {problem.floor.information:.2f} independent samples"
+        )
+    if problem.sigma < SMOOTHED:
+        notes.append(
+            f"positions scatter by only {1e3 * problem.sigma:.2g} mm, so they were smoothed: residuals may be "
+            "artefacts of the smoothing"
+        )
+    if problem.outliers:
+        notes.append(f"{problem.outliers} samples were left out as outliers")
+    if problem.dropped:
+        notes.append(f"{problem.dropped} arcs were left out: the model that explains all others does not explain them")
+    if problem.jumps:
+        notes.append(f"{problem.jumps} velocity jumps are no impact with the ground or a known object")
+    if found.untestable:
+        notes.append("not testable with these measurements: " + ", ".join(found.untestable))
+    return tuple(notes)
+
+
+def _length_scale_scatter(answer: Candidate) -> float:
+    """Root mean square of the arcs' own length scales, relative; 0 where they have none."""
+    own = [
+        start[stack.samples > 0, SCALE_PLACE]
+        for stack, start in zip(answer.problem.stacks, answer.fit.starts, strict=True)
+        if stack.length_scale_sigma
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(own) ** 2))) if own else 0.0

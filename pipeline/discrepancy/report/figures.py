@@ -1,0 +1,104 @@
+"""The plots of report.html, as SVG."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pyarrow as pa
+
+from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.evaluation.figures import COLOURS, svg
+
+REGIME_COLOURS = {
+    "flight": COLOURS[0],
+    "sliding": COLOURS[1],
+    "rolling": COLOURS[2],
+    "spinning": COLOURS[3],
+    "resting": "#999999",
+}
+MOST_SHOWN = 4  # clips
+
+
+def residual_figure(table: pa.Table) -> str:
+    """Residuals of all clips over time, before and after, by regime."""
+    figure, rows = plt.subplots(2, 1, figsize=(8.4, 4.6), sharex=True)
+    regime, used = np.array(table["regime"].to_pylist()), np.array(table["used"].to_pylist())
+    time = table["time"].to_numpy() - _clip_starts(table)
+    for axes, kind, title in zip(
+        rows, ("before", "after"), ("calibrated model", "with the verdict's effects"), strict=True
+    ):
+        values = np.stack([table[f"{kind}_{a}"].to_numpy() for a in "xyz"], 1) * 1e3
+        for name, colour in REGIME_COLOURS.items():
+            chosen = (regime == name) & used
+            if chosen.any():
+                for a in range(3):
+                    axes.plot(
+                        time[chosen],
+                        values[chosen, a],
+                        ".",
+                        ms=2,
+                        color=colour,
+                        alpha=0.5,
+                        label=name if a == 0 else None,
+                    )
+        axes.axhline(0, color="#444", lw=0.6)
+        axes.set_ylabel("residual, mm")
+        axes.set_title(title, loc="left", fontsize=9)
+    rows[0].legend(frameon=False, ncols=5, markerscale=4)
+    rows[1].set_xlabel("time since the clip's start, s")
+    return svg(figure)
+
+
+def _clip_starts(table: pa.Table) -> np.ndarray:
+    clip, time = np.array(table["clip"].to_pylist()), table["time"].to_numpy()
+    starts = {c: time[clip == c].min() for c in np.unique(clip)}
+    return np.array([starts[c] for c in clip])
+
+
+def trajectory_figure(found: Discovery, table: pa.Table) -> str:
+    """Measured and predicted paths of some clips: height over time, and from above."""
+    clips = [*found.problem.held_out, *found.problem.fitted][:MOST_SHOWN]
+    figure, places = plt.subplots(2, len(clips), figsize=(2.6 * len(clips) + 0.6, 4.6), squeeze=False)
+    clip, arc = np.array(table["clip"].to_pylist()), table["arc"].to_numpy()
+    measured, before, after = (
+        np.stack([table[f"{kind}_{a}"].to_numpy() for a in "xyz"], 1) for kind in ("measured", "before", "after")
+    )
+    time = table["time"].to_numpy()
+    for column, name in enumerate(clips):
+        rows = clip == name
+        x = measured[rows]
+        top, bottom = places[:, column]
+        for k in np.unique(arc[rows]):
+            mine = rows & (arc == k)
+            for residual, colour, label in (
+                (before, COLOURS[1], "calibrated"),
+                (after, COLOURS[2], "with the effects"),
+            ):
+                path = measured[mine] - residual[mine]
+                top.plot(time[mine], path[:, 2], color=colour, lw=1.2, label=label if k == arc[rows].min() else None)
+                bottom.plot(path[:, 0], path[:, 1], color=colour, lw=1.2)
+        top.plot(time[rows], x[:, 2], ".", ms=2.5, color="#222", label="measured")
+        bottom.plot(x[:, 0], x[:, 1], ".", ms=2.5, color="#222")
+        top.set_title(f"{name}{' (held out)' if name in found.problem.held_out else ''}", fontsize=9)
+        top.set_xlabel("time, s")
+        bottom.set_xlabel("x, m")
+        bottom.set_aspect("equal", "datalim")
+    places[0, 0].set_ylabel("z, m")
+    places[1, 0].set_ylabel("y, m")
+    places[0, 0].legend(frameon=False, fontsize=7)
+    figure.tight_layout()
+    return svg(figure)
+
+
+def ranking_figure(found: Discovery) -> str:
+    """How much better than the calibrated model each candidate is."""
+    shown = sorted(found.selection.singles, key=lambda c: c.score)[:12]
+    figure, axes = plt.subplots(figsize=(6.4, 0.4 + 0.27 * max(len(shown), 1)))
+    gains = [max(found.selection.none.score - c.score, 0.1) for c in shown]
+    colours = [COLOURS[2] if set(c.effects) <= set(found.answer.effects) else COLOURS[0] for c in shown]
+    axes.barh(range(len(shown)), gains, color=colours)
+    axes.set_yticks(range(len(shown)), [" + ".join(c.effects) for c in shown])
+    axes.invert_yaxis()
+    axes.set_xscale("log")
+    axes.set_xlabel("better than the calibrated model by (score: chi squared and the price of parameters)")
+    return svg(figure)

@@ -1,0 +1,49 @@
+"""The gap between a model and the measurements, in metres, and the noise floor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.discrepancy.fitting.candidate import Candidate, residuals_m
+from pipeline.discrepancy.tracks.problem import Problem
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square residuals over the measured coordinates of some clips, m.
+
+    Each arc's own initial state costs degrees of freedom, so that a perfect model reaches the noise floor, not less.
+
+    Attributes:
+        before: Of the calibrated model.
+        after: Of the model with the effects found.
+        noise_floor: Of the noise.
+        clips: Names.
+    """
+
+    before: float
+    after: float
+    noise_floor: float
+    clips: tuple[str, ...]
+
+
+def measure_gap(problem: Problem, before: Candidate, after: Candidate) -> Gap:
+    """The gap on the held-out clips, or on the fitted ones where none could be held out."""
+    held = bool(problem.held_out) and any(h.any() for h in problem.held)
+    clips = problem.held_out if held else problem.fitted
+    first, last = (_rmse(c, c.problem.held if held else c.problem.chosen) for c in (before, after))
+    everything = [np.ones(len(s), bool) for s in after.problem.stacks]
+    floor = min(problem.sigma, _rmse(after, everything))  # polynomials do not fit kinks that a law may have
+    return Gap(first, last, floor, clips)
+
+
+def _rmse(found: Candidate, chosen: Sequence[np.ndarray]) -> float:
+    """Over the chosen arcs, per stack (A,) bool."""
+    squares, count = 0.0, 0
+    for stack, rows, mask in zip(found.problem.stacks, residuals_m(found.problem, found), chosen, strict=True):
+        squares += float((rows[mask] ** 2).sum())
+        count += int((stack.weight[mask] > 0).sum()) - stack.own * int((stack.samples[mask] > 0).sum())
+    return float(np.sqrt(squares / max(count, 1)))

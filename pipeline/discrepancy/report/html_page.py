@@ -1,0 +1,138 @@
+"""report.html: the discovery as one self-contained page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pyarrow as pa
+
+from pipeline.discrepancy.fitting.estimates import ParameterEstimate
+from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.report.figures import ranking_figure, residual_figure, trajectory_figure
+from pipeline.evaluation.report import Section, drawing, html_table, page
+from pipeline.scene.effects.registry import effect_kinds
+
+LEAST_SURE = 0.6  # highest confidence of a verdict that is called doubtful
+TITLE = "What the simulation lacks"
+
+
+def sentence(report: Mapping[str, Any]) -> str:
+    """The verdict of a report in words; a doubtful one begins with "Doubtful"."""
+    doubtful = report["verdict"]["confidence"] <= LEAST_SURE
+    return ("Doubtful. " if doubtful else "") + _said(report)
+
+
+def _said(report: Mapping[str, Any]) -> str:
+    verdict, gap = report["verdict"], report["gap"]
+    before, after, floor = (1e3 * gap[k] for k in ("before", "after", "noise_floor"))
+    numbers = f"The gap on {'held-out' if report['clips']['held_out'] else 'fitted'} clips is {before:.3g} mm"
+    sure = f"(confidence {verdict['confidence']:.2f})"
+    equivalent = ", ".join(n for group in verdict["equivalent"] for n in group if n not in verdict["effects"])
+    if not verdict["effects"]:
+        extra = ""
+        if equivalent:
+            extra = f" A calibrated number differs much from what was stated, which amounts to {equivalent}."
+        return (
+            f"Nothing is missing {sure}: the calibrated model explains the measurements. {numbers}; the noise floor is "
+            f"{floor:.3g} mm.{extra}"
+        )
+    if verdict["effects"] == ["unknown"]:
+        what = (
+            f"Something is missing {sure}; the measurements do not tell which of these: {equivalent}."
+            if equivalent
+            else f"Something is missing that no listed effect explains {sure}: {verdict['form']}."
+        )
+        return f"{what} {numbers}, and no listed effect closes it; the noise floor is {floor:.3g} mm."
+    alike = f" These measurements cannot tell it from {equivalent}." if equivalent else ""
+    return (
+        f"The simulation lacks {' and '.join(verdict['effects'])} {sure}.{alike} {numbers} without and "
+        f"{after:.3g} mm with it; the noise floor is {floor:.3g} mm."
+    )
+
+
+def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, facts: Mapping[str, str]) -> str:
+    """The page as HTML, with all figures in it.
+
+    Args:
+        found: The discovery.
+        report: Its `report_dict`.
+        table: Its `residual_table`.
+        facts: What was read and asked, shown at the top.
+    """
+    verdict = report["verdict"]
+    sections = [
+        Section("Verdict", verdict["experiment"], _parameters(found.verdict.parameters) + _laws(found.answer.effects)),
+        Section(
+            "Candidates",
+            "Models with one effect each. Green: effects of the verdict.",
+            _candidates(report) + _ranking(found),
+        ),
+        Section(
+            "Residuals",
+            "Measured minus predicted coordinates. Each arc has its own initial state.",
+            drawing(residual_figure(table), "by regime"),
+        ),
+        Section(
+            "Trajectories",
+            "Measured and predicted.",
+            drawing(trajectory_figure(found, table), "z over time; from above"),
+        ),
+        Section("Where they disagree", "Short stretches, the most significant first.", _where(report)),
+        Section("Calibrated", "Free parameters of the known scene.", _parameters(found.calibrated)),
+        Section("Notes", "", "".join(f"<p>{note}</p>" for note in report["notes"])),
+    ]
+    return page(TITLE, sentence(report), facts, sections)
+
+
+def _ranking(found: Discovery) -> str:
+    return drawing(ranking_figure(found), "ranking") if found.selection.singles else ""
+
+
+def _number(value: float | list[float] | None) -> str:
+    if value is None:
+        return "not determined"
+    return "[" + ", ".join(f"{v:.4g}" for v in value) + "]" if isinstance(value, list) else f"{value:.4g}"
+
+
+def _parameters(numbers: Mapping[str, ParameterEstimate]) -> str:
+    if not numbers:
+        return "<p>none</p>"
+    rows = [(k, _number(e.value), _number(e.stderr), e.unit) for k, e in numbers.items()]
+    return html_table(["parameter", "value", "standard error", "unit"], rows)
+
+
+def _laws(effects: tuple[str, ...]) -> str:
+    return "".join(f"<p>{name}: {effect_kinds()[name].formula}</p>" for name in effects)
+
+
+def _candidates(report: Mapping[str, Any]) -> str:
+    rows = [
+        (
+            c["effect"],
+            f"{c['probability']:.3f}",
+            f"{c['delta_bic']:.1f}",
+            f"{c['held_out_gain']:.1f}",
+            "; ".join(f"{k} {_number(v['value'])} ± {_number(v['stderr'])}" for k, v in c["parameters"].items()),
+        )
+        for c in report["candidates"]
+    ]
+    return html_table(["effect", "probability", "delta BIC", "held-out gain, nats", "parameters"], rows)
+
+
+def _where(report: Mapping[str, Any]) -> str:
+    if not report["disagreement"]:
+        return "<p>nowhere by more than the noise</p>"
+    rows = [
+        (
+            d["clip"],
+            d["object"],
+            f"{d['t_start']:.2f} to {d['t_end']:.2f} s",
+            d["regime"],
+            f"{d['residual']:.3g} {d['unit']}",
+            f"{d['z_score']:.1f}",
+            d["direction"],
+        )
+        for d in report["disagreement"][:15]
+    ]
+    return html_table(["clip", "object", "time", "regime", "missing force", "z", "direction"], rows)

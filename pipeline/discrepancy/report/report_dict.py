@@ -1,0 +1,104 @@
+"""A discovery as the content of report.json (docs/formats.md, "Discovery")."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.fitting.estimates import effect_estimates
+from pipeline.discrepancy.report.discovery import Discovery, Verdict
+from pipeline.discrepancy.report.localisation import Stretch, direction_words
+from pipeline.discrepancy.tracks.noise import MAD
+from pipeline.discrepancy.tracks.problem import Problem
+
+LEAST_ORIENTATIONS = 9  # of an arc, to tell their noise
+
+
+def report_dict(found: Discovery) -> dict[str, Any]:
+    """The discovery as plain numbers, texts, lists and mappings."""
+    selection, problem, gap = found.selection, found.problem, found.gap
+    names = [o.name for o in problem.known.scene.objects]
+    return {
+        "noise": {"position_m": problem.sigma, "orientation_rad": _orientation_noise(problem)},
+        "clips": {"fitted": list(problem.fitted), "held_out": list(problem.held_out)},
+        "calibrated": {k: e.as_dict() for k, e in found.calibrated.items()},
+        "disagreement": [_stretch(s, names) for s in found.disagreement],
+        "candidates": _candidates(found),
+        "verdict": _verdict(found.verdict),
+        "gap": {
+            "metric": "position_rmse_m",
+            "before": gap.before,
+            "after": gap.after,
+            "noise_floor": gap.noise_floor,
+            "clips": list(gap.clips),
+        },
+        "probability_of_none": found.probability["none"],
+        "unexplained": {"share": selection.excess_share, "z_score": selection.excess_z},
+        "impacts": [
+            {"clip": b.clip, "object": names[b.object], "time": b.time, "restitution": b.ratio, "stderr": b.sigma}
+            for b in selection.calibration.bounces
+        ],
+        "notes": list(found.notes),
+    }
+
+
+def _stretch(s: Stretch, names: list[str]) -> dict[str, Any]:
+    return {
+        "clip": s.clip,
+        "object": names[s.object],
+        "t_start": s.start,
+        "t_end": s.end,
+        "regime": str(s.regime),
+        "residual": float(np.linalg.norm(s.force)),
+        "unit": "N",
+        "z_score": s.z,
+        "direction": direction_words(s),
+    }
+
+
+def _candidates(found: Discovery) -> list[dict[str, Any]]:
+    """Every effect alone, and the chosen model, the most probable first."""
+    selection = found.selection
+    shown = {c.effects: c for c in (*selection.singles, *([selection.chosen] if selection.chosen.effects else []))}
+    out = []
+    for effects, c in shown.items():
+        name = "+".join(effects)
+        out.append(
+            {
+                "effect": name,
+                "probability": found.probability[name],
+                "delta_bic": c.bic - selection.none.bic,
+                "held_out_gain": (selection.none.held_out - c.held_out) / 2,
+                "parameters": _parameters(c),
+            }
+        )
+    return sorted(out, key=lambda c: -c["probability"])
+
+
+def _parameters(c: Candidate) -> dict[str, Any]:
+    several = len(c.effects) > 1
+    return {(f"{e}.{k}" if several else k): x.as_dict() for e in c.effects for k, x in effect_estimates(c, e).items()}
+
+
+def _verdict(v: Verdict) -> dict[str, Any]:
+    out: dict[str, Any] = {
+        "effects": list(v.effects),
+        "parameters": {k: e.as_dict() for k, e in v.parameters.items()},
+        "confidence": v.confidence,
+        "equivalent": [list(s) for s in v.equivalent],
+        "experiment": v.experiment,
+    }
+    return out if v.form is None else out | {"form": v.form}
+
+
+def _orientation_noise(problem: Problem) -> float | None:
+    """Standard deviation of measured orientations, rad, from fourth differences of quaternions; None without any."""
+    values = []
+    for arc in problem.arcs:
+        if arc.quaternion is not None and len(arc.quaternion) >= LEAST_ORIENTATIONS:
+            q = arc.quaternion * np.sign((arc.quaternion * arc.quaternion[:1]).sum(1, keepdims=True) + 1e-12)
+            fourth = np.diff(q, n=4, axis=0)
+            values.append(2 * MAD * np.median(np.abs(fourth)) / np.sqrt(70))
+    return float(np.median(values)) if values else None

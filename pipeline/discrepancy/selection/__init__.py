@@ -1,0 +1,1 @@
+"""Which of the fitted models the measurements support, and how sure that is."""

@@ -1,0 +1,41 @@
+"""Candidates compared: by score, and by what is known beside the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.tracks.problem import Problem
+from pipeline.scene.effects.discovery_rules import Number
+from pipeline.scene.effects.registry import effect_kinds
+
+ALIKE = 7.0  # difference of scores below which effects are not told apart
+OTHER_EVIDENCE = 2 * ALIKE  # what is known beside the motion, in units of the score
+
+
+def likeliest(candidates: Sequence[Candidate], default: Candidate) -> Candidate:
+    """The candidate with the best score, other evidence included; `default` of no candidates."""
+    return min(candidates, key=lambda c: c.score - other_evidence(c), default=default)
+
+
+def other_evidence(found: Candidate) -> float:
+    """What is known beside the motion for (positive) or against a candidate's effects, in units of the score.
+
+    An example: cameras run at standard rates, which speaks against a clock error that would make the true frame rate a
+    non-standard one.
+    """
+    return OTHER_EVIDENCE * sum(_evidence(found, name, found.problem) for name in found.effects)
+
+
+def _evidence(found: Candidate, effect: str, problem: Problem) -> int:
+    kind, model = effect_kinds()[effect], found.fit.model
+    if kind.discovery.other_evidence is None or problem.frame_rate is None:
+        return 0
+    values: dict[str, Number] = {}
+    errors: dict[str, Number] = {}
+    for p in kind.parameters:
+        columns = [c for i in range(p.length) if (c := model.column(effect, p.name, i)) is not None]
+        value = [float(found.fit.theta[c]) for c in columns]
+        error = [float(found.fit.covariance[c, c]) ** 0.5 for c in columns]
+        values[p.name], errors[p.name] = (value, error) if p.length > 1 else (value[0], error[0])
+    return kind.discovery.other_evidence(values, errors, problem.frame_rate)

@@ -1,0 +1,144 @@
+"""Which effects the measurements support, as a sequence of steps from a problem to a selection.
+
+The model with the lowest score wins (pipeline/discrepancy/fitting/candidate.py), if it wins by more than chance would
+where nothing is hidden (`CLAIM`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pipeline.discrepancy.fitting.calibration import Calibration, calibrate, rescale_noise, rescored
+from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, refitted
+from pipeline.discrepancy.selection.comparison import likeliest, other_evidence
+from pipeline.discrepancy.selection.equivalence import absorbed_laws, alike_each, alike_single
+from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE, ForwardSelection, forward_selection
+from pipeline.discrepancy.selection.selection import Selection
+from pipeline.discrepancy.selection.testable import testable_kinds
+from pipeline.discrepancy.selection.unexplained import (
+    UNEXPLAINED_Z,
+    drop_unexplained_arcs,
+    excess,
+    has_few_clips,
+    independent_share,
+    is_unexplained,
+)
+from pipeline.discrepancy.tracks.problem import Problem, inflate_noise, with_length_scale_nuisance
+from pipeline.scene.effects.kind import EffectKind
+
+NEAR = 25.0  # difference of scores within which candidates are fitted again from the best one's initial states
+MOST_DROPS = 2  # times that arcs are dropped by the best model
+
+
+def select_effects(problem: Problem, effects: Sequence[str], progress: Progress) -> Selection:
+    """The selection for a problem, with nuisances where the clips disagree.
+
+    If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
+    counts if it explains the rest. One or two fitted clips may have slow tracking errors: if their residuals still
+    exceed the noise, these residuals count as noise, and the selection is repeated once more.
+
+    Args:
+        problem: What is fitted.
+        effects: Names of the effects that may be answered.
+        progress: Called with the name of each effect that is fitted.
+    """
+    found = select_once(problem, effects, progress)
+    if found.excess_z <= UNEXPLAINED_Z or len(problem.clips) == 1:
+        return found
+    scaled = select_once(with_length_scale_nuisance(problem), effects, progress)
+    if has_few_clips(problem) and scaled.excess_z > UNEXPLAINED_Z:
+        noisy = inflate_noise(scaled.problem, independent_share(scaled.chosen))
+        return replace(select_once(noisy, effects, progress), baseline=found.none)
+    if not scaled.unknown and scaled.chosen.score < found.chosen.score - CLAIM_MORE:
+        return replace(scaled, baseline=found.none)
+    return found
+
+
+def select_once(problem: Problem, effects: Sequence[str], progress: Progress = lambda _: None) -> Selection:
+    """The selection for a problem as it is.
+
+    Args:
+        problem: What is fitted.
+        effects: Names of the effects that may be answered.
+        progress: Called with the name of each effect that is fitted.
+    """
+    kinds = testable_kinds(effects, problem)
+    calibration, best, singles = _fit_singles(problem, kinds, progress)
+    singles = _refit_near_best(calibration, best, singles)
+    calibration = rescale_noise(calibration, best)
+    singles = sorted((rescored(calibration, c) for c in singles), key=lambda c: c.score)
+    found = _select_model(calibration, singles, kinds, progress)
+    chosen, inflated = found.chosen, calibration.problem.noise_inflated
+    alike = alike_each(chosen, found.tried) if len(chosen.effects) > 1 else alike_single(chosen, singles)
+    absorbed = absorbed_laws(calibration, chosen, singles) if inflated else ()
+    unexplained = is_unexplained(calibration, chosen) and not inflated
+    if unexplained:
+        alike = ()
+    elif absorbed and alike:
+        alike = ((*alike[0], *absorbed),)
+    z, share = excess(calibration, chosen)
+    testable = {kind.name for kind in kinds}
+    return Selection(
+        calibration=calibration,
+        singles=tuple(singles),
+        chosen=chosen,
+        alike=alike,
+        excess_share=share,
+        excess_z=z,
+        unknown=unexplained or len(absorbed) > 0,
+        untestable=tuple(name for name in effects if name not in testable),
+        ruled_out=tuple(c.name for c in singles if other_evidence(c) < 0),
+        baseline=calibration.none,
+    )
+
+
+def _fit_singles(
+    problem: Problem, kinds: Sequence[EffectKind], progress: Progress
+) -> tuple[Calibration, Candidate, list[Candidate]]:
+    """The calibration, the best model of at most one effect, and the models of one effect, best first.
+
+    Arcs that the calibrated model, then the best one, misses by far are dropped, and the rest is fitted again.
+    """
+    calibration = calibrate(problem)
+    left = drop_unexplained_arcs(calibration, calibration.none, only_at_impacts=True)
+    if left is not None:
+        calibration = calibrate(left)
+    for _ in range(MOST_DROPS):
+        singles = extend(calibration, calibration.none, kinds, progress)
+        best = likeliest([calibration.none, *singles], calibration.none)
+        left = drop_unexplained_arcs(calibration, best)
+        if left is None:
+            return calibration, best, singles
+        calibration = calibrate(left)
+    singles = extend(calibration, calibration.none, kinds, progress)
+    return calibration, likeliest([calibration.none, *singles], calibration.none), singles
+
+
+def _refit_near_best(calibration: Calibration, best: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates, of which those near the best are fitted again from its initial states.
+
+    On the ground the times at which bodies stop cause local minima, which would tell effects apart that are one law.
+    """
+    out = list(singles)
+    if not best.effects or best.hits is not None or not any(s.grounded for s in best.problem.stacks):
+        return out
+    for i, c in enumerate(out):
+        of_arcs = c.effects != best.effects and c.restitution is None and c.hits is None
+        if of_arcs and c.problem is best.problem and c.score < best.score + NEAR:
+            again = refitted(calibration, c, best.fit.starts)
+            out[i] = again if again.score < c.score else c
+    return out
+
+
+def _select_model(
+    calibration: Calibration, singles: Sequence[Candidate], kinds: Sequence[EffectKind], progress: Progress
+) -> ForwardSelection:
+    """The calibrated model, or the best model of one or more effects if it wins by enough."""
+    none = calibration.none
+    best = likeliest([none, *singles], none)
+    claim = CLAIM_MORE if calibration.problem.noise_inflated else CLAIM
+    if not best.effects or best.score >= none.score - claim:
+        return ForwardSelection(none, ())
+    return forward_selection(calibration, best, singles, kinds, progress)

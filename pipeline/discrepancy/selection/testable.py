@@ -1,0 +1,67 @@
+"""Which effects may be asked for: by name, and by whether the measurements could show them at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.discrepancy.tracks.arc import FAR_AWAY
+from pipeline.discrepancy.tracks.problem import Problem
+from pipeline.errors import did_you_mean
+from pipeline.scene.effects.discovery_rules import Need
+from pipeline.scene.effects.kind import GROUNDED, EffectKind, Regime
+from pipeline.scene.effects.registry import effect_kinds
+
+LEAST_SPIN = 0.5  # rad/s
+
+
+def names_of(text: str) -> tuple[str, ...]:
+    """The effects that `--effects` names. Raises ValueError that says what is valid."""
+    known = effect_kinds()
+    if text == "all":
+        return tuple(known)
+    names = [n.strip() for n in text.split(",") if n.strip()]
+    for name in names:
+        if name not in known:
+            raise ValueError(f"unknown effect {name!r}{did_you_mean(name, known)}; valid: all, {', '.join(known)}")
+    return tuple(dict.fromkeys(names))
+
+
+def testable_kinds(effects: Sequence[str], problem: Problem) -> list[EffectKind]:
+    """The effects, of those named, that the measurements could show."""
+    regimes, shown = _regimes(problem), _shown(problem)
+    return [kind for name in effects if _is_testable(kind := effect_kinds()[name], problem, regimes, shown)]
+
+
+def _is_testable(kind: EffectKind, problem: Problem, regimes: frozenset[Regime], shown: frozenset[Need]) -> bool:
+    if kind.discovery.fit_hits is not None:
+        return problem.jumps > 0
+    if any(name in problem.known.fit for name in kind.discovery.needs_known):
+        return False
+    if any(p.length > 1 for p in kind.parameters) and Need.DIRECTIONS not in shown:
+        return False
+    if kind.bounce_ratio is not None:
+        return True
+    return bool(regimes & set(kind.regimes)) and shown >= set(kind.discovery.needs)
+
+
+def _regimes(problem: Problem) -> frozenset[Regime]:
+    """The regimes that may occur in the arcs."""
+    air = {Regime.FLIGHT} if any(not s.grounded for s in problem.stacks) else set()
+    return frozenset(air | (set(GROUNDED) if any(s.grounded for s in problem.stacks) else set()))
+
+
+def _shown(problem: Problem) -> frozenset[Need]:
+    """What the measurements show."""
+    stacks, ground = problem.stacks, [s for s in problem.stacks if s.grounded]
+    coordinates = np.array([(s.weight > 0).any((0, 1)) for s in stacks]).any(0).sum()
+    shows = {
+        Need.SPIN: any((s.has_spin & (np.linalg.norm(s.spin, axis=1) > LEAST_SPIN)).any() for s in stacks),
+        Need.GROUND_SPIN: any((s.spin_weight > 0).any() for s in ground),
+        Need.ORIENTATION: any(a.quaternion is not None and not a.grounded for a in problem.arcs),
+        Need.OTHERS: any((a.others < FAR_AWAY).any() for a in problem.arcs),
+        Need.GROUND_BALL: any((s.radius > 0).any() for s in ground),
+        Need.DIRECTIONS: coordinates >= 2,  # a height alone has no directions
+    }
+    return frozenset(need for need, shown in shows.items() if shown)

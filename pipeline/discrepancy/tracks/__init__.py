@@ -1,0 +1,1 @@
+"""From measured tracks to the problem that is fitted: noise, impacts, smooth arcs, padded arrays."""

@@ -1,0 +1,59 @@
+"""Single samples of a track that are far from where the samples around them say they should be."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+LIMIT = 5.0  # standard deviations from the prediction
+SMOOTH = 3.0  # largest residual, in standard deviations, of five samples that lie on a parabola
+SIDE = 5  # samples on each side that predict one
+
+
+def find_outliers(time: np.ndarray, position: np.ndarray, sigma: float) -> np.ndarray:
+    """Samples that neither the samples before nor the samples after predict, (T,) bool.
+
+    A sample at an impact agrees with one side; an outlier agrees with none. Each side's prediction is the median of the
+    parabolas through all triples of its five nearest samples, so that an outlier among them does no harm.
+    """
+    bad = np.zeros(len(time), bool)
+    for _ in range(SIDE + 1):  # repeated without those found: a side that contains outliers predicts badly
+        new = np.array([_is_outlier(time, position, bad, k, sigma) for k in range(len(time))]) & ~bad
+        if not new.any():
+            break
+        bad |= new
+    return bad
+
+
+def _is_outlier(time: np.ndarray, position: np.ndarray, bad: np.ndarray, k: int, sigma: float) -> bool:
+    """Whether sample k is too far from the prediction of each side.
+
+    Near an end of the track there is one side only. It must itself be smooth, else the velocity may jump there.
+    """
+    sides = [inwards[~bad[inwards]][:SIDE] for inwards in (np.arange(k - 1, -1, -1), np.arange(k + 1, len(time)))]
+    sides = [near for near in sides if len(near) == SIDE]
+    for near in sides:
+        weights = _parabola_weights(time[near] - time[k])
+        predicted = np.median(weights @ position[near], axis=0)
+        limit = LIMIT * sigma * (1 + 0.6 * float(np.median(np.linalg.norm(weights, axis=1)))) + 0.002
+        if np.abs(position[k] - predicted).max() <= limit:
+            return False
+    return len(sides) == 2 or (len(sides) == 1 and _is_smooth(time[sides[0]], position[sides[0]], sigma))
+
+
+def _is_smooth(time: np.ndarray, position: np.ndarray, sigma: float) -> bool:
+    design = np.vander(time - time[0], 3)
+    left = position - design @ np.linalg.lstsq(design, position, rcond=None)[0]
+    return bool(np.abs(left).max() < SMOOTH * sigma)
+
+
+def _parabola_weights(t: np.ndarray) -> np.ndarray:
+    """(triples, n) weights of n samples at times t (n,): the parabola through each triple, evaluated at time 0."""
+    rows = []
+    for triple in itertools.combinations(range(len(t)), 3):
+        row = np.zeros(len(t))
+        for i in triple:
+            row[i] = np.prod([t[j] / (t[j] - t[i]) for j in triple if j != i])
+        rows.append(row)
+    return np.array(rows)

@@ -1,0 +1,185 @@
+"""The problem that models are fitted to: the arcs of the fitted and the held-out clips in units of their noise."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.discrepancy.tracks.arc import Arc, Cut, Impact
+from pipeline.discrepancy.tracks.cutting import cut_tracks
+from pipeline.discrepancy.tracks.known_scene import KnownScene
+from pipeline.discrepancy.tracks.noise_floor import ArcPolynomials, NoiseFloor, noise_floor, without_outliers
+from pipeline.discrepancy.tracks.stack import ArcStack, stack_arcs
+from pipeline.discrepancy.tracks.track import Track, frame_rate
+from pipeline.errors import MeasurementError
+
+LENGTH_SCALE_SIGMA = 0.03  # relative: how much the length scales of recordings may differ
+LEAST_PIECE = 4  # samples of a piece of an arc that is split
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Arcs of the fitted and the held-out clips, without outliers.
+
+    Attributes:
+        known: The known scene.
+        fitted: Names of the clips that are fitted.
+        held_out: Names of the clips that are not.
+        arcs: All arcs.
+        impacts: Between the arcs.
+        stacks: The arcs in the air and those on the ground, where there are any.
+        chosen: Per stack (A,) bool, the arcs of the fitted clips.
+        polynomials: Of each stack.
+        floor: The noise of all arcs.
+        sigma: Standard deviation of a coordinate, m.
+        outliers: Number of samples that were removed.
+        frame_rate: Samples per second, where they are regular.
+        dropped: Number of arcs that were removed because the best model does not explain them.
+        noise_inflated: Whether the residuals of a model count as noise (`inflate_noise`).
+    """
+
+    known: KnownScene
+    fitted: tuple[str, ...]
+    held_out: tuple[str, ...]
+    arcs: tuple[Arc, ...]
+    impacts: tuple[Impact, ...]
+    stacks: tuple[ArcStack, ...]
+    chosen: tuple[np.ndarray, ...]
+    polynomials: tuple[ArcPolynomials, ...]
+    floor: NoiseFloor
+    sigma: float
+    outliers: int
+    frame_rate: float | None = None
+    dropped: int = 0
+    noise_inflated: bool = False
+
+    @property
+    def clips(self) -> tuple[str, ...]:
+        """Names of all clips."""
+        return (*self.fitted, *self.held_out)
+
+    @property
+    def held(self) -> tuple[np.ndarray, ...]:
+        """Per stack (A,) bool, the arcs of the held-out clips."""
+        return tuple(~c for c in self.chosen)
+
+    @property
+    def rows(self) -> int:
+        """Number of measured coordinates."""
+        return sum(int((s.weight > 0).sum()) for s in self.stacks)
+
+    @property
+    def own(self) -> int:
+        """Number of the arcs' own parameters that positions determine."""
+        return sum(s.own * int((s.samples > 0).sum()) for s in self.stacks)
+
+    @property
+    def effective_rows(self) -> float:
+        """Number of independent coordinates."""
+        return max(self.rows * self.floor.information, 2.0)
+
+    @property
+    def jumps(self) -> int:
+        """Number of velocity jumps that no known impact explains."""
+        return sum(len(a.jumps) for a in self.arcs)
+
+
+def build_problem(tracks: Sequence[Track], known: KnownScene, held_out: float, rng: np.random.Generator) -> Problem:
+    """The problem of some tracks.
+
+    Args:
+        tracks: Of all clips.
+        known: The known scene.
+        held_out: Share of the clips that is not fitted.
+        rng: Chooses these clips.
+
+    Raises:
+        MeasurementError: For tracks that do not fit the scene, or that have nothing to be fitted.
+    """
+    clips = tuple(dict.fromkeys(t.clip for t in tracks))
+    count = min(max(round(held_out * len(clips)), 1 if held_out > 0 else 0), len(clips) - 1)
+    held = frozenset(clips[i] for i in rng.permutation(len(clips))[:count])
+    cut = cut_tracks(tracks, known)
+    if not cut.arcs:
+        raise MeasurementError("no clip has a smooth stretch of 6 samples in the air or level on the ground")
+    return replace(_stacked(cut, known, clips, held), frame_rate=frame_rate(tracks))
+
+
+def split_at_jumps(problem: Problem) -> Problem:
+    """The problem with arcs cut where their velocity jumps, as if something had been hit there."""
+    pieces: list[Arc] = []
+    for arc in problem.arcs:
+        edges = [-np.inf, *(jump.time for jump in arc.jumps), np.inf]
+        for left, right in itertools.pairwise(edges):
+            inside = (arc.time > left) & (arc.time < right)
+            if inside.sum() >= LEAST_PIECE:
+                pieces.append(
+                    replace(
+                        arc,
+                        time=arc.time[inside],
+                        position=arc.position[inside],
+                        sigma=arc.sigma[inside],
+                        row=arc.row[inside],
+                        others=arc.others[inside],
+                        spin=None if arc.spin is None else arc.spin[inside],
+                        quaternion=None if arc.quaternion is None else arc.quaternion[inside],
+                        jumps=(),
+                    )
+                )
+    cut = Cut(tuple(pieces), (), problem.sigma, frozenset())
+    split = _stacked(cut, problem.known, problem.clips, frozenset(problem.held_out), problem.floor)
+    return replace(split, outliers=problem.outliers, frame_rate=problem.frame_rate)
+
+
+def _stacked(
+    cut: Cut, known: KnownScene, clips: Sequence[str], held: frozenset[str], floor: NoiseFloor | None = None
+) -> Problem:
+    """The problem of cut tracks. floor: the noise, where it is known already."""
+    stacks, polynomials, dropped = [], [], 0
+    for grounded in (False, True):
+        stack = stack_arcs(cut.arcs, clips, known, grounded)
+        if len(stack):
+            stack, part, bad = without_outliers(stack, [cut.arcs[i].jumps for i in stack.index])
+            stacks.append(stack)
+            polynomials.append(part)
+            dropped += bad
+    floor = noise_floor(polynomials) if floor is None else floor
+    stacks = [replace(s, weight=s.weight / floor.scale) for s in stacks]
+    polynomials = [replace(p, chi2=p.chi2 / floor.scale**2) for p in polynomials]
+    chosen = tuple(np.array([clips[c] not in held for c in s.clip]) for s in stacks)
+    if not any(c.any() for c in chosen):  # all arcs are in held-out clips: fit them after all
+        held, chosen = frozenset(), tuple(np.ones(len(s), bool) for s in stacks)
+    sigmas = np.concatenate([1 / s.weight[s.weight > 0] for s in stacks])
+    return Problem(
+        known=known,
+        fitted=tuple(c for c in clips if c not in held),
+        held_out=tuple(c for c in clips if c in held),
+        arcs=cut.arcs,
+        impacts=cut.impacts,
+        stacks=tuple(stacks),
+        chosen=chosen,
+        polynomials=tuple(polynomials),
+        floor=floor,
+        sigma=float(np.median(sigmas)),
+        outliers=len(cut.outliers) + dropped,
+    )
+
+
+def with_length_scale_nuisance(problem: Problem) -> Problem:
+    """The problem in which each arc has a length scale of its own: recordings made at several distances."""
+    return replace(problem, stacks=tuple(replace(s, length_scale_sigma=LENGTH_SCALE_SIGMA) for s in problem.stacks))
+
+
+def inflate_noise(problem: Problem, share: float) -> Problem:
+    """The problem with a noise variance that is larger by 1 / share, so that a model's residuals count as noise."""
+    weight = share**0.5
+    return replace(
+        problem,
+        stacks=tuple(replace(s, weight=s.weight * weight) for s in problem.stacks),
+        polynomials=tuple(replace(p, chi2=p.chi2 * share) for p in problem.polynomials),
+        floor=replace(problem.floor, scale=problem.floor.scale / weight, correlation=0.0),
+        noise_inflated=True,
+    )
