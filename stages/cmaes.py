@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pyarrow as pa
-from pipeline.cmaes_search.cmaes import Budget, cmaes_search
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
+from pipeline.search.cmaes import Budget, cmaes_search
 from pipeline.search.evaluator import Evaluator
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard

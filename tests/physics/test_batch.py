@@ -144,7 +144,7 @@ def test_sampled_scenes_move_in_a_batch_as_alone(rng: np.random.Generator) -> No
 
 
 @pytest.mark.parametrize("bad", [{"velocity": (1e12, 0, 0)}, {"velocity": (1e9, 0, 0)}, {"position": (0, 0, 1e11)}])
-def test_a_row_that_goes_bad_says_so_and_the_others_go_on(rng: np.random.Generator, bad: dict[str, Any]) -> None:
+def test_an_unstable_row_is_invalid_and_the_others_continue(rng: np.random.Generator, bad: dict[str, Any]) -> None:
     good = Scene((SceneObject("sphere", (0.1,), 1.0, position=(0, 0, 1)),))
     gone = Scene((replace(good.objects[0], **bad),))
     states = simulator_of([good] * 3).run(stack_scenes([good, gone, good]), np.array([0, 100, 240]))

@@ -101,10 +101,13 @@ def test_less_damping_bounces_more() -> None:
     assert bounces == sorted(bounces, reverse=True)
 
 
-def test_hardly_a_sampled_scene_gains_energy(rng: np.random.Generator) -> None:
-    """One in some thousand does: cylinders deep in each other, whose contacts' normals turn with them."""
+def test_sampled_scenes_rarely_gain_energy(rng: np.random.Generator) -> None:
+    """About one scene in 2,000 does: cylinders that penetrate deeply, so that their contact normals turn with them.
+
+    So more than two of 40 do by chance less than once in 100,000 runs.
+    """
     energies = [energy(clip.scene, clip.trace) for clip in clips(int(rng.integers(2**31)), 40)]
-    assert sum((e - e[0]).max() > 0.05 * e[0] for e in energies) <= 1
+    assert sum((e - e[0]).max() > 0.05 * e[0] for e in energies) <= 2
 
 
 def test_an_upright_cylinder_that_spins_is_not_thrown_up(rng: np.random.Generator) -> None:
@@ -174,7 +177,7 @@ def test_the_change_of_momentum_is_the_impulse_of_the_contacts() -> None:
         (ball(position=(0, 0, 1e11)), "mjWARN_BADQPOS at t=0.000"),
     ],
 )
-def test_numbers_that_go_bad_are_a_simulation_error(obj: SceneObject, told: str) -> None:
+def test_an_unstable_simulation_is_a_simulation_error(obj: SceneObject, told: str) -> None:
     with pytest.raises(SimulationError, match=told):
         simulate(Scene((obj,)))
 

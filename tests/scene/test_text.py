@@ -93,7 +93,7 @@ def test_gravity_may_be_a_vector_and_the_camera_may_turn_anyhow() -> None:
 
 
 @pytest.mark.parametrize("quaternion", ["[1e-200, 0, 0, 0]", "[1e300, 0, 0, 0]", "[-3, 0, 0, 0]"])
-def test_quaternions_of_any_length_but_zero_are_turns(quaternion: str) -> None:
+def test_quaternions_of_any_non_zero_length_are_accepted(quaternion: str) -> None:
     scene = read_scene(GOOD.replace("[1.0, 0.0, 0.0, 0.0]", quaternion))
     assert scene.objects[0].orientation == (1.0, 0.0, 0.0, 0.0)
 

@@ -65,7 +65,7 @@ def test_a_fixed_assignment_is_kept(rng: np.random.Generator) -> None:
     assert wrong.iou[0] < 0.9
 
 
-def test_a_candidate_whose_numbers_go_bad_has_the_worst_reward(rng: np.random.Generator) -> None:
+def test_an_unstable_candidate_has_the_worst_reward(rng: np.random.Generator) -> None:
     scene = sampled(rng, 1)
     bad = replace(scene, objects=tuple(replace(o, velocity=(1e12, 0, 0)) for o in scene.objects))
     e = evaluator(scene)

@@ -66,7 +66,7 @@ def test_no_frames_give_no_pictures() -> None:
     assert empty.shape == (0, 16, 24, 3)
 
 
-def test_a_dressed_document_moves_as_the_bare_one(rng: np.random.Generator) -> None:
+def test_an_appearance_does_not_change_the_motion(rng: np.random.Generator) -> None:
     bare, dressed = scene_mjcf(SCENE), scene_mjcf(SCENE)
     add_appearance(dressed, sample_appearance(rng, 3), 64, 48)
     states = []

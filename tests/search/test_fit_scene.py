@@ -64,8 +64,8 @@ def test_derivatives_of_objects_stepped_together_are_those_of_each_alone() -> No
         np.testing.assert_allclose(got.jacobian[d], (alone[0] - values[0]) / step, atol=1e-3)
 
 
-def test_a_descent_goes_down_and_reaches_the_truth_nearby(rng: np.random.Generator) -> None:
-    reached = []
+def test_a_descent_goes_down_and_reaches_the_truth_nearby() -> None:
+    rng, reached = np.random.default_rng(1), []
     for _ in range(6):
         scene = sampled(rng, 1)
         space = search_space(scene)
@@ -105,7 +105,7 @@ def test_the_guess_of_a_ball_on_the_ground_is_near_it_where_the_camera_is_known(
     np.testing.assert_allclose(found.velocity[:2], ball.velocity[:2], atol=0.25)
 
 
-def test_moves_stand_on_the_ground_or_above_and_keep_to_the_movable(rng: np.random.Generator) -> None:
+def test_jumps_keep_objects_on_or_above_the_ground_and_change_movable_ones_only(rng: np.random.Generator) -> None:
     scene = sampled(rng, 3)
     batch = propose_jumps(rng, stack_scenes([scene]), 40, [0, 2])
     start = stack_scenes([scene])
@@ -141,13 +141,13 @@ def test_an_outline_is_what_corners_span(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(outline("cylinder", half, turn, level), half[:, [0, 2]], atol=1e-12)
 
 
-def test_the_variations_of_a_leap_all_change(rng: np.random.Generator) -> None:
+def test_variations_by_one_kind_of_jump_all_change(rng: np.random.Generator) -> None:
     start = stack_scenes([sampled(rng, 2)])
     for _ in range(8):
         batch = propose_jumps(rng, start, 30, [1], same_kind=True)
         same = [np.all(getattr(batch, name)[1:, 1] == getattr(start, name)[0, 1], axis=-1)
                 for name in ("quaternion", "position", "half_size", "velocity", "angular_velocity")]  # fmt: skip
-        assert np.mean(np.all(same, axis=0)) < 0.3, "a ball at rest may be told to roll as it does"
+        assert np.mean(np.all(same, axis=0)) < 0.3, "a resting ball may be given the spin that it has"
 
 
 def test_shapes_in_doubt_are_tried_least_lost_first() -> None:
@@ -155,9 +155,7 @@ def test_shapes_in_doubt_are_tried_least_lost_first() -> None:
     assert [k.tolist() for k in likely_shapes(costs)] == [[0, 0, 2], [0, 1, 2], [0, 0, 0]]
 
 
-def test_a_large_budget_settles_a_start_more_than_once(
-    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_budget_uses_a_start_more_than_once(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     settled = []
     monkeypatch.setattr(BasinHopping, "descend_from_start", lambda run: settled.append(run.best.scene))
     scene = sampled(rng, 1)
@@ -166,7 +164,7 @@ def test_a_large_budget_settles_a_start_more_than_once(
     assert len(settled) == 2
 
 
-def test_parting_leaves_no_overlap(rng: np.random.Generator) -> None:
+def test_separated_objects_do_not_overlap(rng: np.random.Generator) -> None:
     for _ in range(10):
         scene = sampled(rng, 3)
         crowded = tuple(replace(o, position=tuple(np.array(o.position) * (0.3, 0.3, 1))) for o in scene.objects)
@@ -174,7 +172,7 @@ def test_parting_leaves_no_overlap(rng: np.random.Generator) -> None:
     assert separated(scene) == scene
 
 
-def test_an_answer_that_overlaps_is_parted_before_it_goes_on_record() -> None:
+def test_overlapping_objects_are_separated_before_a_scene_is_recorded() -> None:
     scene = apart()
     e = evaluator(scene)
     crowded = replace(scene, objects=(scene.objects[0], replace(scene.objects[1], position=(-0.3, 0.2, 0.15))))
@@ -183,7 +181,7 @@ def test_an_answer_that_overlaps_is_parted_before_it_goes_on_record() -> None:
     assert record.scene is not None
     assert penetration(crowded) > 0.05
     assert penetration(record.scene) <= DEEPEST
-    assert record.reward < 1, "it is looked at again"
+    assert record.reward < 1, "it is evaluated again"
 
 
 @pytest.mark.parametrize("objects", [1, 2])
@@ -215,9 +213,9 @@ def test_a_search_without_answers_guesses_the_shapes_itself(rng: np.random.Gener
 
 
 @pytest.mark.slow
-def test_most_balls_that_fly_are_told_from_boxes(rng: np.random.Generator) -> None:
+def test_most_moving_balls_are_distinguished_from_boxes() -> None:
     """A textbook case of each: a ball, and a brick that turns."""
-    right = 0
+    rng, right = np.random.default_rng(2), 0
     for k in range(6):
         x = float(rng.uniform(-0.2, 0.2))
         ball = SceneObject("sphere", (0.16,), 1.0, position=(x, 0, 0.16), velocity=(0.4, 0, 0))

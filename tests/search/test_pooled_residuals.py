@@ -20,7 +20,7 @@ def random_picture(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("cell", [1, 3, 5])
-def test_tents_add_up_to_area_centroid_and_flow(rng: np.random.Generator, cell: int) -> None:
+def test_pooled_sums_give_area_centroid_and_flow(rng: np.random.Generator, cell: int) -> None:
     mask, flow = random_picture(rng)
     pooled = np.zeros((3, 3, -(-20 // cell) + 1, -(-30 // cell) + 1), np.float32)
     pool_frame(mask, flow, (0, 20, 0, 30), cell, pooled)
