@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pipeline.model.clip_dataset import ClipDataset
 from transformers.utils import logging
 
 from pipeline.language.codec import Tokens
 from pipeline.model.base import load_base
-from pipeline.model.clip_dataset import ClipDataset
 from pipeline.model.finetune import finetune
 from pipeline.model.patches import resize_frames
 from pipeline.model.trainer import TrainingPlan

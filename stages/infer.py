@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from pipeline.model.prompt import Prompt, bare_prompt, few_shot_prompt
+from pipeline.model.walker import Tries
 
 from pipeline.language.completion import read_completion
 from pipeline.language.few_shot import TEMPLATE, instructions
 from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling, batches, generate
 from pipeline.model.patches import resize_frames
-from pipeline.model.prompt import Prompt, bare_prompt, few_shot_prompt
-from pipeline.model.walker import Tries
 from pipeline.scene.text import write_scene
 from pipeline.shards.dataset import Clip
 from pipeline.shards.opened_shard import OpenShard

@@ -13,10 +13,10 @@ from typing import Any
 import pyarrow as pa
 from tqdm import tqdm
 
+from pipeline.clips.replay import HEIGHT, WIDTH
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
 from pipeline.evaluation.prediction import predict
-from pipeline.evaluation.scene_scores import HEIGHT, WIDTH
 from pipeline.scene.text import write_scene
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.solve import solve

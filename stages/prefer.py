@@ -40,6 +40,7 @@ def keep(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
 
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
     # imported here: it takes seconds, and by default there is nothing to do
+    from pipeline.model.walker import Tries
     from transformers.utils import logging
 
     from pipeline.clips.schedule import Schedule
@@ -48,7 +49,6 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
     from pipeline.model.patches import resize_frames
     from pipeline.model.preference import Pair, draw_answers, prefer, rank_pairs, weighted_reward
     from pipeline.model.trainer import TrainingPlan
-    from pipeline.model.walker import Tries
     from pipeline.search.best_of_k import rank
     from pipeline.search.evaluator import Evaluator
     from stages.graph.clip_pictures import picture_stage, pictures

@@ -43,9 +43,9 @@ def keep(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mappi
 
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
     # imported here: it takes seconds, and by default there is nothing to do
+    from pipeline.model.clip_dataset import ClipDataset
     from transformers.utils import logging
 
-    from pipeline.model.clip_dataset import ClipDataset
     from pipeline.model.patches import resize_frames
     from pipeline.model.scene_vector import encode, scale_of
     from pipeline.model.trainer import TrainingPlan

@@ -146,6 +146,7 @@ def train(args: argparse.Namespace) -> None:
             trainer.save(checkpoint)
     log(0.0)
     trainer.save(checkpoint)
+    trainer.base.input = kind.model_input(params)
     trainer.base.save(args.out)
     shutil.copy(args.work / LOG, args.out / LOG)
     print(f"saved to {args.out}", flush=True)
@@ -153,9 +154,11 @@ def train(args: argparse.Namespace) -> None:
         maker.terminate()
 
 
-def export(work: Path, out: Path) -> None:
+def export(work: Path, out: Path, kind: Kind) -> None:
     """Write the model of the last checkpoint as it stands, and the log."""
-    read_checkpoint(work / CHECKPOINT)[0].save(out)
+    base, _ = read_checkpoint(work / CHECKPOINT)
+    base.input = kind.model_input(read_params_file(PARAMS_FILE, Params))
+    base.save(out)
     shutil.copy(work / LOG, out / LOG)
     print(f"saved to {out}", flush=True)
 
@@ -195,7 +198,7 @@ def main() -> None:
     parser.add_argument("--export", action="store_true", help="write the last checkpoint to --out and train nothing")
     args = parser.parse_args()
     if args.export:
-        export(args.work, args.out)
+        export(args.work, args.out, Kind(args.input, args.silent))
     else:
         train(args)
 

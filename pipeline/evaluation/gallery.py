@@ -6,17 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pipeline.clips.replay import HEIGHT, WIDTH, replay_poses
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
 from pipeline.evaluation.figures import painted, tiled
-from pipeline.evaluation.scene_scores import HEIGHT, WIDTH, replay
-from pipeline.physics.batch import BatchSimulator, stack_scenes
 from pipeline.scene.scene import Scene
-from pipeline.vision.appearance import plain_appearance
 from pipeline.vision.flow_picture import flow_picture
-from pipeline.vision.render import render_raycast
 
 COLUMNS = 5
+PICTURE = (360, 240)  # px, width and height, of a rendered replay
 
 
 def clip_picture(
@@ -37,18 +35,9 @@ def clip_picture(
     ]
     for name, scene in answers.items():
         try:
-            own = replay(scene, schedule)
-            rows.append((f"{name}: replay", list(_rendered(scene, schedule, moments))))
+            own = replay_poses(scene, schedule)
+            rows.append((f"{name}: replay", list(own.pictures("raycast", moments, *PICTURE))))
             rows.append((f"{name}: its masks over the input", [painted(frames[m], own.masks[m]) for m in moments]))
         except SimulationError:
             rows.append((f"{name}: the simulation goes bad", [np.full((HEIGHT, WIDTH, 3), 128, np.uint8)]))
     return tiled(rows)
-
-
-def _rendered(scene: Scene, schedule: Schedule, moments: np.ndarray) -> np.ndarray:
-    states = BatchSimulator(scene.shapes, scene.ground is not None, 1, 1).run(
-        stack_scenes([scene]), schedule.frame_steps[moments]
-    )
-    return render_raycast(
-        scene, states.position[0], states.quaternion[0], plain_appearance(len(scene.objects)), 360, 240
-    )

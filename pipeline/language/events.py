@@ -53,17 +53,30 @@ class Event:
 
 @dataclass(frozen=True)
 class Thresholds:
-    """impact_speed: approach along the normal, m/s, below which a touch is no hit. separation: s without contact
-    before a touch counts as new and the body as having flown. slip_speed, moving_speed: m/s. duration: s that a regime
-    has to last. visible_px: area, px of 480x320, from which an object is in view. most: events kept, the first ones."""
+    """From which values on something is an event.
 
-    impact_speed: float = 0.2
-    separation: float = 0.1
-    slip_speed: float = 0.05
-    moving_speed: float = 0.03
-    duration: float = 0.1
-    visible_px: float = 32.0
-    most: int = 12
+    Attributes:
+        impact_speed: Approach along the normal, m/s, below which a touch is no hit.
+        separation: s without contact before a touch counts as new and the body as having flown.
+        slip_speed: Of a contact point, m/s, above which a body slides.
+        moving_speed: m/s, below which a body rests.
+        duration: s that a regime has to last.
+        visible_px: Area, px of 480x320, from which an object is in view.
+        most: Events kept, the first ones.
+    """
+
+    impact_speed: float
+    separation: float
+    slip_speed: float
+    moving_speed: float
+    duration: float
+    visible_px: float
+    most: int
+
+
+#: Outside the graph, which has its own in params.yaml (`events`, `sample.filters.visible_px`; a test compares them).
+DEFAULT_THRESHOLDS = Thresholds(impact_speed=0.2, separation=0.1, slip_speed=0.05, moving_speed=0.03, duration=0.1,
+                                visible_px=32.0, most=12)  # fmt: skip
 
 
 def find_events(

@@ -1,9 +1,12 @@
-"""What stands beside the weights of a checkpoint: tokenizer and clip layout, by folder or name in the local cache."""
+"""What a checkpoint has beside its weights: tokenizer, clip layout, and how the pictures are made that it is shown.
+
+A checkpoint is a folder, or a name in the local hub cache; nothing is downloaded here.
+"""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +16,94 @@ from pipeline.errors import ModelError
 from pipeline.model.patches import PatchLayout
 
 LAYOUT_FILE = "clip_layout.json"
+INPUT_FILE = "model_input.json"
+
+
+@dataclass(frozen=True)
+class ModelInput:
+    """How a model's input is made, as it was trained: model_input.json. The pictures' size and number are in
+    clip_layout.json.
+
+    Attributes:
+        input: What the pictures show: "flow", or the frames themselves ("rgb").
+        picture: How flow becomes a picture: "channels" or "wheel" (`pipeline.vision.flow_picture`); None for "rgb".
+        flow_source: Where the flow in training came from: "exact" (with noise like RAFT's), "raft" or "dis"; None for
+            "rgb". A model of exact flow may be shown measured flow; one of measured flow is shown that alone.
+        flow_size: px, width and height, at which flow is estimated from frames; None for "rgb".
+        flow_iterations: Of RAFT; None for "rgb".
+        reasoning: Whether the model writes `<think>` before `<answer>`.
+    """
+
+    input: str
+    picture: str | None
+    flow_source: str | None
+    flow_size: tuple[int, int] | None
+    flow_iterations: int | None
+    reasoning: bool
+
+    def __post_init__(self) -> None:
+        _check_value("input", self.input, tuple(_VALID["input"]))
+        shows_flow = self.input == "flow"
+        for name in ("picture", "flow_source"):
+            _check_value(name, getattr(self, name), _VALID[name] if shows_flow else (None,))
+        numbers = [*(self.flow_size or ()), self.flow_iterations]
+        if shows_flow and not (len(numbers) == 3 and all(isinstance(n, int) and n > 0 for n in numbers)):
+            raise ModelError(
+                f"`flow_size` is {self.flow_size} and `flow_iterations` {self.flow_iterations}; valid: [width, height] "
+                "in px and a number of iterations"
+            )
+        _check_value("reasoning", self.reasoning, (True, False))
+
+    @classmethod
+    def of(
+        cls, input: str, picture: str, flow_source: str, flow_size: tuple[int, int], flow_iterations: int,
+        reasoning: bool,
+    ) -> ModelInput:  # fmt: skip
+        """From settings in which those of flow are given whatever the input is."""
+        if input == "rgb":
+            return cls(input, None, None, None, None, reasoning)
+        return cls(input, picture, flow_source, flow_size, flow_iterations, reasoning)
+
+    def check(self, name: str, given: object, parameter: str, checkpoint: str) -> None:
+        """Raise ModelError where a setting contradicts what the checkpoint was trained with.
+
+        Args:
+            name: Of the field.
+            given: The setting's value.
+            parameter: What the user calls it: `flow.picture`, `--flow`.
+            checkpoint: Its name or folder.
+        """
+        own = getattr(self, name)
+        if name == "flow_source" and own == "exact":
+            return
+        if given != own:
+            raise ModelError(
+                f"{parameter} is {_shown(given)}, but {checkpoint} was trained with {name} {_shown(own)} "
+                f"({INPUT_FILE}); valid: {_shown(own)}"
+            )
+
+
+_VALID: dict[str, tuple[str, ...]] = {
+    "input": ("flow", "rgb"), "picture": ("channels", "wheel"), "flow_source": ("exact", "raft", "dis"),
+}  # fmt: skip
+
+
+def _shown(value: object) -> str:
+    return json.dumps(value)
+
+
+def _check_value(name: str, value: object, valid: tuple[object, ...]) -> None:
+    if value not in valid:
+        raise ModelError(f"`{name}` is {_shown(value)}; valid: {', '.join(map(_shown, valid))}")
 
 
 def unavailable(name: str, error: Exception) -> ModelError:
-    """The one sentence for a checkpoint that cannot be had; nothing is downloaded here."""
+    """The one sentence for a checkpoint that cannot be loaded."""
     fetch = name if "/" in name and not Path(name).exists() else "Qwen/Qwen2.5-VL-3B-Instruct"
     return ModelError(
-        f"model.base: {name!r} is neither a folder with a Qwen2.5-VL checkpoint (config.json, model.safetensors, "
-        f"tokenizer.json) nor in the local hub cache. Valid: models/tiny, or fetch it first on a machine with a "
-        f"network: hf download {fetch}. ({str(error).splitlines()[0]})"
+        f"{name!r} is neither a folder with a Qwen2.5-VL checkpoint (config.json, model.safetensors, tokenizer.json) "
+        f"nor in the local hub cache. Valid: models/tiny, or fetch it first on a machine with a network: hf download "
+        f"{fetch}. ({str(error).splitlines()[0]})"
     )
 
 
@@ -48,16 +130,46 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
             vision = AutoConfig.from_pretrained(name, local_files_only=True).vision_config
             unit = vision.patch_size * vision.spatial_merge_size
             if width % unit or height % unit:
-                size = f"{width} x {height}"
-                raise ModelError(f"model.width, model.height: {size}; valid for {name}: multiples of {unit} px")
+                raise ModelError(
+                    f"{name!r} takes frames whose sides are multiples of {unit} px, not {width} x {height}"
+                )
             layout = PatchLayout(width, height, frames, vision.patch_size, vision.temporal_patch_size,
                                  vision.spatial_merge_size)  # fmt: skip
     except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
         raise unavailable(name, error) from None
     if layout.frames != frames:
-        raise ModelError(f"clip.model_frames is {frames}; valid: {layout.frames}, on which {name} was trained")
+        raise ModelError(f"{name!r} was trained on {layout.frames} frames a clip; {frames} cannot be shown to it")
     return layout
 
 
 def write_layout(folder: Path, layout: PatchLayout) -> None:
     (folder / LAYOUT_FILE).write_text(json.dumps(asdict(layout), indent=1) + "\n")
+
+
+def read_input(name: str) -> ModelInput | None:
+    """How the checkpoint's input is made; None where it has not recorded that. Raises `ModelError` for a bad record."""
+    file = Path(name) / INPUT_FILE
+    if not file.is_file():
+        return None
+    try:
+        stored = json.loads(file.read_text())
+        size = stored["flow_size"]
+        return ModelInput(**stored | {"flow_size": None if size is None else tuple(size)})
+    except ModelError as error:
+        raise ModelError(f"{file}: {error}") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        keys = ", ".join(f.name for f in fields(ModelInput))
+        raise ModelError(f"{file} cannot be used ({error}); valid: an object with {keys}") from None
+
+
+def write_input(folder: Path, model_input: ModelInput) -> None:
+    (folder / INPUT_FILE).write_text(json.dumps(asdict(model_input), indent=1) + "\n")
+
+
+def missing_input(name: str) -> ModelError:
+    """The error for a checkpoint whose model has to be shown something, and that has not recorded what."""
+    example = ModelInput("flow", "channels", "exact", (240, 160), 4, True)
+    return ModelError(
+        f"{name!r} has no {INPUT_FILE}, so it is not known what it was trained to see. Write into that file how its "
+        f"input was made, as {json.dumps(asdict(example))}, or tune it again: the stage `finetune` writes it"
+    )

@@ -18,10 +18,9 @@ from torch.utils.data import Dataset
 
 from pipeline.language.completion import read_completion
 from pipeline.model.base import Base
-from pipeline.model.choices import Choices, choices_in, log_probabilities
 from pipeline.model.generate import Sampling, batches, generate
+from pipeline.model.likelihood import ConstrainedTokens, constrained_tokens, log_probabilities
 from pipeline.model.trainer import Report, TrainingPlan, train
-from pipeline.model.walker import Tries
 from pipeline.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -53,16 +52,15 @@ def pairs_of(clip: int, completions: Sequence[str], rewards: Sequence[float], ma
 
 
 def draw_answers(
-    base: Base, pictures: Mapping[int, np.ndarray], sampling: Sampling, seeds: Mapping[int, int], batch_size: int,
-    tries: Tries,
-) -> dict[int, list[str]]:  # fmt: skip
+    base: Base, pictures: Mapping[int, np.ndarray], sampling: Sampling, seeds: Mapping[int, int], batch_size: int
+) -> dict[int, list[str]]:
     """Sampled completions of each clip (T, H, W, 3) uint8, about `batch_size` of them at a time."""
     clips = list(pictures)
     written: dict[int, list[str]] = {}
     for part in batches(len(clips), sampling.samples, batch_size):
         members = [clips[i] for i in part]
         shown = np.stack([pictures[clip] for clip in members])
-        answers = generate(base, shown, sampling, [seeds[clip] for clip in members], tries)
+        answers = generate(base, shown, sampling, [seeds[clip] for clip in members])
         written |= {clip: [a.text for a in each] for clip, each in zip(members, answers, strict=True)}
     return written
 
@@ -99,8 +97,8 @@ def dpo_loss(margin: torch.Tensor) -> torch.Tensor:
 class _Example:
     """A pair as it is trained on, with the log-probabilities that the frozen reference gives."""
 
-    better: Choices
-    worse: Choices
+    better: ConstrainedTokens
+    worse: ConstrainedTokens
     reference_better: float
     reference_worse: float
     picture: np.ndarray
@@ -108,14 +106,14 @@ class _Example:
 
 def prefer(
     base: Base, pairs: Sequence[Pair], pictures: Mapping[int, np.ndarray], beta: float, sampling: Sampling,
-    plan: TrainingPlan, work: Path, report: Report, tries: Tries,
+    plan: TrainingPlan, work: Path, report: Report,
 ) -> None:  # fmt: skip
     """Train `base` in place on the pairs of clips (T, H, W, 3) uint8, with itself as it is now as the reference.
 
     work, report: as `train`; rows have loss, accuracy (share of pairs whose better completion has the higher implied
     reward) and margin (mean of the implied rewards' differences).
     """
-    examples = _examples(base, pairs, pictures, sampling, plan.batch_size, tries)
+    examples = _examples(base, pairs, pictures, sampling, plan.batch_size)
 
     def objective(batch: Sequence[_Example]) -> tuple[torch.Tensor, Mapping[str, float]]:
         better, worse = _both(base, batch)
@@ -128,11 +126,10 @@ def prefer(
 
 
 def _examples(
-    base: Base, pairs: Sequence[Pair], pictures: Mapping[int, np.ndarray], sampling: Sampling, batch_size: int,
-    tries: Tries,
-) -> list[_Example]:  # fmt: skip
-    def written(text: str) -> Choices:
-        return choices_in(base, text, sampling.reasoning, sampling.seconds, tries)
+    base: Base, pairs: Sequence[Pair], pictures: Mapping[int, np.ndarray], sampling: Sampling, batch_size: int
+) -> list[_Example]:
+    def written(text: str) -> ConstrainedTokens:
+        return constrained_tokens(base, text, sampling.reasoning, sampling.seconds)
 
     bare = [_Example(written(p.better), written(p.worse), 0.0, 0.0, pictures[p.clip]) for p in pairs]
     out: list[_Example] = []

@@ -15,9 +15,8 @@ from torch import nn
 from torch.nn import functional
 from transformers import VivitConfig, VivitModel, VivitPreTrainedModel
 
-from pipeline.model.clip_dataset import ClipDataset
 from pipeline.model.scene_vector import CLASSES, HEAD, SLOT, SLOTS, Scale, SceneVector, decode, likeliest_shapes
-from pipeline.model.trainer import Report, TrainingPlan, train
+from pipeline.model.trainer import ClipDataset, Report, TrainingPlan, train
 from pipeline.scene.scene import Scene
 
 TUBELET = (2, 16, 16)  # frames, rows, columns of a token, as in the published ViViT-B/16x2

@@ -1,8 +1,7 @@
 import numpy as np
 from sampled_scenes import SCHEDULE, clips
 
-from pipeline.clips.areas import areas_px
-from pipeline.clips.view import frame_masks, pair_view, trace_pairs
+from pipeline.clips.view import areas_px, frame_masks, pair_view, trace_pairs
 
 
 def test_areas_count_the_pixels_of_each_object_at_480x320(rng: np.random.Generator) -> None:

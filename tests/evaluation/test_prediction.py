@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sampled_scenes import SCHEDULE, draw
 
+from pipeline.clips.replay import replay_poses
 from pipeline.evaluation.prediction import carried, moved_on, predict
-from pipeline.evaluation.scene_scores import replay
 from pipeline.scene.scene import SceneObject
 
 
@@ -41,7 +41,7 @@ def test_a_ball_that_rolls_on_is_carried_by_its_true_scene(rng: np.random.Genera
     scene = draw(int(rng.integers(2**31)), [0], {1: 1.0}).scenes[0]
     ball = SceneObject("sphere", (0.15,), 1.0, position=(-0.2, 0.2, 0.15), velocity=(0.4, 0, 0))
     scene = replace(scene, objects=(ball,))
-    said = predict(scene, replay(scene, SCHEDULE).masks, 15, SCHEDULE)
+    said = predict(scene, replay_poses(scene, SCHEDULE).masks, 15, SCHEDULE)
     assert said.carried > 0.85 > said.frozen
 
 
@@ -54,7 +54,7 @@ def test_one_that_is_gone_before_the_end_moves_on_unseen() -> None:
 def test_the_true_scene_foretells_its_own_future_and_better_than_the_baselines(rng: np.random.Generator) -> None:
     scene = draw(int(rng.integers(2**31)), [0], {2: 1.0}).scenes[0]
     scene = replace(scene, objects=tuple(replace(o, velocity=(0.6, 0.0, 0.0)) for o in scene.objects))
-    masks = replay(scene, SCHEDULE).masks
+    masks = replay_poses(scene, SCHEDULE).masks
     said = predict(scene, masks, 15, SCHEDULE)
     assert said.search == pytest.approx(1) and said.seen == pytest.approx(1)
     assert said.velocity <= 1 and said.frozen < 1

@@ -10,7 +10,7 @@ from transformers import GPT2Config
 from pipeline.errors import ModelError
 from pipeline.model.base import load_base
 from pipeline.model.checkpoint import load_tokenizer, read_layout
-from pipeline.model.loss import batch_loss, make_batch
+from pipeline.model.finetune import batch_loss, make_batch
 
 
 @pytest.fixture(scope="module")

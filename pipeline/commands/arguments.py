@@ -1,12 +1,9 @@
-"""Types of the words on the command line, for argparse."""
+"""Types of the command line's arguments, for argparse."""
 
 from __future__ import annotations
 
 import argparse
 from math import isfinite
-from pathlib import Path
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def positive(text: str) -> float:
@@ -30,13 +27,6 @@ def count(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number, 0 or more")
     return int(text)
-
-
-def existing_or_shipped(name: str) -> str:
-    """A path as given; where it is not there from here, the same path in this project (models/tiny), if it is there."""
-    if not Path(name).exists() and not Path(name).is_absolute() and (ROOT / name).exists():
-        return str(ROOT / name)
-    return name
 
 
 def _number(text: str) -> float:

@@ -1,4 +1,4 @@
-"""What the shards of a suite know of one clip, gathered for the viewer.
+"""What `dynamics view` shows: a clip of a shard, a scene, or a recording.
 
 The stages of one suite lie beside each other (data/<stage>/<suite>): whichever is opened, the others add what they
 have. Tables and arrays are known by their names, so that a stage which writes them is shown too.
@@ -6,31 +6,154 @@ have. Tables and arrays are known by their names, so that a stage which writes t
 
 from __future__ import annotations
 
+import os
+import shutil
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pipeline.api.scene_source import read_scene_source, with_camera
+from pipeline.api.simulate import run_schedule
+from pipeline.clips.replay import Replay, replay_trace
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import frame_masks
-from pipeline.commands.replay import run_scene
-from pipeline.errors import ShardError
+from pipeline.errors import OutputError, SceneError, ShardError
 from pipeline.language.events import Event
+from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.physics.trace_shards import STATE_NAMES, read_trace
 from pipeline.scene.scene import Scene
-from pipeline.scene.text import read_scene
+from pipeline.scene.text import read_scene, write_scene
+from pipeline.shards.arrays import open_arrays
 from pipeline.shards.dataset import Clip, open_shards
 from pipeline.shards.manifest import MANIFEST
+from pipeline.shards.output_errors import writing_to
 from pipeline.shards.shard import MAIN_TABLE
+from pipeline.shards.tables import CLIP_COLUMN, read_table
+from pipeline.viewer import recording
 from pipeline.viewer.footage import Footage, Motion, Pictures
-from pipeline.vision.appearance import plain_appearance
-from pipeline.vision.render import render_rgb
 
+RECORDING = "recording.rrd"
 #: Stages whose rows are answers, the furthest first; the truth is in `sample`.
 ANSWERS = ("fit", "cmaes", "best_of_k", "infer")
 TRUTH = "sample"
+
+
+def show(place: Path, clip: int | None, seconds: float, file: Path | None) -> None:
+    """Show what is at `place`, or write it to `file`. Raises DynamicsError."""
+    if file is not None and file.suffix != ".rrd":
+        raise OutputError(f"--save {file}: valid: a name that ends in .rrd")
+    if file is not None and (file.is_dir() or not file.absolute().parent.is_dir()):
+        raise OutputError(f"--save {file}: it is a folder, or there is none to write it into; valid: a file's name")
+    if file is None and not has_display():
+        raise OutputError(
+            "there is no display here for the viewer: give --save FILE.rrd, and open that file with `rerun FILE.rrd` "
+            "on a machine with a display, or in a browser at https://rerun.io/viewer"
+        )
+    made = place / RECORDING if place.is_dir() else place
+    if made.suffix == ".rrd" and made.is_file():
+        _show_file(made, file)
+        return
+    shown = _footage(place, clip, seconds)
+    what = ", ".join(f"{m.name} ({m.scene.composition})" for m in shown.motions)
+    print(f"showing    {shown.name}: {what or 'pictures'}")
+    if file is None:
+        recording.show(shown)
+    else:
+        recording.save(shown, file)
+        print(f"written    {file}: open it with `rerun {file}`")
+
+
+def has_display() -> bool:
+    """Whether a window can be opened."""
+    return not sys.platform.startswith("linux") or any(os.environ.get(k) for k in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+def _footage(place: Path, clip: int | None, seconds: float) -> Footage:
+    if not place.exists():
+        raise ShardError(
+            f"{place}: there is nothing; valid: a folder of shards (data/render/id), one of its files, a scene (YAML), "
+            "or a folder that `dynamics` wrote"
+        )
+    shards = shard_folder(place)
+    if shards is not None:
+        return clip_footage(open_clip(*shards, clip))
+    if place.suffix == ".parquet":
+        return scene_footage(*_table_scene(place, clip), seconds)
+    if place.suffix == ".zarr":
+        return _array_footage(place, clip or 0)
+    if clip is not None:
+        raise SceneError(f"--clip {clip}: {place} is a scene, not clips")
+    return scene_footage(read_scene_source(place), place.stem or place.resolve().name, seconds)
+
+
+def scene_footage(scene: Scene, name: str, seconds: float) -> Footage:
+    """A scene that is run for `seconds`, as its camera sees it, or one that sees it all."""
+    schedule = run_schedule(seconds)
+    trace = simulate(scene, schedule.seconds)
+    seen, note = with_camera(scene, trace.position)
+    text = "\n".join([f"### {name}", "", *([f"- {note}"] if note else []), "", "```yaml", write_scene(scene), "```"])
+    if seen.camera is None:
+        return Footage(name, text, (Motion("scene", seen, trace),), fps=schedule.fps)
+    run = replay_trace(seen, trace, schedule)
+    motion = Motion("scene", seen, trace, True, run.events)
+    return Footage(name, text, (motion,), _run_pictures(run), fps=schedule.fps)
+
+
+def _run_pictures(run: Replay) -> Pictures:
+    first = run.schedule.pairs[:, 0]
+    return Pictures(run.pictures("raycast"), run.masks, run.depth, first, run.flow, first)
+
+
+def _table_scene(path: Path, clip: int | None) -> tuple[Scene, str]:
+    """The scene of a clip in a table without its manifest."""
+    try:
+        table = read_table(path)
+    except (OSError, ValueError) as error:
+        raise ShardError(f"{path} is damaged, or no Parquet file ({error})") from error
+    if not {CLIP_COLUMN, "scene"} <= set(table.column_names):
+        raise ShardError(f"{path} has no columns `clip` and `scene`, only {', '.join(table.column_names)}")
+    clips = table.column(CLIP_COLUMN).to_pylist()
+    wanted = clips[0] if clip is None and clips else clip
+    if wanted not in clips:
+        raise ShardError(f"{path} has no clip {wanted}; valid: {_some(clips)}")
+    return read_scene(table.column("scene")[clips.index(wanted)].as_py(), str(path)), f"{path.stem}/{wanted}"
+
+
+def _array_footage(path: Path, clip: int) -> Footage:
+    """The pictures of a clip in a group of arrays without its manifest."""
+    try:
+        group = open_arrays(path)
+        found = {name: group[name] for name in ("rgb", "mask", "flow") if name in group}
+    except (OSError, ValueError, KeyError) as error:
+        raise ShardError(f"{path} is damaged, or no Zarr group ({error})") from error
+    if not found:
+        raise ShardError(f"{path} has no pictures (rgb, mask, flow), only {', '.join(group) or 'nothing'}")
+    count = min(map(len, found.values()))
+    if not 0 <= clip < count:
+        raise ShardError(f"--clip {clip}: {path} has the clips 0 to {count - 1}")
+    read = {name: array[clip] for name, array in found.items()}
+    flow = read.get("flow")
+    frames = np.arange(0) if flow is None else Schedule(model_frames=len(flow)).pairs[:, 0]
+    return Footage(f"{path.stem}/{clip}", f"### clip {clip} of `{path}`", (),
+                   Pictures(read.get("rgb"), read.get("mask"), flow=flow, flow_frames=frames))  # fmt: skip
+
+
+def _show_file(made: Path, file: Path | None) -> None:
+    print(f"showing    {made}")
+    if file is None:
+        recording.show_file(made)
+        return
+    with writing_to(file):
+        shutil.copyfile(made, file)
+    print(f"written    {file}: open it with `rerun {file}`")
+
+
+def _some(values: list[int]) -> str:
+    shown = sorted(set(values))
+    return ", ".join(map(str, shown)) if len(shown) <= 12 else f"{shown[0]} to {shown[-1]}"
 
 
 @dataclass(frozen=True)
@@ -85,7 +208,7 @@ def open_clip(folder: Path, shard: str | None, index: int | None) -> Opened:
     return Opened(place.parent.name, dataset.manifest.suite, clips, schedule, notes)
 
 
-def footage(opened: Opened) -> Footage:
+def clip_footage(opened: Opened) -> Footage:
     """The clip's motions, pictures and events. Raises ShardError where none of its stages has anything to see."""
     schedule = opened.schedule
     motions = []
@@ -97,7 +220,7 @@ def footage(opened: Opened) -> Footage:
     if answer is not None:
         stage, row = answer
         scene = read_scene(row["scene"])
-        motions.append(Motion(stage, scene, run_scene(scene, schedule), truth is None))
+        motions.append(Motion(stage, scene, simulate(scene, schedule.seconds), truth is None))
         scores = [f"{name} {row[name]:.2f}" for name in ("reward", "iou") if row.get(name) is not None]
         opened.notes.extend([f"{stage}: {', '.join(scores)}"] if scores else [])
     seen = _pictures(opened)
@@ -136,7 +259,7 @@ def _trace(opened: Opened, scene: Scene) -> Trace:
     for clip in opened.clips.values():
         if set(STATE_NAMES) <= set(clip.shard.arrays) and "contacts" in clip.shard.tables:
             return read_trace(clip.shard, clip.index)
-    return run_scene(scene, opened.schedule)
+    return simulate(scene, opened.schedule.seconds)
 
 
 def _events(opened: Opened) -> tuple[Event, ...]:
@@ -168,11 +291,8 @@ def _replayed(motions: list[Motion], seen: Pictures, schedule: Schedule) -> Pict
     """The answer as the camera sees it, at the size of the clip's pictures."""
     motion = motions[-1]
     width, height = seen.size or (240, 160)
-    steps = schedule.frame_steps
-    look = plain_appearance(len(motion.scene.objects))
-    positions, quaternions = motion.trace.position[steps], motion.trace.quaternion[steps]
-    rgb = render_rgb(motion.scene, positions, quaternions, look, width, height, "raycast")
-    return Pictures(rgb, frame_masks(motion.scene, motion.trace, schedule, width, height))
+    run = replay_trace(motion.scene, motion.trace, schedule, width, height)
+    return Pictures(run.pictures("raycast"), run.masks)
 
 
 def _notes(opened: Opened, motions: list[Motion], index: int) -> str:

@@ -1,4 +1,4 @@
-"""One sequence being written under the grammar, token by token."""
+"""Constrained decoding: which tokens may come next under the grammar, for one sequence that is being written."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from pipeline.language.grammar import Element, Grammar, Literal, Number
 Trie = dict[int, "Trie | str"]  # token -> what may follow, or the whole text where the element ends
 
 
-class Tries:
-    """For each choice and number of the grammar, its texts as a tree of token ids, those of numbers in ascending order;
-    built once and kept."""
+class TrieCache:
+    """For each choice and number of the grammar a trie of its texts' tokens, those of numbers in ascending order.
+
+    A trie is built when it is first needed, and kept.
+    """
 
     def __init__(self, codec: Codec) -> None:
         self._codec = codec
@@ -33,8 +35,8 @@ class Tries:
 
 
 def ascending(trie: Trie) -> Trie:
-    """With the tokens of a number in the order of the numbers that they begin. Where these are not next to each other
-    (1.5 and 15, of a tokenizer that cuts numbers into digits), the one nearest to zero counts."""
+    """The trie with its tokens in the order of the numbers that they begin. Where the numbers that a token begins are
+    not neighbours (1.5 and 15, with a tokenizer that splits numbers into digits), the one nearest to zero counts."""
     children = {token: node if isinstance(node, str) else ascending(node) for token, node in trie.items()}
     return dict(sorted(children.items(), key=lambda item: _nearest_to_zero(item[1])))
 
@@ -43,17 +45,24 @@ def _nearest_to_zero(node: Trie | str) -> float:
     return float(node) if isinstance(node, str) else min(map(_nearest_to_zero, node.values()), key=abs)
 
 
-class Walker:
-    """Steers one sequence. `forced()` gives tokens to append unasked; `allowed` the tokens among which the model then
-    chooses, those of a number in ascending order; `take(token)` appends its choice. `text` is what has been written."""
+class GrammarState:
+    """The state of the grammar in one sequence.
 
-    def __init__(self, grammar: Grammar, codec: Codec, tries: Tries) -> None:
+    Append the tokens of `forced()`, choose one of `allowed` and give it to `take`, and repeat until `finished`.
+
+    Attributes:
+        text: What has been written.
+        numeric: Whether the next token belongs to a number; `allowed` is then in ascending order.
+        quantile: The quantile to follow in this number, for a sampler that draws by them; None at its start.
+    """
+
+    def __init__(self, grammar: Grammar, codec: Codec, tries: TrieCache) -> None:
         self._grammar, self._codec, self._tries = grammar, codec, tries
         self._element: Element | None = next(grammar)
         self._node: Trie = {}
         self.text = ""
         self.numeric = False
-        self.quantile: float | None = None  # of what may follow, for who chooses a number by one; None when it begins
+        self.quantile: float | None = None
         self._enter()
 
     @property
@@ -65,7 +74,7 @@ class Walker:
         return list(self._node)
 
     def forced(self) -> list[int]:
-        """Tokens that follow without a choice: fixed texts, and places where one token alone is allowed."""
+        """The tokens that follow without a choice: fixed texts, and places where one token alone is allowed."""
         ids: list[int] = []
         while self._element is not None:
             if isinstance(self._element, Literal):

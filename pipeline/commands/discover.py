@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pipeline.commands.words import count
+from pipeline.commands.arguments import count
 
 SUMMARY = "find where measured motion and a scene disagree, and name the physics that the scene lacks"
 DESCRIPTION = """\
@@ -42,7 +42,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    from pipeline.commands.discover_tracks import discover_tracks
+    from pipeline.api.discover import discover
+    from pipeline.api.result_folder import check_replaceable, result_folder
+    from pipeline.inference.progress import Progress
 
     a = arguments
-    discover_tracks(a.measured, a.scene, a.out, a.held_out, a.effects, a.seed, a.force)
+    check_replaceable(a.out, a.force)
+    with Progress(2, shown=True) as progress:
+        found = discover(
+            a.measured, a.scene, held_out=a.held_out, effects=a.effects, seed=a.seed, progress=progress
+        )  # fmt: skip
+        with progress.step("report"), result_folder(a.out, a.force) as folder:
+            found.write(folder)
+    print(f"{'verdict':<11}{found.sentence}")
+    for note in found.report["notes"]:
+        print(f"{'note':<11}{note}")
+    print(f"{'written':<11}{a.out}: look at report.html first")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pipeline.commands.words import positive
+from pipeline.commands.arguments import positive
 
 SUMMARY = "run a scene, change a number, see what would have happened"
 DESCRIPTION = """\
@@ -35,7 +35,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    from pipeline.commands.what_if import what_if
+    from pipeline.api.overlay import aligned
+    from pipeline.api.result_folder import check_replaceable
+    from pipeline.api.simulate import simulate
+    from pipeline.inference.progress import Progress
 
     a = arguments
-    what_if(a.scene, a.edits, a.seconds, a.out, a.force)
+    if a.out is not None:
+        check_replaceable(a.out, a.force)
+    found = simulate(a.scene, a.seconds, a.edits)
+    for line in aligned(found.table()):
+        print(line)
+    if not a.edits:
+        print("note: nothing was changed; give --set, as --set objects[0].mass=2")
+    if a.out is not None:
+        with Progress(1, shown=True) as progress:
+            found.save(a.out, a.force, progress)
+        print(f"written    {a.out}: replay.mp4 shows both")

@@ -1,4 +1,4 @@
-"""The user's clip as `dynamics infer` works on it: frames, masks, flow, and what was assumed on the way."""
+"""A user's clip: its frames, masks and flow, and what was assumed on the way."""
 
 from __future__ import annotations
 
@@ -8,24 +8,28 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
-from pipeline.commands.progress import Progress
 from pipeline.errors import VideoError
+from pipeline.inference.progress import Progress
 from pipeline.language.completion import MAX_OBJECTS
 from pipeline.vision.dis import DIS
 from pipeline.vision.measured_flow import measured_flow
 from pipeline.vision.raft import RAFT
 from pipeline.vision.user_clip import UserClip, read_user_clip
 
-FLOW_SIZE = (240, 160)  # px at which the flow is measured
-FLOW_ITERATIONS = 4
 STILL_PX = 0.3  # px of 480x320 per frame interval: a slower body does not move
 SHAKING_PX = 0.5  # of the background: the camera moves
 
 
 @dataclass(frozen=True)
-class ClipInput:
-    """taken: frames and masks; flow (P, H, W, 2), px of the frames, of the schedule's pairs; notes: what was assumed or
-    may be wrong, a sentence each."""
+class MeasuredClip:
+    """What is known of a clip before anything is inferred.
+
+    Attributes:
+        taken: Frames and masks.
+        schedule: Which moments are frames, and which pairs of them the model sees.
+        flow: (P, H, W, 2), px of the frames, of these pairs.
+        notes: What was assumed or may be wrong, a sentence each.
+    """
 
     taken: UserClip
     schedule: Schedule
@@ -50,23 +54,47 @@ def clip_schedule(place: Path, seconds: float) -> Schedule:
     return Schedule(seconds=seconds)
 
 
-def read_input(
-    place: Path, start: float, seconds: float, fps: float | None, masks: Path | None, estimator: RAFT | DIS,
-    progress: Progress,
-) -> ClipInput:  # fmt: skip
-    """Frames, masks and flow. Raises VideoError for a video or masks that cannot be used, or where nothing moves."""
+def measure_clip(
+    place: Path,
+    estimator: RAFT | DIS,
+    flow_size: tuple[int, int],
+    flow_iterations: int,
+    *,
+    start: float = 0.0,
+    seconds: float = 1.0,
+    fps: float | None = None,
+    masks: Path | None = None,
+    progress: Progress | None = None,
+) -> MeasuredClip:
+    """Read a clip's frames and masks, and measure its flow.
+
+    Args:
+        place: A video, or a folder with one and masks.
+        estimator: Of flow.
+        flow_size: px, width and height, at which the estimator works.
+        flow_iterations: Of the estimator.
+        start: s, where the clip begins in the video.
+        seconds: Its length.
+        fps: Frames a second at which it was shot; None for what the file says.
+        masks: A file or folder of instance masks; None for those beside the video, or from motion.
+        progress: Told of the two steps.
+
+    Raises:
+        VideoError: For a video or masks that cannot be used, or where nothing moves.
+    """
+    progress = progress or Progress()
     schedule = clip_schedule(place, seconds)
     with progress.step("frames and masks"):
         taken = read_user_clip(place, start, seconds, schedule.fps, fps, masks)
     with progress.step("flow"):
         pairs = schedule.pairs
         flow = measured_flow(estimator, taken.clip.frames, taken.clip.source_times, pairs, 1 / schedule.fps,
-                             FLOW_ITERATIONS, FLOW_SIZE)  # fmt: skip
+                             flow_iterations, flow_size)  # fmt: skip
     speed = np.linalg.norm(flow, axis=-1)
     seen = taken.masks[pairs[:, 0]]
     check_motion(place, speed, seen)
     notes = [*taken.clip.notes, *doubts(speed, seen, seconds)]
-    return ClipInput(taken, schedule, flow, tuple(notes))
+    return MeasuredClip(taken, schedule, flow, tuple(notes))
 
 
 def check_motion(place: Path, speed: np.ndarray, masks: np.ndarray) -> None:

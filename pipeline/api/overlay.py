@@ -1,18 +1,25 @@
-"""overlay.png: the input with the outlines of the replay over it, the replay, and the flow of both, at five moments."""
+"""What people look at: overlay.png, captions on pictures, and small tables.
+
+overlay.png shows the input with the outlines of the replay over it, the replay, and the flow of both, at five moments.
+"""
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
-from pipeline.commands.lettering import FAINT, INK, PAPER, font
-from pipeline.commands.table import Row
 from pipeline.vision.appearance import object_colour
 from pipeline.vision.flow_picture import flow_picture
 
+Row = tuple[str, ...]
+
+INK, FAINT, PAPER = (25, 28, 33), (120, 125, 135), (255, 255, 255)
+MARGIN = 8  # px
 TILE = (384, 256)  # px, width and height
 GAP, SIDE, HEADER, LINE = 6, 128, 30, 21  # px
 MOMENTS = 5
@@ -21,9 +28,22 @@ _FINE = 16  # outlines are drawn at sixteenths of a pixel
 
 @dataclass(frozen=True)
 class Sheet:
-    """What is shown, at the frames `frames` (P,) of the clip: frames (F, H, W, 3) of the input and of the replay, masks
-    (F, H, W) of both, flow (P, H, W, 2) of both. names: of the replay's objects. rows: a table under the title, its
-    headings first."""
+    """What overlay.png shows.
+
+    Attributes:
+        frames: (P,) The frames of the clip that may be shown.
+        fps: Of the clip.
+        start: s, of its first frame in the video.
+        rgb: (F, H, W, 3) uint8 of the input.
+        replay_rgb: (F, H, W, 3) uint8 of the replay.
+        masks: (F, H, W) of the input.
+        replay_masks: (F, H, W).
+        flow: (P, H, W, 2) px, of the input.
+        replay_flow: (P, H, W, 2) px.
+        names: Of the replay's objects.
+        title: Of the picture.
+        rows: A table under the title, its headings first.
+    """
 
     frames: np.ndarray
     fps: float
@@ -114,3 +134,42 @@ def _painted(picture: np.ndarray, masks: np.ndarray) -> np.ndarray:
     colours = np.array([(0, 0, 0), *(object_colour(i) for i in range(255))], np.uint8)
     painted = np.where(masks[..., None] > 0, colours[masks] // 4 * 3 + picture // 4, pale)
     return _tile(painted.astype(np.uint8))
+
+
+@functools.cache
+def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(size)
+
+
+def caption(frames: np.ndarray, text: str, size: int = 15) -> np.ndarray:
+    """Frames (T, H, W, 3) uint8 with a caption in the upper left corner, white on a dark patch."""
+    _, _, right, bottom = font(size).getbbox(text)
+    width, height = round(right) + 2 * MARGIN, round(bottom) + MARGIN
+    patch = Image.new("RGB", (width, height), INK)
+    ImageDraw.Draw(patch).text((MARGIN, MARGIN // 2), text, font=font(size), fill=PAPER)
+    out = frames.copy()
+    height, width = min(height, frames.shape[1]), min(width, frames.shape[2])
+    out[:, :height, :width] = np.asarray(patch)[:height, :width]
+    return out
+
+
+def side_by_side(left: np.ndarray, right: np.ndarray, captions: tuple[str, str], gap: int = 4) -> np.ndarray:
+    """Two clips (T, H, W, 3) beside each other, with a caption each."""
+    between = np.full((*left.shape[:2], gap, 3), 255, np.uint8)
+    return np.concatenate([caption(left, captions[0]), between, caption(right, captions[1])], axis=2)
+
+
+def aligned(rows: Sequence[Row]) -> list[str]:
+    """Rows as lines with columns of equal width: the first two to the left, numbers to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [c.ljust(w) if i < 2 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))]
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def markdown(rows: Sequence[Row]) -> list[str]:
+    """Rows, the first of them headings, as lines of a Markdown table."""
+    rule = tuple("---" for _ in rows[0])
+    return [f"| {' | '.join(row)} |" for row in (rows[0], rule, *rows[1:])]

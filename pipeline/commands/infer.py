@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pipeline.commands.words import count, existing_or_shipped, positive, share
+from pipeline.commands.arguments import count, positive, share
 
 SUMMARY = "find the scene that a clip shows: shapes, sizes, masses, frictions, motion, camera"
 DESCRIPTION = """\
 Find the scene that a clip shows.
 
-The clip is brought to 30 FPS and 480x320, its optical flow is measured, the model reads the flow and writes
-scenes, each is simulated and compared with the clip, and --search refines the best ones. OUT then has
+The clip is brought to 30 FPS and 480x320 and its optical flow is measured. The model is shown what its checkpoint says
+that it was trained with (model_input.json; models/tiny: the flow) and writes scenes, each is simulated and compared
+with the clip, and --search refines the best ones. OUT then has
 
   overlay.png     the clip with the outlines of the replay over it, and both flows: look at this first
   replay.mp4      clip and replay beside each other
@@ -45,9 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--incline", action="store_true", help="the ground may slope in the picture: the search may roll the camera")
     add("--model", default="models/tiny", metavar="NAME", help="a folder or hub name (models/tiny)")
     add("--raft", type=Path, default=Path("models/raft-small"), metavar="PATH", help="RAFT weights (models/raft-small)")
-    add("--flow", choices=("raft", "dis"), default="raft", help="flow by RAFT, or by OpenCV's DIS (raft)")
-    add("--input", choices=("flow", "rgb"), default="flow", help="what the model was trained to look at (flow)")
-    add("--no-reasoning", action="store_true", help="for a model that was trained to answer without <think>")
+    add(
+        "--flow",
+        choices=("raft", "dis"),
+        help="flow by RAFT, or by OpenCV's DIS (as in the model's training, else raft)",
+    )
     add("--temperature", type=positive, default=1.0, help="of sampling words (1)")
     add("--top-p", type=share, default=0.9, help="of sampling words (0.9)")
     add("--middle", type=share, default=0.4, help="share of what the model thinks of a number, about its median, from "
@@ -57,12 +60,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    from pipeline.commands.infer_clip import Request, infer_clip
-    from pipeline.model.generate import Sampling
+    from pipeline.api.infer import infer, load_model, uncertain
+    from pipeline.api.infer_files import method_table, write_files
+    from pipeline.api.overlay import aligned
+    from pipeline.api.result_folder import result_folder
+    from pipeline.inference.progress import Progress
 
     a = arguments
-    sampling = Sampling(a.samples, a.temperature, a.top_p, not a.no_reasoning, a.seconds, middle=a.middle)
-    infer_clip(Request(
-        a.clip, a.out, a.start, a.seconds, a.fps, a.masks, a.search, a.incline, existing_or_shipped(a.model), a.flow,
-        Path(existing_or_shipped(str(a.raft))), a.input, sampling, a.seed, a.force,
-    ))  # fmt: skip
+    with result_folder(a.out, a.force) as folder, Progress(5 + bool(a.search), shown=True) as progress:
+        found = infer(
+            a.clip, start=a.start, seconds=a.seconds, fps=a.fps, masks=a.masks, model=load_model(a.model, "--model"),
+            samples=a.samples, temperature=a.temperature, top_p=a.top_p, middle=a.middle, search=a.search,
+            incline=a.incline, flow=a.flow, raft=a.raft, seed=a.seed, progress=progress,
+        )  # fmt: skip
+        for line in aligned(method_table(found.methods)):
+            progress.say("", line)
+        if found.certainties:
+            progress.say("note", f"hardly determined by this clip: {uncertain(found.certainties)}")
+        for line in found.doubts:
+            progress.say("note", line)
+        write_files(folder, found, progress)
+    print(f"{'written':<11}{a.out}: look at overlay.png first")

@@ -1,4 +1,4 @@
-"""How a command tells what it does: a bar on stderr while it works, a line on stdout for each outcome."""
+"""How far a long computation is: a bar on stderr while it works, a line on stdout for each outcome, and the times."""
 
 from __future__ import annotations
 
@@ -13,12 +13,21 @@ WIDTH = 11
 
 
 class Progress:
-    """A bar over a known number of steps; `seconds` has the time that each named step took."""
+    """Counts named steps.
 
-    def __init__(self, steps: int) -> None:
+    Args:
+        steps: How many there will be.
+        shown: Whether the user sees them; else only the times are kept.
+
+    Attributes:
+        seconds: The time that each step took.
+    """
+
+    def __init__(self, steps: int = 0, shown: bool = False) -> None:
         self.seconds: dict[str, float] = {}
+        self._shown = shown
         look = "{l_bar}{bar}| {elapsed}{postfix}"
-        self._bar = tqdm(total=steps, disable=None, leave=False, file=sys.stderr, bar_format=look)
+        self._bar = tqdm(total=steps, disable=None if shown else True, leave=False, file=sys.stderr, bar_format=look)
 
     @contextmanager
     def step(self, name: str) -> Iterator[None]:
@@ -30,12 +39,13 @@ class Progress:
         self._bar.update()
 
     def detail(self, text: str) -> None:
-        """What the step is at, beside its name."""
+        """What the step is doing, beside its name."""
         self._bar.set_postfix_str(text)
 
     def say(self, subject: str, text: str) -> None:
         """A line of outcome."""
-        tqdm.write(f"{subject:<{WIDTH}}{text}", file=sys.stdout)
+        if self._shown:
+            tqdm.write(f"{subject:<{WIDTH}}{text}", file=sys.stdout)
 
     def __enter__(self) -> Progress:
         return self

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pipeline.commands.words import count, positive
+from pipeline.commands.arguments import count, positive
 
 SUMMARY = "look at a clip of any shard, or at a scene, in 3D (rerun)"
 DESCRIPTION = """\
@@ -35,6 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    from pipeline.commands.look import look
+    from pipeline.commands.footage import show
 
-    look(arguments.what, arguments.clip, arguments.seconds, arguments.save)
+    show(arguments.what, arguments.clip, arguments.seconds, arguments.save)
