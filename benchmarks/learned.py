@@ -74,10 +74,10 @@ def answers(base: Base, shown: np.ndarray, sampling: Sampling, seed: int) -> tup
 
 def shown_of(suite: Suite, label: str, clip: int, kind: str, params: Params, base: Base) -> np.ndarray:
     """What the model is shown of a clip, (T, H, W, 3) uint8."""
-    schedule = params.clip.model_dump()
+    schedule = params.clip.schedule
     if kind == "noisy":
         view, rng = suite["render"][clip], clip_rng(params.seed, label, clip, "flow noise")
-        masks = view.array("mask")[Schedule(**schedule).pairs[:, 0]]
+        masks = view.array("mask")[schedule.pairs[:, 0]]
         flow = flow_like_rafts(rng, view.array("flow"), masks)
         found = flow_picture(flow, params.flow.picture, scaled_max_px(flow.shape[2], 1 / params.clip.fps))
     else:

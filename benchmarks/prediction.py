@@ -18,7 +18,7 @@ import numpy as np
 from pipeline.evaluation.tables import cell, markdown
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.shards.dataset import open_shards
-from stages.graph.run_shards import folder
+from stages.graph.run import folder
 
 OUT = Path("benchmarks/results/prediction.md")
 SUITES = ("id", "real")

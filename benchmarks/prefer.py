@@ -93,7 +93,7 @@ def greedy_scores(base: Base, clips: Sequence[Seen], which: Sequence[int], param
     schedule = Schedule(**params.clip.model_dump())
     greedy = Sampling(reasoning=params.model.reasoning, seconds=schedule.seconds)
     shown = {c: clips[c].picture for c in which}
-    answers = draw_answers(base, shown, greedy, dict.fromkeys(which, 0), params.infer.batch_size)
+    answers = draw_answers(base, shown, greedy, dict.fromkeys(which, 0), params.infer.decode_batch_size)
     rows = []
     for c in which:
         scene = read_completion(answers[c][0]).scene
@@ -151,7 +151,8 @@ def main() -> None:
 
     def drawn(clip: int) -> dict[str, list]:
         seed = zlib.crc32(f"{params.seed} prefer cross_engine {clip}".encode())
-        (texts,) = draw_answers(base, {clip: clips[clip].picture}, sampling, {clip: seed}, own.decoded).values()
+        shown, seeds = {clip: clips[clip].picture}, {clip: seed}
+        (texts,) = draw_answers(base, shown, sampling, seeds, own.decode_batch_size).values()
         masks = clips[clip].masks[schedule.pairs[:, 0]]
         target = make_target(masks, clips[clip].flow, params.search.width, params.search.height)
         scenes = [read_completion(text).scene for text in texts]

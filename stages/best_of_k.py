@@ -5,22 +5,20 @@ Reads data/infer/<suite>, data/render/<suite> (masks), data/flow/<suite>. Writes
 Run: python -m stages.best_of_k SUITE
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import pyarrow as pa
 
 from pipeline.clips.schedule import Schedule
 from pipeline.scene.text import read_scene
 from pipeline.search.best_of_k import rank
-from pipeline.search.evaluator import Evaluator
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
-from stages.graph.search_target import search_target
+from stages.graph.run import run, run_shards
+from stages.graph.search_target import shard_evaluator
+from stages.graph.stage_params import load
 
 SCHEMA = pa.schema(
     {
@@ -36,12 +34,20 @@ SCHEMA = pa.schema(
 )
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+@dataclass(frozen=True)
+class Parameters:
+    """size: width and height at which the answers are compared, px."""
+
+    schedule: Schedule
+    size: tuple[int, int]
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     answers, rendered, flow = inputs
     rows = []
     for clip in shard.clips:
         samples = [row for row in answers.rows(clip) if row["sample"] >= 0]
-        evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
+        evaluator = shard_evaluator(rendered, flow, clip, parameters.schedule, parameters.size)
         ranking = rank(evaluator, [read_scene(row["scene"]) for row in samples])
         r = ranking.rewards
         rows += [{"clip": clip, "rank": place, "sample": samples[i]["sample"], "scene": samples[i]["scene"],
@@ -53,9 +59,8 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
 
 def main(suite: str) -> None:
     params = load("best_of_k", suite)
-    parameters = {"clip": params.clip.model_dump(), "width": params.search.width, "height": params.search.height}
-    run_shards("best_of_k", suite, compute, parameters, ["infer", "render", "flow"],
-               versions=["mujoco", "numba"])  # fmt: skip
+    parameters = Parameters(params.clip.schedule, params.search.size)
+    run_shards("best_of_k", suite, compute, parameters, ["infer", "render", "flow"], versions=["mujoco", "numba"])
 
 
 if __name__ == "__main__":

@@ -5,36 +5,52 @@ reward, iou, simulations, spent and history (best reward after so many simulatio
 cmaes. Run: python -m stages.cmaes SUITE
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import pyarrow as pa
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
 from pipeline.search.cmaes import Budget, search
-from pipeline.search.evaluator import Evaluator
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from stages.graph.found_row import FOUND, found_row
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
-from stages.graph.search_target import distinct_starts, search_target
+from stages.graph.params import SearchSettings
+from stages.graph.run import run, run_shards
+from stages.graph.search_target import ranked_starts, shard_evaluator
+from stages.graph.stage_params import load
 
 SCHEMA = pa.schema([("clip", pa.int64()), *FOUND])
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+@dataclass(frozen=True)
+class Parameters:
+    """What `compute` needs.
+
+    Attributes:
+        seed: Of the search.
+        schedule: The frames of a clip.
+        search: The size at which a search compares, and from how many samples it starts.
+        budget: Of CMA-ES.
+    """
+
+    seed: int
+    schedule: Schedule
+    search: SearchSettings
+    budget: Budget
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     ranked, rendered, flow = inputs
     rows, invalid = [], 0
     for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
-        starts = distinct_starts(ranked, clip, p["starts"])
-        evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
-        found = search(evaluator, starts, Budget(p["population"], p["iterations"], p["sigma"]),
-                       clip_rng(p["seed"], shard.suite, clip, "cmaes"))  # fmt: skip
+        starts = ranked_starts(ranked, clip, parameters.search.starts)
+        evaluator = shard_evaluator(rendered, flow, clip, parameters.schedule, parameters.search.size)
+        rng = clip_rng(parameters.seed, shard.suite, clip, "cmaes")
+        found = search(evaluator, starts, parameters.budget, rng)
         rows.append({"clip": clip, **found_row(found)})
         invalid += found.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
@@ -43,10 +59,9 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
 
 def main(suite: str) -> None:
     params = load("cmaes", suite)
-    parameters = {"seed": params.seed, "clip": params.clip.model_dump(), **params.search.model_dump(),
-                  **params.cmaes.model_dump()}  # fmt: skip
-    run_shards("cmaes", suite, compute, parameters, ["best_of_k", "render", "flow"],
-               versions=["mujoco", "numba", "cma"])  # fmt: skip
+    parameters = Parameters(params.seed, params.clip.schedule, params.search, Budget(**params.cmaes.model_dump()))
+    inputs = ["best_of_k", "render", "flow"]
+    run_shards("cmaes", suite, compute, parameters, inputs, versions=["mujoco", "numba", "cma"])
 
 
 if __name__ == "__main__":

@@ -3,8 +3,7 @@
 Reads data/sample/<suite>. Writes data/compile/<suite>: clip, xml. Run: python -m stages.compile SUITE
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import pyarrow as pa
 
@@ -14,13 +13,12 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.graph.main import run
-from stages.graph.run_shards import run_shards
+from stages.graph.run import run, run_shards
 
 SCHEMA = pa.schema({"clip": pa.int64(), "xml": pa.string()})
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardResult:
     (sample,) = inputs
     rows = []
     for row in sample.table().to_pylist():
@@ -31,7 +29,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
 
 
 def main(suite: str) -> None:
-    run_shards("compile", suite, compute, {}, ["sample"], versions=["mujoco", "dm-control"])
+    run_shards("compile", suite, compute, None, ["sample"], versions=["mujoco", "dm-control"])
 
 
 if __name__ == "__main__":

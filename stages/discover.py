@@ -6,6 +6,7 @@ scene (YAML with the effects found). Parameters: seed, discover. Run: python -m 
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,19 @@ from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
 
 SCHEMA = pa.schema({"clip": pa.int64(), "report": pa.string(), "scene": pa.string()})
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """held_out: share of a world's clips that is not fitted; effects: those that may be named."""
+
+    seed: int
+    held_out: float
+    effects: tuple[str, ...]
 
 
 def tracks_of(rows: Sequence[Mapping[str, Any]]) -> list[Track]:
@@ -49,13 +58,13 @@ def tracks_of(rows: Sequence[Mapping[str, Any]]) -> list[Track]:
     return out
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     (hidden,) = inputs
     rows = []
     for number in shard.clips:
         known = known_scene(YAML(typ="safe").load(hidden.row(number)["scene"]), f"world {number}")
-        rng = clip_rng(p["seed"], "discover", number, "held out")
-        found = discover(tracks_of(hidden.rows(number, "tracks")), known, p["held_out"], p["effects"], rng)
+        rng = clip_rng(parameters.seed, "discover", number, "held out")
+        found = discover(tracks_of(hidden.rows(number, "tracks")), known, parameters.held_out, parameters.effects, rng)
         rows.append({"clip": number, "report": json.dumps(report(found)), "scene": write_scene(found.scene)})
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
 
@@ -66,7 +75,7 @@ def main() -> None:
         effects = names_of(params.discover.effects)
     except ValueError as error:
         raise ParamsError(f"discover.effects: {error}") from None
-    parameters = {"seed": params.seed, "held_out": params.discover.held_out, "effects": list(effects)}
+    parameters = Parameters(params.seed, params.discover.held_out, effects)
     run_shards("discover", "measured", compute, parameters, ["hide"], versions=["mujoco", "numba", "numpy", "scipy"])
 
 

@@ -6,8 +6,8 @@ sample.filters.visible_px. Run: python -m stages.events SUITE
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import pyarrow as pa
 
@@ -20,9 +20,8 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
 
 EVENT_SCHEMA = pa.schema(
     {"clip": pa.int64(), "time": pa.float64(), "kind": pa.string(), "first": pa.int8(), "second": pa.int8()}
@@ -30,14 +29,20 @@ EVENT_SCHEMA = pa.schema(
 CLIP_SCHEMA = pa.schema({"clip": pa.int64(), "think": pa.string()})
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+@dataclass(frozen=True)
+class Parameters:
+    schedule: Schedule
+    thresholds: Thresholds
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     sample, simulated = inputs
-    schedule = Schedule(**p["clip"])
+    schedule = parameters.schedule
     events, clips, kinds = [], [], Counter[str]()
     for row in sample.table().to_pylist():
         scene, trace = read_scene(row["scene"]), read_trace(simulated, row["clip"])
         areas = event_areas(scene, trace, schedule)
-        found = find_events(trace, scene.shapes, areas, schedule.frame_steps, Thresholds(**p["events"]))
+        found = find_events(trace, scene.shapes, areas, schedule.frame_steps, parameters.thresholds)
         clips.append({"clip": row["clip"], "think": think_text(scene, found, schedule.seconds)})
         for e in found:
             second = -1 if e.second is None else e.second
@@ -49,8 +54,8 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
 
 def main(suite: str) -> None:
     params = load("events", suite)
-    thresholds = params.events.model_dump() | {"visible_px": params.sample.filters.visible_px}
-    parameters = {"clip": params.clip.model_dump(), "events": thresholds}
+    thresholds = Thresholds(**params.events.model_dump(), visible_px=params.sample.filters.visible_px)
+    parameters = Parameters(params.clip.schedule, thresholds)
     run_shards("events", suite, compute, parameters, ["sample", "simulate"], versions=["numba"])
 
 

@@ -1,80 +1,100 @@
 """Fine-tune the base model on the training clips.
 
 Reads data/tokenize and data/flow (data/render with model.input=rgb) of train and val, model.base. Writes data/finetune:
-model (a checkpoint), loss.csv and eval_loss.csv (plots). An interrupted run goes on from its last checkpoint. With
-infer.shots the base answers as it is: nothing is trained, and there is no model.
-Parameters: seed, clip, model, finetune, infer.shots. Run: python -m stages.finetune
+model (a checkpoint, whose model_input.json records how its input is made), loss.csv and eval_loss.csv (plots). An
+interrupted run goes on from its last checkpoint. With infer.shots the base answers as it is: nothing is trained, and
+there is no model.
+Parameters: seed, clip, flow (but source, raft and noise), model, finetune, infer.shots. Run: python -m stages.finetune
 """
 
-import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from pipeline.model.clip_dataset import ClipDataset
 from transformers.utils import logging
 
+from pipeline.clips.schedule import Schedule
+from pipeline.errors import naming
 from pipeline.language.codec import Tokens
 from pipeline.model.base import load_base
 from pipeline.model.finetune import finetune
-from pipeline.model.patches import resize_frames
-from pipeline.model.trainer import TrainingPlan
+from pipeline.model.model_input import ModelInput
+from pipeline.model.patches import fit_layout
+from pipeline.model.trainer import ClipDataset, TrainingPlan
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
 from stages.graph.clip_pictures import picture_stage, pictures
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import DATA, folder
+from stages.graph.params import ModelSettings
+from stages.graph.run import DATA, folder, run
+from stages.graph.stage_params import load
+from stages.graph.training_curve import write_curve
 
 
-def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
-    m, plan = p["model"], TrainingPlan(**p["finetune"], seed=p["seed"])
-    base = load_base(m["base"], m["width"], m["height"], p["clip"]["model_frames"], m["dtype"])
+@dataclass(frozen=True)
+class Parameters:
+    """What `make` needs.
+
+    Attributes:
+        schedule: The frames of a clip.
+        model: The section `model`.
+        shown: How the pictures of the training clips are made, which the checkpoint records.
+        plan: Of the training.
+    """
+
+    schedule: Schedule
+    model: ModelSettings
+    shown: ModelInput
+    plan: TrainingPlan
+
+
+def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Parameters) -> dict[str, float]:
+    m, schedule = parameters.model, parameters.schedule
+    with naming("model.base"):
+        base = load_base(m.base, m.width, m.height, schedule.model_frames, m.dtype)
 
     def dataset(tokens: ShardedDataset, source: ShardedDataset) -> ClipDataset:
         def read(index: int) -> tuple[Tokens, np.ndarray]:
             row = tokens[index].row()
             free, numeric = np.array(row["free"]), np.array(row["numeric"])
-            frames = pictures(source[index], m["input"], p["clip"])
-            return (Tokens(np.array(row["ids"], np.int32), row["prompt_length"], free, numeric),
-                    resize_frames(frames, base.layout.width, base.layout.height))  # fmt: skip
+            shown = fit_layout(pictures(source[index], m.input, schedule), base.layout)
+            return Tokens(np.array(row["ids"], np.int32), row["prompt_length"], free, numeric), shown
 
         return ClipDataset(len(tokens), read)
 
     train_tokens, train_pictures, val_tokens, val_pictures = inputs
     rows: list[dict] = []
     logging.set_verbosity_error()
-    finetune(base, dataset(train_tokens, train_pictures), dataset(val_tokens, val_pictures), plan, scratch, rows.append)
+    finetune(base, dataset(train_tokens, train_pictures), dataset(val_tokens, val_pictures), parameters.plan, scratch,
+             rows.append)  # fmt: skip
+    base.input = parameters.shown
     base.save(output / "model")
-    write_curve(output / "loss.csv", rows, "loss")
-    write_curve(output / "eval_loss.csv", rows, "eval_loss")
+    write_curves(output, rows)
     losses = [row["eval_loss"] for row in rows if "eval_loss" in row]
-    return {"steps": rows[-1]["step"], "validation loss before": round(losses[0], 4), "after": round(losses[-1], 4)}
+    before, after = round(losses[0], 4), round(losses[-1], 4)
+    return {"steps": rows[-1]["step"], "validation loss before": before, "validation loss after": after}
 
 
-def keep(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], p: Mapping[str, Any]) -> dict[str, float]:
+def skip(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: None) -> dict[str, float]:
     """With infer.shots: no model, empty curves."""
-    write_curve(output / "loss.csv", [], "loss")
-    write_curve(output / "eval_loss.csv", [], "eval_loss")
+    write_curves(output, [])
     return {}
 
 
-def write_curve(path: Path, rows: list[dict], column: str) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["step", column])
-        writer.writerows([row["step"], round(row[column], 6)] for row in rows if column in row)
+def write_curves(output: Path, rows: list[dict]) -> None:
+    for column in ("loss", "eval_loss"):
+        write_curve(output / f"{column}.csv", rows, [column])
 
 
 def main() -> None:
     params = load("finetune")
     if params.infer.shots:
-        keep_folder("finetune", DATA / "finetune", keep, parameters={"trained": False})
+        keep_folder("finetune", DATA / "finetune", skip, parameters=None)
         return
-    m = params.model
-    parameters = {"seed": params.seed, "clip": params.clip.model_dump(), "model": m.model_dump(),
-                  "finetune": params.finetune.model_dump()}  # fmt: skip
+    m, f = params.model, params.flow
+    shown = ModelInput.of(m.input, f.picture, f.train_source, (f.width, f.height), f.iterations, m.reasoning)
+    plan = TrainingPlan(**params.finetune.model_dump(), seed=params.seed)
+    parameters = Parameters(params.clip.schedule, m, shown, plan)
     inputs = [folder(stage, suite) for suite in ("train", "val") for stage in ("tokenize", picture_stage(m.input))]
     files = {"base": Path(m.base)} if Path(m.base).is_dir() else {}
     keep_folder("finetune", DATA / "finetune", make, parameters=parameters, inputs=inputs, files=files,

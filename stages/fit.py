@@ -1,4 +1,4 @@
-"""The search of choice: Gauss-Newton and leaps from the best samples and a classical guess.
+"""The search of choice: Gauss-Newton and jumps from the best samples and a classical guess.
 
 Reads data/best_of_k/<suite>, data/render/<suite> (masks), data/flow/<suite>. Writes data/fit/<suite>: clip, guess (the
 classical guess, a scene) and guess_simulations, scene, reward, iou, simulations, spent and history (best reward after
@@ -7,27 +7,24 @@ number).
 Parameters: seed, clip, search, fit. Run: python -m stages.fit SUITE
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 
 import pyarrow as pa
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
+from pipeline.inference.scene_search import search_scene
 from pipeline.scene.text import write_scene
-from pipeline.search.certainty import certainties
-from pipeline.search.evaluator import Evaluator
-from pipeline.search.solve import solve
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from stages.graph.found_row import FOUND, found_row
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
-from stages.graph.search_target import distinct_starts, search_target
+from stages.graph.params import SearchSettings
+from stages.graph.run import run, run_shards
+from stages.graph.search_target import ranked_starts, shard_evaluator
+from stages.graph.stage_params import load
 
 CERTAINTY = pa.struct({"place": pa.string(), "kind": pa.string(), "value": pa.float64(), "spread": pa.float64(),
                        "unit": pa.string(), "share": pa.float64()})  # fmt: skip
@@ -35,31 +32,45 @@ SCHEMA = pa.schema([("clip", pa.int64()), ("guess", pa.string()), ("guess_simula
                     ("instance", pa.list_(pa.int32())), ("certainty", pa.list_(CERTAINTY))])  # fmt: skip
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+@dataclass(frozen=True)
+class Parameters:
+    """What `compute` needs.
+
+    Attributes:
+        seed: Of the search.
+        schedule: The frames of a clip.
+        search: The size at which a search compares, and from how many samples it starts.
+        simulations: How many a clip's search may run.
+    """
+
+    seed: int
+    schedule: Schedule
+    search: SearchSettings
+    simulations: int
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     ranked, rendered, flow = inputs
     rows, invalid = [], 0
     for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
-        evaluator = Evaluator(search_target(rendered, flow, clip, p), Schedule(**p["clip"]), threads=1)
-        starts = distinct_starts(ranked, clip, p["starts"])
-        solved = solve(evaluator, starts, p["simulations"], clip_rng(p["seed"], shard.suite, clip, "fit"))
-        found = solved.found.scene
-        pairs = evaluator.pairs(found)
-        instance = dict(pairs.tolist())
-        rows.append({"clip": clip, "guess": None if solved.guess is None else write_scene(solved.guess),
-                     "guess_simulations": solved.guess_simulations, **found_row(solved.found),
-                     "instance": [instance.get(i, -1) for i in range(len(found.objects))],
-                     "certainty": [asdict(c) for c in certainties(evaluator, found, pairs)]})  # fmt: skip
-        invalid += solved.found.invalid
+        evaluator = shard_evaluator(rendered, flow, clip, parameters.schedule, parameters.search.size)
+        starts = ranked_starts(ranked, clip, parameters.search.starts)
+        rng = clip_rng(parameters.seed, shard.suite, clip, "fit")
+        searched = search_scene(evaluator, starts, parameters.simulations, rng)
+        instance = dict(searched.pairs.tolist())
+        rows.append({"clip": clip, "guess": None if searched.guess is None else write_scene(searched.guess),
+                     "guess_simulations": searched.guess_simulations, **found_row(searched.found),
+                     "instance": [instance.get(i, -1) for i in range(len(searched.found.scene.objects))],
+                     "certainty": [asdict(c) for c in searched.certainties]})  # fmt: skip
+        invalid += searched.found.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)
 
 
 def main(suite: str) -> None:
     params = load("fit", suite)
-    parameters = {"seed": params.seed, "clip": params.clip.model_dump(), **params.search.model_dump(),
-                  **params.fit.model_dump()}  # fmt: skip
-    run_shards("fit", suite, compute, parameters, ["best_of_k", "render", "flow"],
-               versions=["mujoco", "numba"])  # fmt: skip
+    parameters = Parameters(params.seed, params.clip.schedule, params.search, params.fit.simulations)
+    run_shards("fit", suite, compute, parameters, ["best_of_k", "render", "flow"], versions=["mujoco", "numba"])
 
 
 if __name__ == "__main__":

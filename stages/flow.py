@@ -6,10 +6,10 @@ flow.source is used for every suite but train, which takes flow.train_source; ex
 Parameters: seed, clip, flow. Run: python -m stages.flow SUITE
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,35 +24,71 @@ from pipeline.vision.flow_noise import flow_like_rafts
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 from pipeline.vision.measured_flow import measured_flow
 from pipeline.vision.raft import RAFT, load_raft
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise on exact flow; strength: 1 for that of RAFT's flow."""
+
+    seed: int
+    strength: float
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """What measures flow in pictures: RAFT with the weights in `raft`, or DIS where that is None; size: width and
+    height at which it works, px; iterations: of RAFT."""
+
+    raft: Path | None
+    size: tuple[int, int]
+    iterations: int
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What `compute` needs.
+
+    Attributes:
+        schedule: The frames of a clip.
+        picture: How flow is shown: channels or wheel.
+        estimator: None for the exact flow of the shards.
+        noise: On exact flow; None for none.
+    """
+
+    schedule: Schedule
+    picture: str
+    estimator: Estimator | None
+    noise: Noise | None
 
 
 @lru_cache(maxsize=1)
-def estimator(source: str, raft: str) -> RAFT | DIS:
-    return load_raft(raft) if source == "raft" else DIS("medium")
+def load_estimator(raft: Path | None) -> RAFT | DIS:
+    return DIS("medium") if raft is None else load_raft(raft)
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     (rendered,) = inputs
-    schedule = Schedule(**p["clip"])
+    schedule, estimator, noise = parameters.schedule, parameters.estimator, parameters.noise
+    interval = 1 / schedule.fps
     flows, pictures = [], []
     for clip in shard.clips:
-        if p["source"] == "exact":
-            flow = rendered.array(clip, "flow")
-            if p["noise"]:
-                rng = clip_rng(p["seed"], shard.suite, clip, "flow noise")
-                masks = rendered.array(clip, "mask")[schedule.pairs[:, 0]]
-                flow = flow_like_rafts(rng, flow, masks, p["noise"])
-        else:
+        if estimator:
             rgb = rendered.array(clip, "rgb")
             recorded = rendered.row(clip)["recorded"] if rendered.tables else schedule.frame_steps / STEPS_PER_SECOND
-            model = estimator(p["source"], p.get("raft", ""))
-            flow = measured_flow(model, rgb, np.array(recorded), schedule.pairs, p["interval"], p["iterations"],
-                                 tuple(p["size"]))  # fmt: skip
+            flow = measured_flow(
+                load_estimator(estimator.raft), rgb, np.array(recorded), schedule.pairs, interval,
+                estimator.iterations, estimator.size,
+            )  # fmt: skip
+        else:
+            flow = rendered.array(clip, "flow")
+            if noise:
+                rng = clip_rng(noise.seed, shard.suite, clip, "flow noise")
+                masks = rendered.array(clip, "mask")[schedule.pairs[:, 0]]
+                flow = flow_like_rafts(rng, flow, masks, noise.strength)
         flows.append(flow.astype(np.float32))
-        pictures.append(flow_picture(flow, p["picture"], scaled_max_px(flow.shape[2], p["interval"])))
+        pictures.append(flow_picture(flow, parameters.picture, scaled_max_px(flow.shape[2], interval)))
     return ShardResult(arrays={"flow": np.stack(flows), "picture": np.stack(pictures)})
 
 
@@ -63,24 +99,20 @@ def main(suite: str) -> None:
     if suite == "real" and source == "exact":
         source = "raft"
         print("flow real: a video has no exact flow; RAFT's is used", flush=True)
-    parameters: dict[str, Any] = {"clip": params.clip.model_dump(), "source": source, "picture": f.picture,
-                                  "interval": 1 / params.clip.fps, "noise": 0.0}  # fmt: skip
-    files = {}
-    if source == "exact":
-        if suite == "train":
-            parameters |= {"noise": f.noise, "seed": params.seed}
-    else:
-        parameters |= {"size": [f.width, f.height], "iterations": f.iterations}
-    if source == "raft":
-        if not Path(f.raft).exists():
-            raise ModelError(
-                f"flow.raft: {f.raft} is missing; models/raft-small ships with the repository, or give the path of a "
-                "published checkpoint (raft-things.pth)"
-            )
-        parameters |= {"raft": f.raft}
-        files = {"raft": Path(f.raft)}
-    run_shards("flow", suite, compute, parameters, ["render"], files=files,
-               versions=["torch", "opencv-python-headless"])  # fmt: skip
+    raft = Path(f.raft) if source == "raft" else None
+    if raft and not raft.exists():
+        raise ModelError(
+            f"flow.raft: {raft} is missing; models/raft-small ships with the repository, or give the path of a "
+            "published checkpoint (raft-things.pth)"
+        )
+    parameters = Parameters(
+        schedule=params.clip.schedule,
+        picture=f.picture,
+        estimator=None if source == "exact" else Estimator(raft, (f.width, f.height), f.iterations),
+        noise=Noise(params.seed, f.noise) if source == "exact" and suite == "train" and f.noise else None,
+    )
+    files, versions = {"raft": raft} if raft else {}, ["torch", "opencv-python-headless"]
+    run_shards("flow", suite, compute, parameters, ["render"], files=files, versions=versions)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,8 @@ known) and tracks (a row for each sample; `recording` is the clip of the measure
 
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import pyarrow as pa
@@ -19,9 +20,8 @@ from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
 
 WORLDS = pa.schema({"clip": pa.int64(), "scene": pa.string()})
 TRUTH = pa.schema({"clip": pa.int64(), "truth": pa.string()})
@@ -30,15 +30,34 @@ TRACKS = pa.schema({"clip": pa.int64(), "recording": pa.string(), "object": pa.s
                    | {name: pa.float64() for name in NUMBERS})  # fmt: skip
 
 
-def world_of(number: int, p: Mapping[str, Any]) -> World:
-    rng = clip_rng(p["seed"], "hide", number, "world")
-    return make_world(recipe_of(number, p["effects"], p["strength"], p["noise"], p["clips"], rng), rng)
+@dataclass(frozen=True)
+class Parameters:
+    """What a world depends on, beside its number.
+
+    Attributes:
+        seed: Of all random numbers.
+        effects: What is hidden, in turn.
+        strength: In detection limits.
+        noise: Standard deviation of the measured positions, m.
+        clips: Recordings of a world.
+    """
+
+    seed: int
+    effects: tuple[str, ...]
+    strength: float
+    noise: float
+    clips: int
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+def world_of(number: int, p: Parameters) -> World:
+    rng = clip_rng(p.seed, "hide", number, "world")
+    return make_world(recipe_of(number, p.effects, p.strength, p.noise, p.clips, rng), rng)
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     scenes, rows = [], []
     for number in shard.clips:
-        world = world_of(number, p)
+        world = world_of(number, parameters)
         text = io.StringIO()
         YAML(typ="safe").dump(world.known, text)
         scenes.append({"clip": number, "scene": text.getvalue()})
@@ -54,16 +73,15 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
     return ShardResult(tables, notes={"samples": len(rows)})
 
 
-def compute_truth(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
-    rows = [{"clip": n, "truth": json.dumps(world_of(n, p).truth, sort_keys=True)} for n in shard.clips]
+def compute_truth(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
+    rows = [{"clip": n, "truth": json.dumps(world_of(n, parameters).truth, sort_keys=True)} for n in shard.clips]
     return ShardResult({"clips": table_from_rows(rows, TRUTH)})
 
 
 def main() -> None:
     params = load("hide")
     own = params.hide
-    parameters = {"seed": params.seed, "effects": list(own.effects), "strength": own.strength, "noise": own.noise,
-                  "clips": own.clips}  # fmt: skip
+    parameters = Parameters(params.seed, tuple(own.effects), own.strength, own.noise, own.clips)
     for suite, function in (("measured", compute), ("truth", compute_truth)):
         run_shards(
             "hide", suite, function, parameters, clips=own.worlds, shard_size=2, versions=["mujoco", "numba", "numpy"]

@@ -6,9 +6,9 @@ was, s, masks_from, notes), arrays rgb and mask.
 Parameters: clip, suites.real, sample.shard_size. Run: python -m stages.import_clips
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -18,9 +18,8 @@ from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from pipeline.vision.user_clip import find_clips, read_user_clip
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
 
 SCHEMA = pa.schema(
     {
@@ -34,11 +33,32 @@ SCHEMA = pa.schema(
 )
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+@dataclass(frozen=True)
+class Parameters:
+    """What `compute` needs.
+
+    Attributes:
+        clips: The videos and folders, by the clip's number.
+        start: Where in each video the clip begins, s.
+        seconds: How long it is.
+        frames_per_second: At which it is resampled.
+        assume_fps: At which it was recorded; None for what the file's header says.
+    """
+
+    clips: tuple[Path, ...]
+    start: float
+    seconds: float
+    frames_per_second: int
+    assume_fps: float | None
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     rows, frames, masks = [], [], []
     for clip in shard.clips:
-        place = Path(p["clips"][clip])
-        taken = read_user_clip(place, p["start"], p["seconds"], p["frames_per_second"], p["assume_fps"])
+        place = parameters.clips[clip]
+        taken = read_user_clip(
+            place, parameters.start, parameters.seconds, parameters.frames_per_second, parameters.assume_fps
+        )
         rows.append(
             {
                 "clip": clip,
@@ -62,11 +82,24 @@ def main() -> None:
             f"suites.real.seconds is {own.seconds}, clip.seconds is {params.clip.seconds}: give both the same"
         )
     clips = find_clips(Path(own.path)) if own.path is not None else []
-    parameters = {"clips": [str(c) for c in clips], "start": own.start, "seconds": own.seconds, "assume_fps": own.fps,
-                  "frames_per_second": params.clip.fps}  # fmt: skip
-    files = {str(c): c for c in clips}
-    run_shards("import_clips", "real", compute, parameters, output="render", clips=len(clips),
-               shard_size=params.sample.shard_size, files=files, versions=["opencv-python-headless", "av"])  # fmt: skip
+    parameters = Parameters(
+        clips=tuple(clips),
+        start=own.start,
+        seconds=own.seconds,
+        frames_per_second=params.clip.fps,
+        assume_fps=own.fps,
+    )
+    run_shards(
+        "import_clips",
+        "real",
+        compute,
+        parameters,
+        output="render",
+        clips=len(clips),
+        shard_size=params.sample.shard_size,
+        files={str(clip): clip for clip in clips},
+        versions=["opencv-python-headless", "av"],
+    )
 
 
 if __name__ == "__main__":

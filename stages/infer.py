@@ -4,26 +4,25 @@ Reads the model that answers (data/finetune/model, or with prefer.enabled data/p
 data/render/<suite> with model.input=rgb). With infer.shots=N the model is model.base as it is, prompted with
 pipeline/language/few_shot.jinja and N worked examples (data/tokenize/train and data/flow/train or data/render/train).
 Writes data/infer/<suite>: clip, sample (-1 greedy, 0 … K-1), text, scene (canonical YAML), log_probability.
-Parameters: seed, clip, flow.picture, model, infer. Run: python -m stages.infer SUITE
+Parameters: seed, clip, flow (but noise and train_source), model, infer. Run: python -m stages.infer SUITE
 """
 
-import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from pipeline.model.prompt import Prompt, bare_prompt, few_shot_prompt
-from pipeline.model.walker import Tries
 
-from pipeline.language.completion import read_completion
+from pipeline.clips.schedule import Schedule
+from pipeline.errors import naming
+from pipeline.inference.answers import answer_seed, ask
 from pipeline.language.few_shot import TEMPLATE, instructions
 from pipeline.model.base import Base, load_base
-from pipeline.model.generate import Sampling, batches, generate
-from pipeline.model.patches import resize_frames
+from pipeline.model.generate import Prompt, Sampling, bare_prompt, few_shot_prompt
+from pipeline.model.model_input import ModelInput
+from pipeline.model.patches import fit_layout
 from pipeline.scene.text import write_scene
 from pipeline.shards.dataset import Clip
 from pipeline.shards.opened_shard import OpenShard
@@ -31,11 +30,11 @@ from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from pipeline.vision.flow_picture import scaled_max_px
 from stages.graph.answering_model import answering_model
-from stages.graph.clip_pictures import picture_stage, pictures
+from stages.graph.clip_pictures import check_input, picture_stage, pictures
 from stages.graph.examples import Example, choose_examples, example_clip
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.params import InferSettings, ModelSettings
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
 
 SCHEMA = pa.schema(
     {
@@ -48,60 +47,84 @@ SCHEMA = pa.schema(
 )
 
 
+@dataclass(frozen=True)
+class Parameters:
+    """What `compute` needs.
+
+    Attributes:
+        seed: Of the sampled answers.
+        schedule: The frames of a clip.
+        model: The section `model`, with the checkpoint that answers as `base`.
+        picture: How flow is shown: channels or wheel.
+        settings: The section `infer`.
+        examples: The worked examples of the prompt.
+    """
+
+    seed: int
+    schedule: Schedule
+    model: ModelSettings
+    picture: str
+    settings: InferSettings
+    examples: tuple[Example, ...]
+
+
 @lru_cache(maxsize=1)
-def model(folder: str, width: int, height: int, frames: int, dtype: str) -> tuple[Base, Tries]:
-    base = load_base(folder, width, height, frames, dtype)
-    return base, Tries(base.codec)
+def model(folder: str, width: int, height: int, frames: int, dtype: str) -> Base:
+    with naming("model.base"):
+        return load_base(folder, width, height, frames, dtype)
 
 
-def shown(clip: Clip, base: Base, p: Mapping[str, Any]) -> np.ndarray:
-    return resize_frames(pictures(clip, p["input"], p["clip"]), base.layout.width, base.layout.height)
+def shown(clip: Clip, base: Base, p: Parameters) -> np.ndarray:
+    return fit_layout(pictures(clip, p.model.input, p.schedule), base.layout)
 
 
-def prompt(base: Base, p: Mapping[str, Any]) -> Prompt:
-    if not p["examples"]:
+def prompt(base: Base, p: Parameters) -> Prompt:
+    if not p.examples:
         return bare_prompt(base)
-    examples = [Example(**row) for row in p["examples"]]
-    clip, width = p["clip"], base.layout.width
-    kind = "rgb" if p["input"] == "rgb" else p["picture"]
-    text = instructions(kind, p["reasoning"], base.layout.frames, clip["seconds"], clip["fps"],
-                        scaled_max_px(width, 1 / clip["fps"]), width)  # fmt: skip
-    videos = np.stack([shown(example_clip(e, p["input"]), base, p) for e in examples])
-    return few_shot_prompt(base, text, videos, [e.completion for e in examples], p["reasoning"], clip["seconds"])
+    schedule, width, reasoning = p.schedule, base.layout.width, p.model.reasoning
+    kind = "rgb" if p.model.input == "rgb" else p.picture
+    text = instructions(kind, reasoning, base.layout.frames, schedule.seconds, schedule.fps,
+                        scaled_max_px(width, 1 / schedule.fps), width)  # fmt: skip
+    videos = np.stack([shown(example_clip(e, p.model.input), base, p) for e in p.examples])
+    return few_shot_prompt(base, text, videos, [e.completion for e in p.examples], reasoning, schedule.seconds)
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     (source,) = inputs
-    base, tries = model(p["model"], p["width"], p["height"], p["clip"]["model_frames"], p["dtype"])
-    asked = prompt(base, p)
-    how = {"reasoning": p["reasoning"], "seconds": p["clip"]["seconds"], "numbers": p["numbers"], "middle": p["middle"]}
-    greedy, sampled = Sampling(**how), Sampling(p["samples"], p["temperature"], p["top_p"], **how)
-    rows: list[dict[str, Any]] = []
-    for sampling in (greedy, sampled):
-        for part in batches(len(shard), sampling.samples, p["batch_size"]):
-            clips = [shard.start + i for i in part]
-            videos = np.stack([shown(Clip(c, source), base, p) for c in clips])
-            seeds = [zlib.crc32(f"{p['seed']} {shard.suite} {c}".encode()) for c in clips]
-            for clip, answers in zip(clips, generate(base, videos, sampling, seeds, tries, asked), strict=True):
-                for k, answer in enumerate(answers):
-                    scene = write_scene(read_completion(answer.text).scene)
-                    rows.append({"clip": clip, "sample": k if sampling is sampled else -1, "text": answer.text,
-                                 "scene": scene, "log_probability": answer.log_probability})  # fmt: skip
-    rows.sort(key=lambda row: (row["clip"], row["sample"]))
+    p, m, own = parameters, parameters.model, parameters.settings
+    base = model(m.base, m.width, m.height, p.schedule.model_frames, m.dtype)
+    sampling = Sampling(
+        samples=own.samples, temperature=own.temperature, top_p=own.top_p, reasoning=m.reasoning,
+        seconds=p.schedule.seconds, numbers=own.numbers, middle=own.middle,
+    )  # fmt: skip
+    clips = list(shard.clips)
+    seeds = [answer_seed(p.seed, shard.suite, c) for c in clips]
+    answers = ask(base, lambda i: shown(Clip(clips[i], source), base, p), seeds, sampling, own.decode_batch_size,
+                  prompt(base, p))  # fmt: skip
+    rows = [
+        {"clip": clip, "sample": a.sample, "text": a.text, "scene": write_scene(a.scene),
+         "log_probability": a.log_probability}
+        for clip, each in zip(clips, answers, strict=True) for a in each
+    ]  # fmt: skip
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes={"answers": len(rows), "parsed": len(rows)})
 
 
 def main(suite: str) -> None:
     params = load("infer", suite)
-    m, own = params.model, params.infer
+    m, own, f = params.model, params.infer, params.flow
     examples = choose_examples(own.shots, suite, m.input)
     checkpoint = Path(m.base) if examples else answering_model().folder
+    made = ModelInput.of(m.input, f.picture, f.source, (f.width, f.height), f.iterations, m.reasoning)
+    check_input(str(checkpoint), made, required=not examples)
     files = {"model": checkpoint} if checkpoint.is_dir() or not examples else {}
-    parameters = {"seed": params.seed, "clip": params.clip.model_dump(), "model": str(checkpoint),
-                  "input": m.input, "reasoning": m.reasoning, "dtype": m.dtype, "width": m.width, "height": m.height,
-                  "picture": params.flow.picture, "samples": own.samples, "temperature": own.temperature,
-                  "top_p": own.top_p, "numbers": own.numbers, "middle": own.middle, "batch_size": own.batch_size,
-                  "examples": [asdict(e) for e in examples]}  # fmt: skip
+    parameters = Parameters(
+        seed=params.seed,
+        schedule=params.clip.schedule,
+        model=m.model_copy(update={"base": str(checkpoint)}),
+        picture=f.picture,
+        settings=own,
+        examples=tuple(examples),
+    )
     run_shards("infer", suite, compute, parameters, [picture_stage(m.input)], files={**files, "prompt": TEMPLATE},
                versions=["torch", "transformers"])  # fmt: skip
 

@@ -1,14 +1,14 @@
-"""Prediction: fit the first part of each clip, and foretell the masks of the rest.
+"""Prediction: fit the first part of each clip, and forecast the masks of the rest.
 
 Reads data/render/<suite> (masks), data/flow/<suite>. Writes data/predict/<suite>: clip, scene (found from the first
 part alone, from the classical guess: the model has seen the whole clip), iou over the frames that were not seen, of
-the scene, of the last masks moved as it moves, of masks that move on at constant velocity, and of masks that stay; and
+the scene, of the last masks moved with its replay, of masks that move at constant velocity, and of masks that stay; and
 the scene's over those seen.
 Parameters: seed, clip, search.width, search.height, predict. Run: python -m stages.predict SUITE
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import pyarrow as pa
 from tqdm import tqdm
@@ -18,33 +18,49 @@ from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
 from pipeline.evaluation.prediction import predict
 from pipeline.scene.text import write_scene
-from pipeline.search.evaluator import Evaluator
 from pipeline.search.solve import solve
-from pipeline.search.target import make_target, resize_masks
+from pipeline.search.target import resize_masks
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.run import run, run_shards
+from stages.graph.search_target import shard_evaluator
+from stages.graph.stage_params import load
 
 SCORES = ("search", "carried", "velocity", "frozen", "seen")
 SCHEMA = pa.schema({"clip": pa.int64(), "scene": pa.string(), **dict.fromkeys(SCORES, pa.float64()),
                     "simulations": pa.int32()})  # fmt: skip
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+@dataclass(frozen=True)
+class Parameters:
+    """What `compute` needs.
+
+    Attributes:
+        seed: Of the search.
+        schedule: The frames of a clip.
+        part: The frames of its first part, which the search sees.
+        size: Width and height at which the search compares, px.
+        simulations: How many a clip's search may run.
+    """
+
+    seed: int
+    schedule: Schedule
+    part: Schedule
+    size: tuple[int, int]
+    simulations: int
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     rendered, flow = inputs
-    whole = Schedule(**p["clip"])
-    part = whole.first(p["seconds"])
-    pairs = part.model_frames
+    whole, part = parameters.schedule, parameters.part
     rows = []
     for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
         masks = rendered.array(clip, "mask")
-        target = make_target(masks[part.pairs[:, 0]], flow.array(clip, "flow")[:pairs], p["width"], p["height"])
-        rng = clip_rng(p["seed"], shard.suite, clip, "predict")
-        found = solve(Evaluator(target, part, threads=1), [], p["simulations"], rng).found
+        evaluator = shard_evaluator(rendered, flow, clip, part, parameters.size)
+        rng = clip_rng(parameters.seed, shard.suite, clip, "predict")
+        found = solve(evaluator, [], parameters.simulations, rng).found
         said = predict(found.scene, resize_masks(masks, WIDTH, HEIGHT), part.frames, whole)
         rows.append({"clip": clip, "scene": write_scene(found.scene), **{k: getattr(said, k) for k in SCORES},
                      "simulations": found.simulations})  # fmt: skip
@@ -53,12 +69,18 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
 
 def main(suite: str) -> None:
     params = load("predict", suite)
+    schedule = params.clip.schedule
     try:
-        Schedule(**params.clip.model_dump()).first(params.predict.seconds)
+        part = schedule.first(params.predict.seconds)
     except ValueError as error:
         raise ParamsError(f"predict.seconds: {error}") from None
-    parameters = {"seed": params.seed, "clip": params.clip.model_dump(), "width": params.search.width,
-                  "height": params.search.height, **params.predict.model_dump()}  # fmt: skip
+    parameters = Parameters(
+        seed=params.seed,
+        schedule=schedule,
+        part=part,
+        size=(params.search.width, params.search.height),
+        simulations=params.predict.simulations,
+    )
     run_shards("predict", suite, compute, parameters, ["render", "flow"], versions=["mujoco", "numba"])
 
 

@@ -5,7 +5,7 @@ Parameters: seed, sample, clip, suites.<suite>. Run: python -m stages.sample SUI
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import pyarrow as pa
 
@@ -16,24 +16,46 @@ from pipeline.scene.text import write_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
 
 SCHEMA = pa.schema({"clip": pa.int64(), "composition": pa.string(), "scene": pa.string()})
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+@dataclass(frozen=True)
+class Parameters:
+    """What `compute` needs.
+
+    Attributes:
+        seed: Of all random numbers.
+        schedule: The frames of a clip.
+        distribution: What the candidates are drawn from.
+        filters: Which candidates are accepted.
+        objects: Number of objects -> weight.
+        only: Compositions to draw from instead, as box+box+sphere.
+        without: Compositions that are never drawn.
+    """
+
+    seed: int
+    schedule: Schedule
+    distribution: Distribution
+    filters: Filters
+    objects: Mapping[int, float]
+    only: Sequence[str]
+    without: Sequence[str]
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     drawn = draw_clips(
-        p["seed"],
+        parameters.seed,
         shard.suite,
         shard.clips,
-        Distribution(**p["distribution"]),
-        Filters(**p["filters"]),
-        Schedule(**p["clip"]),
-        {int(count): weight for count, weight in p["objects"].items()},
-        p["only"],
-        p["without"],
+        parameters.distribution,
+        parameters.filters,
+        parameters.schedule,
+        parameters.objects,
+        parameters.only,
+        parameters.without,
     )
     for name in drawn.bad:
         print(f"sample: {name}: the numbers went bad, replaced by the next candidate", flush=True)
@@ -45,15 +67,15 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
 def main(suite: str) -> None:
     params = load("sample", suite)
     own = getattr(params.suites, suite)
-    parameters = {
-        "seed": params.seed,
-        "clip": params.clip.model_dump(),
-        "distribution": params.sample.distribution.model_dump(),
-        "filters": params.sample.filters.model_dump(),
-        "objects": {str(count): weight for count, weight in own.objects.items()},
-        "only": own.only,
-        "without": own.without,
-    }
+    parameters = Parameters(
+        seed=params.seed,
+        schedule=params.clip.schedule,
+        distribution=Distribution(**params.sample.distribution.model_dump()),
+        filters=Filters(**params.sample.filters.model_dump()),
+        objects=own.objects,
+        only=own.only,
+        without=own.without,
+    )
     run_shards("sample", suite, compute, parameters, clips=own.clips, shard_size=params.sample.shard_size,
                versions=["mujoco", "numba"])  # fmt: skip
 

@@ -35,9 +35,8 @@ from pipeline.shards.cost import compute_seconds
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
 from stages.graph.answering_model import CURVE, FOLDER, AnsweringModel, answering_model
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import DATA, folder
+from stages.graph.run import DATA, folder, run
+from stages.graph.stage_params import load
 from stages.graph.suite import Suite, greedy_row, open_suite, reference
 
 REPORTS = Path("reports")
@@ -165,7 +164,7 @@ def read_curve(path: Path) -> tuple[list[float], list[float]]:
 
 def main() -> None:
     params = load("score")
-    schedule = Schedule(**params.clip.model_dump())
+    schedule = params.clip.schedule
     stages = [*STAGES, *["regress"] * params.regress.enabled]
     suites = {name: open_suite(name, stages) for name in SUITES}
     model = answering_model()

@@ -5,8 +5,8 @@ Reads data/compile/<suite>. Writes data/simulate/<suite>: arrays position, quate
 Parameters: clip. Run: python -m stages.simulate SUITE
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import pyarrow as pa
 
@@ -16,17 +16,21 @@ from pipeline.physics.simulate import compile_xml, simulate_model
 from pipeline.physics.trace_shards import contact_table, trace_arrays
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+@dataclass(frozen=True)
+class Parameters:
+    schedule: Schedule
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     (compiled,) = inputs
     traces = []
     for row in compiled.table().to_pylist():
         try:
-            traces.append(simulate_model(compile_xml(row["xml"]), Schedule(**p["clip"]).seconds))
+            traces.append(simulate_model(compile_xml(row["xml"]), parameters.schedule.seconds))
         except SimulationError as error:
             raise SimulationError(
                 f"{shard.suite}/{row['clip']}: {error}; sample.filters should have left it out"
@@ -37,7 +41,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
 
 def main(suite: str) -> None:
     params = load("simulate", suite)
-    run_shards("simulate", suite, compute, {"clip": params.clip.model_dump()}, ["compile"], versions=["mujoco"])
+    run_shards("simulate", suite, compute, Parameters(params.clip.schedule), ["compile"], versions=["mujoco"])
 
 
 if __name__ == "__main__":

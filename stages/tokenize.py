@@ -5,13 +5,14 @@ Reads data/sample/<suite>, data/events/<suite>, model.base's tokenizer. Writes d
 model.width, model.height. Run: python -m stages.tokenize SUITE
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 
+from pipeline.errors import naming
 from pipeline.language.codec import Codec
 from pipeline.language.completion import write_completion
 from pipeline.language.events import Event
@@ -20,9 +21,8 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from stages.graph.main import run
-from stages.graph.params import load
-from stages.graph.run_shards import run_shards
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
 
 SCHEMA = pa.schema(
     {
@@ -36,20 +36,42 @@ SCHEMA = pa.schema(
 )
 
 
+@dataclass(frozen=True)
+class Parameters:
+    """What `compute` needs.
+
+    Attributes:
+        base: The base model: a folder, or a hub name.
+        reasoning: Whether <think> precedes <answer>.
+        width: Of the model's pictures, px, where the base has no layout of its own; so `height`.
+        frames: Of a clip that the model sees.
+        seconds: Of a clip.
+    """
+
+    base: str
+    reasoning: bool
+    width: int
+    height: int
+    frames: int
+    seconds: float
+
+
 @lru_cache(maxsize=1)
 def codec(base: str, width: int, height: int, frames: int) -> Codec:
-    return Codec(load_tokenizer(base), read_layout(base, width, height, frames).tokens)
+    with naming("model.base"):
+        return Codec(load_tokenizer(base), read_layout(base, width, height, frames).tokens)
 
 
-def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> ShardResult:
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     sample, told = inputs
-    writer = codec(p["base"], p["width"], p["height"], p["frames"])
+    writer = codec(parameters.base, parameters.width, parameters.height, parameters.frames)
+    reasoning, seconds = parameters.reasoning, parameters.seconds
     rows = []
     for row in sample.table().to_pylist():
         events = [Event(e["time"], e["kind"], e["first"], None if e["second"] < 0 else e["second"])
                   for e in told.rows(row["clip"], "events")]  # fmt: skip
-        completion = write_completion(read_scene(row["scene"]), events if p["reasoning"] else None, p["seconds"])
-        tokens = writer.encode(completion, p["reasoning"], p["seconds"])
+        completion = write_completion(read_scene(row["scene"]), events if reasoning else None, seconds)
+        tokens = writer.encode(completion, reasoning, seconds)
         rows.append({"clip": row["clip"], "completion": completion, "ids": tokens.ids.tolist(),
                      "prompt_length": tokens.prompt_length, "free": tokens.free.tolist(),
                      "numeric": tokens.numeric.tolist()})  # fmt: skip
@@ -59,8 +81,14 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], p: Mapping[str, Any]) -> 
 def main(suite: str) -> None:
     params = load("tokenize", suite)
     m = params.model
-    parameters = {"base": m.base, "reasoning": m.reasoning, "width": m.width, "height": m.height,
-                  "frames": params.clip.model_frames, "seconds": params.clip.seconds}  # fmt: skip
+    parameters = Parameters(
+        base=m.base,
+        reasoning=m.reasoning,
+        width=m.width,
+        height=m.height,
+        frames=params.clip.model_frames,
+        seconds=params.clip.seconds,
+    )
     names = ("tokenizer.json", "tokenizer_config.json", "clip_layout.json")
     files = {name: Path(m.base) / name for name in names if (Path(m.base) / name).is_file()}
     run_shards("tokenize", suite, compute, parameters, ["sample", "events"], files=files,

@@ -16,8 +16,7 @@ from pipeline.hidden.confusion_figure import confusion_figure
 from pipeline.hidden.judge import Judgement, confusion, judge, wilson
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
-from stages.graph.main import run
-from stages.graph.run_shards import folder
+from stages.graph.run import folder, run
 
 REPORTS = Path("reports")
 

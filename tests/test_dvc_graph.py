@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.shards.code_hash import PACKAGES, PLUMBING, ROOT, has_code, module_closure
-from stages.graph.params import READS, declared_keys
+from stages.graph.stage_params import READS, declared_keys
 
 _COMMAND = re.compile(r"-m\s+((?:stages|training)\.[\w.]+)([^&|;\n]*)")
 

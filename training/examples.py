@@ -18,7 +18,7 @@ from pipeline.language.completion import MAX_OBJECTS, completion_grammar, write_
 from pipeline.language.events import Thresholds, find_events
 from pipeline.language.grammar import split
 from pipeline.language.tokenizer import build_tokenizer
-from pipeline.model.checkpoint import ModelInput
+from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout, resize_frames
 from pipeline.physics.batch import scene_model
 from pipeline.physics.simulate import simulate_model

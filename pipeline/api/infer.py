@@ -30,8 +30,8 @@ from pipeline.inference.scene_search import (
 )
 from pipeline.metrics.overlap import Overlap, overlap
 from pipeline.model.base import Base, load_base
-from pipeline.model.checkpoint import ModelInput, missing_input
 from pipeline.model.generate import Sampling
+from pipeline.model.model_input import ModelInput, missing_input
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
 from pipeline.search.certainty import Certainty, hardly

@@ -203,7 +203,7 @@ def open_clip(folder: Path, shard: str | None, index: int | None) -> Opened:
             there = by_stage.get(source.split("/")[0])
             if there is not None and there.shard.entry.content != content:
                 notes.append(f"{name} was made from other clips than {source} now has: run `dvc repro`")
-    schedules = [d.manifest.parts.get("parameters", {}).get("clip") for d in datasets.values()]
+    schedules = [d.manifest.parts.get("parameters", {}).get("schedule") for d in datasets.values()]
     schedule = next((Schedule(**values) for values in schedules if values), Schedule())
     return Opened(place.parent.name, dataset.manifest.suite, clips, schedule, notes)
 

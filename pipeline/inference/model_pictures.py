@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.model.checkpoint import ModelInput
-from pipeline.model.patches import PatchLayout, resize_frames
+from pipeline.model.model_input import ModelInput
+from pipeline.model.patches import PatchLayout, fit_layout
 from pipeline.vision.flow_picture import flow_picture, scaled_max_px
 
 
@@ -29,8 +29,3 @@ def model_pictures(
     assert model_input.picture is not None
     shown = flow_picture(flow, model_input.picture, scaled_max_px(flow.shape[2], interval))
     return fit_layout(shown, layout)
-
-
-def fit_layout(pictures: np.ndarray, layout: PatchLayout) -> np.ndarray:
-    """Pictures (P, h, w, 3) uint8 in the layout's size."""
-    return resize_frames(pictures, layout.width, layout.height)

@@ -18,16 +18,9 @@ from transformers import (
 from transformers.utils import logging
 
 from pipeline.language.codec import Codec
-from pipeline.model.checkpoint import (
-    ModelInput,
-    load_tokenizer,
-    read_input,
-    read_layout,
-    unavailable,
-    write_input,
-    write_layout,
-)
+from pipeline.model.checkpoint import load_tokenizer, read_layout, unavailable, write_layout
 from pipeline.model.constrained_decoding import TrieCache
+from pipeline.model.model_input import ModelInput, read_input, write_input
 from pipeline.model.patches import PatchLayout
 
 logging.disable_progress_bar()

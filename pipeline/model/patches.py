@@ -69,6 +69,11 @@ def resize_frames(frames: np.ndarray, width: int, height: int) -> np.ndarray:
                      for f in frames])  # fmt: skip
 
 
+def fit_layout(pictures: np.ndarray, layout: PatchLayout) -> np.ndarray:
+    """Pictures (P, h, w, 3) uint8 in the layout's size."""
+    return resize_frames(pictures, layout.width, layout.height)
+
+
 def pack_video(frames: torch.Tensor, layout: PatchLayout) -> torch.Tensor:
     """Patches (B * T/t * h * w, 3 * t * p * p) float32 of clips (B, T, H, W, 3) uint8, as the vision tower wants them.
 

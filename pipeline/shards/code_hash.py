@@ -14,9 +14,17 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("pipeline", "stages", "training")
 
-PLUMBING = ("pipeline.shards", "pipeline.errors", "stages.graph.main", "stages.graph.params", "stages.graph.run_shards")
+PLUMBING = (
+    "pipeline.shards",
+    "pipeline.errors",
+    "stages.graph.params",
+    "stages.graph.params_file",
+    "stages.graph.run",
+    "stages.graph.stage_params",
+)
 """Modules that decide when and where something is computed, not what. They are in no key and no stage's deps:
-else a new section in stages/graph/params.py would train the model again. The exceptions are in CONTENT."""
+else a new section in stages/graph/params.py would train the model again. The exceptions are in CONTENT. The other
+modules of stages/graph decide what a stage computes, and are in the keys of the stages that import them."""
 
 CONTENT = ("pipeline.shards.tables", "pipeline.shards.arrays", "pipeline.shards.clip_rng")
 """Plumbing that decides bytes: in every key."""

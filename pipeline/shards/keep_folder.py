@@ -8,7 +8,7 @@ import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pipeline.shards.content_hash import hash_value
 from pipeline.shards.dataset import ShardedDataset, open_shards
@@ -17,15 +17,16 @@ from pipeline.shards.output_errors import writing_to
 from pipeline.shards.placement import place
 from pipeline.shards.store import Store, StoredShard, default_store
 
-Make = Callable[[Path, Path, Sequence[ShardedDataset], Mapping[str, Any]], Mapping[str, int | float]]
+Parameters = TypeVar("Parameters")
+Make = Callable[[Path, Path, Sequence[ShardedDataset], Parameters], Mapping[str, int | float]]
 
 
 def keep_folder(
     stage: str,
     output_dir: Path | str,
-    make: Make,
+    make: Make[Parameters],
     *,
-    parameters: Mapping[str, Any],
+    parameters: Parameters,
     inputs: Sequence[Path | str] = (),
     files: Mapping[str, Path] | None = None,
     versions: Sequence[str] = (),
@@ -33,13 +34,23 @@ def keep_folder(
 ) -> None:
     """Make a folder, or take it from the store, and put it at `output_dir`, replacing what is there.
 
-    make: a function of a module: (folder, scratch, inputs, parameters) -> notes. It fills the empty `folder`.
-        `scratch` stays when the run is killed, and is there again in the next one of the same key: for
-        checkpoints to resume from. The inputs are verified by hash before.
-    parameters, inputs, files, versions: as for `map_shards`; all in the key.
+    Prints one line of outcome.
 
-    Prints one line of outcome. Raises ShardError where an input is missing or damaged, OutputError where the
-    store or the output folder cannot be written to.
+    Args:
+        stage: The stage's name.
+        output_dir: The folder to write.
+        make: A function of a module: (folder, scratch, inputs, parameters) -> notes. It fills the empty `folder`.
+            `scratch` stays when the run is killed, and is there again in the next run of the same key: for checkpoints
+            to resume from. The inputs are verified by hash before.
+        parameters: A record of all that `make` needs; like the next three in the key, as for `map_shards`.
+        inputs: Output folders of other stages.
+        files: Named files and folders that `make` reads.
+        versions: Names of installed distributions.
+        store: Where the folder is kept; None for `default_store()`.
+
+    Raises:
+        ShardError: An input is missing or damaged.
+        OutputError: The store or the output folder cannot be written to.
     """
     started = time.monotonic()
     output_dir, store = Path(output_dir), store or default_store()
@@ -65,9 +76,9 @@ def keep_folder(
 def _make(
     store: Store,
     key: str,
-    make: Make,
+    make: Make[Any],
     datasets: Sequence[ShardedDataset],
-    parameters: Mapping[str, Any],
+    parameters: object,
     parts: Mapping[str, Any],
 ) -> StoredShard:
     notes: dict[str, int | float] = {}

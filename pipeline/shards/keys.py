@@ -2,9 +2,10 @@
 
 import platform
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields, is_dataclass
 from importlib.metadata import version
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePath
+from typing import Any, Protocol, runtime_checkable
 
 from pipeline.errors import ShardError
 from pipeline.shards.code_hash import function_code
@@ -15,16 +16,51 @@ FORMAT = 1
 _ALWAYS = ("numpy", "numcodecs", "pyarrow", "zarr")
 
 
+@runtime_checkable
+class Dumps(Protocol):
+    """A record that gives its own plain values, as pydantic's models do."""
+
+    def model_dump(self, *, mode: str) -> dict[str, Any]: ...
+
+
+def plain(value: object) -> Any:
+    """A parameter as the plain value that stands for it in a key and in a manifest.
+
+    Dataclasses and mappings become dicts with text keys, sequences lists, paths text. Raises TypeError for a value
+    of any other kind.
+    """
+    match value:
+        case None | bool() | int() | float() | str():
+            return value
+        case PurePath():
+            return value.as_posix()
+        case Mapping():
+            return {str(key): plain(inner) for key, inner in value.items()}
+        case list() | tuple():
+            return [plain(inner) for inner in value]
+        case Dumps():
+            return value.model_dump(mode="json")
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    raise TypeError(f"{type(value).__name__} cannot be a parameter; valid: dataclasses, numbers, text, lists, mappings")
+
+
 def common_parts(
     compute: Callable[..., Any],
-    parameters: Mapping[str, Any],
+    parameters: object,
     versions: Iterable[str],
     files: Mapping[str, Path],
 ) -> dict[str, Any]:
     """What the keys of all shards of one run have in common, readable; it is written to the manifest.
 
-    versions: names of the distributions whose versions matter, beside those that write the bytes.
-    files: named files and folders (a checkpoint) that every shard reads; their content counts, their place not.
+    Args:
+        compute: A function of a module; the code of that module counts.
+        parameters: A record (`plain`), or None for a stage without parameters.
+        versions: Names of the distributions whose versions count, beside those that write the bytes.
+        files: Named files and folders (a checkpoint) that every shard reads; their content counts, their path does not.
+
+    Raises:
+        ShardError: One of the files is missing.
     """
     assert "<" not in compute.__qualname__, f"{compute.__qualname__} must be a function of a module"
     for name, path in files.items():
@@ -35,7 +71,7 @@ def common_parts(
         "compute": compute.__qualname__,
         "files": {name: hash_path(path) for name, path in sorted(files.items())},
         "format": FORMAT,
-        "parameters": dict(parameters),
+        "parameters": {} if parameters is None else plain(parameters),
         "versions": {
             "python": ".".join(platform.python_version_tuple()[:2]),
             **{name: version(name) for name in sorted({*versions, *_ALWAYS})},

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from tqdm import tqdm
 
@@ -21,7 +21,8 @@ from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.store import Store, StoredShard, default_store
 from pipeline.shards.tables import write_table
 
-Compute = Callable[[Shard, Sequence[OpenShard], Mapping[str, Any]], ShardResult]
+Parameters = TypeVar("Parameters")
+Compute = Callable[[Shard, Sequence[OpenShard], Parameters], ShardResult]
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,8 @@ class _Task:
     key: str
     inputs: tuple[OpenShard, ...]
     input_hashes: Mapping[str, str]
-    compute: Compute
-    parameters: Mapping[str, Any]
+    compute: Compute[Any]
+    parameters: Any
     parts: Mapping[str, Any]
     store: Path
 
@@ -45,9 +46,9 @@ def map_shards(
     stage: str,
     suite: str,
     output_dir: Path | str,
-    compute: Compute,
+    compute: Compute[Parameters],
     *,
-    parameters: Mapping[str, Any],
+    parameters: Parameters,
     clips: int | None = None,
     shard_size: int | None = None,
     inputs: Sequence[Path | str] = (),
@@ -60,19 +61,33 @@ def map_shards(
 ) -> Manifest:
     """Compute a stage's shards, or take them from the store, and write them with their manifest to `output_dir`.
 
-    compute: a function of a module, pure: (shard, its input shards, parameters) -> ShardResult. What it gives
-        for a clip must depend on that clip alone, so that it is the same whatever the shard size.
-    clips, shard_size: shard k has the clips k·shard_size to (k+1)·shard_size - 1, the last one what is left.
-        With inputs both may be left out (all clips; the inputs' own shards); fewer clips, or a smaller
-        shard_size of which the inputs' is a multiple, may be given.
-    inputs: output folders of other stages, which `compute` gets as views of the shard's clips, checked by hash.
-    parameters: plain values, all that `compute` needs; in the key. So is the content of `files` (checkpoints;
-        their paths go into `parameters` only if they matter, or to `compute` through the file's own place).
-    versions: names of installed distributions whose versions are in the key.
-    executor, workers, threads: who computes; never in a key. `threads` numeric threads per worker.
+    Prints one line of outcome.
 
-    Prints one line of outcome. Raises ShardError where inputs are missing, damaged or cut differently,
-    OutputError where the store or the output folder cannot be written to.
+    Args:
+        stage: The stage's name.
+        suite: The suite's name.
+        output_dir: The folder to write; what an earlier run left in it is replaced.
+        compute: A pure function of a module: (shard, its input shards, parameters) -> ShardResult. Its result for a
+            clip must depend on that clip alone, so that it is the same whatever the shard size.
+        parameters: A picklable record of all that `compute` needs; `keys.plain` of it is in the key.
+        clips: How many clips; may be left out where there are inputs (all of theirs).
+        shard_size: Shard k has the clips k·shard_size to (k+1)·shard_size - 1. May be left out where there are inputs
+            (their own shards), or be smaller than theirs where it divides it.
+        inputs: Output folders of other stages; `compute` gets views of the shard's clips, checked by hash.
+        files: Named files and folders (checkpoints) that `compute` reads. Their content is in the key, their path only
+            where `parameters` has it.
+        versions: Names of installed distributions whose versions are in the key.
+        executor: The name of the executor; like `workers` and `threads` in no key.
+        workers: Worker processes; None for one a core.
+        threads: Numeric threads per worker.
+        store: Where the shards are kept; None for `default_store()`.
+
+    Returns:
+        The manifest of the output folder.
+
+    Raises:
+        ShardError: Inputs are missing, damaged, or cut into other shards.
+        OutputError: The store or the output folder cannot be written to.
     """
     started = time.monotonic()
     output_dir = Path(output_dir)
@@ -148,8 +163,8 @@ def _cut(
 def _task(
     shard: Shard,
     datasets: Sequence[ShardedDataset],
-    compute: Compute,
-    parameters: Mapping[str, Any],
+    compute: Compute[Any],
+    parameters: object,
     common: Mapping[str, Any],
     store: Store,
 ) -> _Task:

@@ -72,12 +72,14 @@ class Store:
     ) -> StoredShard:
         """Add a shard: `write` fills an empty folder, which becomes the shard. Nothing stays if it fails.
 
+        What is returned is what `lookup` of the key would give: the notes are in the order of their names.
         Raises OutputError where the store cannot be written to.
         """
+        notes = dict(sorted(notes.items()))
         with writing_to(self.folder), self._temporary() as temporary:
             write(temporary)
             files = hash_files(temporary)
-            record: dict[str, Any] = {"key": key, "files": files, "notes": dict(notes), "parts": dict(parts)}
+            record: dict[str, Any] = {"key": key, "files": files, "notes": notes, "parts": dict(parts)}
             record["checksum"] = hash_value(record)
             (temporary / _RECORD).write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
             _make_durable(temporary)
@@ -89,7 +91,7 @@ class Store:
                 if not target.is_dir():  # else another process was first, with the same bytes
                     raise
             _sync_folder(target.parent)
-        return StoredShard(key, target, files, dict(notes))
+        return StoredShard(key, target, files, notes)
 
     def scratch(self, key: str) -> Path:
         """A folder for what is half done under a key; it stays until it is removed."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import ShardError
-from stages.graph.run_shards import DATA
+from stages.graph.run import DATA
 
 FOLDER = DATA / "prefer"
 FILE = "answering_model.json"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pipeline.errors import ParamsError
 from pipeline.shards.dataset import Clip, open_shards
 from stages.graph.clip_pictures import picture_stage
-from stages.graph.run_shards import folder
+from stages.graph.run import folder
 
 SUITE = "train"
 

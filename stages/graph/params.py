@@ -1,8 +1,6 @@
-"""The parameters: params.yaml, read and checked as a whole, and handed to a stage as far as it declares.
+"""The sections of params.yaml: their keys, and which values are valid.
 
-A section is a class below and a field of `Params`; the keys that a stage reads are its line in `READS`, which
-must be those of its `params:` in dvc.yaml (tests/test_dvc_graph.py compares). `executor` is nobody's: how many
-workers there are must not run anything again.
+`Params` is the whole file. Which of its keys a stage reads is in `stage_params.READS`.
 """
 
 from pathlib import Path
@@ -11,8 +9,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from stages.graph.params_file import Section, read_params_file
-from stages.graph.params_view import ParamsView
+from pipeline.clips.schedule import Schedule
+from stages.graph.params_file import Section
 
 PARAMS_FILE = Path("params.yaml")
 
@@ -24,7 +22,7 @@ Range = tuple[float, float]
 Weights = dict[str, NonNegative]
 
 
-class Suite(Section):
+class SuiteSettings(Section):
     """A set of sampled clips."""
 
     clips: Annotated[int, Field(ge=0)]
@@ -33,7 +31,7 @@ class Suite(Section):
     without: list[str]
 
 
-class RealSuite(Section):
+class RealSuiteSettings(Section):
     """The user's own clips."""
 
     path: str | None
@@ -42,13 +40,13 @@ class RealSuite(Section):
     fps: Positive | None
 
 
-class Suites(Section):
-    train: Suite
-    val: Suite
-    id: Suite
-    held_out: Suite
-    more: Suite
-    real: RealSuite
+class SuitesSettings(Section):
+    train: SuiteSettings
+    val: SuiteSettings
+    id: SuiteSettings
+    held_out: SuiteSettings
+    more: SuiteSettings
+    real: RealSuiteSettings
 
 
 class FilterSettings(Section):
@@ -84,26 +82,30 @@ class DistributionSettings(Section):
     lying: Share
 
 
-class Sample(Section):
+class SampleSettings(Section):
     shard_size: Count
     filters: FilterSettings
     distribution: DistributionSettings
 
 
-class Clip(Section):
+class ClipSettings(Section):
     seconds: Positive
     fps: Count
     model_frames: Annotated[int, Field(ge=2, multiple_of=2)]
 
     @model_validator(mode="after")
-    def _pairs_fit(self) -> "Clip":
+    def _pairs_fit(self) -> "ClipSettings":
         frames = round(self.seconds * self.fps)
         if self.model_frames >= frames:
             raise PydanticCustomError("pairs", f"`model_frames` must be less than the {frames} frames of seconds x fps")
         return self
 
+    @property
+    def schedule(self) -> Schedule:
+        return Schedule(**self.model_dump())
 
-class Render(Section):
+
+class RenderSettings(Section):
     width: Annotated[int, Field(ge=32)]
     height: Annotated[int, Field(ge=32)]
     backend: Literal["auto", "mujoco", "raycast"]
@@ -117,7 +119,7 @@ class Render(Section):
     blur: NonNegative
 
 
-class Flow(Section):
+class FlowSettings(Section):
     source: Literal["raft", "exact", "dis"]
     train_source: Literal["raft", "exact", "dis"]
     raft: str
@@ -128,7 +130,7 @@ class Flow(Section):
     picture: Literal["channels", "wheel"]
 
 
-class Events(Section):
+class EventsSettings(Section):
     impact_speed: NonNegative
     separation: Positive
     slip_speed: Positive
@@ -137,7 +139,7 @@ class Events(Section):
     most: Annotated[int, Field(ge=0, le=24)]  # MAX_EVENTS of the grammar
 
 
-class Model(Section):
+class ModelSettings(Section):
     base: str
     input: Literal["flow", "rgb"]
     reasoning: bool
@@ -146,7 +148,7 @@ class Model(Section):
     height: Count
 
 
-class Finetune(Section):
+class FinetuneSettings(Section):
     steps: Count | None
     epochs: Positive
     batch_size: Count
@@ -155,14 +157,14 @@ class Finetune(Section):
     checkpoint_steps: Count
 
 
-class Prefer(Section):
+class PreferSettings(Section):
     enabled: bool
     suite: Literal["id", "held_out", "more", "real"]
     clips: Count
     samples: Annotated[int, Field(ge=2)]
     temperature: Positive
     top_p: Annotated[float, Field(gt=0, le=1)]
-    decoded: Count
+    decode_batch_size: Count
     epe_weight: NonNegative
     margin: NonNegative
     pairs: Count
@@ -174,7 +176,7 @@ class Prefer(Section):
     checkpoint_steps: Count
 
 
-class Regress(Section):
+class RegressSettings(Section):
     enabled: bool
     width: Annotated[int, Field(ge=16, multiple_of=16)]
     height: Annotated[int, Field(ge=16, multiple_of=16)]
@@ -188,49 +190,54 @@ class Regress(Section):
     checkpoint_steps: Count
 
     @model_validator(mode="after")
-    def _heads_share_the_width(self) -> "Regress":
+    def _heads_share_the_width(self) -> "RegressSettings":
         if self.hidden % self.heads:
             raise PydanticCustomError("heads", f"`hidden` must be a multiple of the {self.heads} `heads`")
         return self
 
 
-class Infer(Section):
+class InferSettings(Section):
     shots: Annotated[int, Field(ge=0)]
     samples: Count
     temperature: Positive
     top_p: Annotated[float, Field(gt=0, le=1)]
     numbers: Literal["quantiles", "tokens"]
     middle: Annotated[float, Field(gt=0, le=1)]
-    batch_size: Count
+    decode_batch_size: Count
 
 
-class Search(Section):
+class SearchSettings(Section):
     width: Annotated[int, Field(ge=24)]
     height: Annotated[int, Field(ge=16)]
     starts: Count
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px."""
+        return self.width, self.height
 
-class Cmaes(Section):
+
+class CmaesSettings(Section):
     population: Annotated[int, Field(ge=4)]
     iterations: Annotated[int, Field(ge=0)]
     sigma: Positive
 
 
-class Fit(Section):
+class FitSettings(Section):
     simulations: Annotated[int, Field(ge=200)]
 
 
-class Predict(Section):
+class PredictSettings(Section):
     seconds: Positive
     simulations: Count
 
 
-class Score(Section):
+class ScoreSettings(Section):
     bootstrap: Count
     gallery: Annotated[int, Field(ge=0)]
 
 
-class Hide(Section):
+class HideSettings(Section):
     worlds: Count
     effects: Annotated[list[str], Field(min_length=1)]
     strength: Positive
@@ -238,7 +245,7 @@ class Hide(Section):
     clips: Count
 
 
-class Discover(Section):
+class DiscoverSettings(Section):
     held_out: Annotated[float, Field(ge=0, lt=1)]
     effects: str
 
@@ -250,75 +257,22 @@ class ExecutorSettings(Section):
 
 class Params(Section):
     seed: int
-    suites: Suites
-    sample: Sample
-    clip: Clip
-    render: Render
-    flow: Flow
-    events: Events
-    model: Model
-    finetune: Finetune
-    prefer: Prefer
-    regress: Regress
-    infer: Infer
-    search: Search
-    cmaes: Cmaes
-    fit: Fit
-    predict: Predict
-    score: Score
-    hide: Hide
-    discover: Discover
+    suites: SuitesSettings
+    sample: SampleSettings
+    clip: ClipSettings
+    render: RenderSettings
+    flow: FlowSettings
+    events: EventsSettings
+    model: ModelSettings
+    finetune: FinetuneSettings
+    prefer: PreferSettings
+    regress: RegressSettings
+    infer: InferSettings
+    search: SearchSettings
+    cmaes: CmaesSettings
+    fit: FitSettings
+    predict: PredictSettings
+    score: ScoreSettings
+    hide: HideSettings
+    discover: DiscoverSettings
     executor: ExecutorSettings
-
-
-READS: dict[str, tuple[str, ...]] = {
-    "sample": ("seed", "sample", "clip", "suites.{suite}"),
-    "compile": (),
-    "simulate": ("clip",),
-    "render": ("seed", "clip", "render", "model.input", "flow.train_source"),
-    "import_clips": ("clip", "suites.real", "sample.shard_size"),
-    "flow": ("seed", "clip", "flow"),
-    "events": ("clip", "events", "sample.filters.visible_px"),
-    "tokenize": ("clip", "model.base", "model.reasoning", "model.width", "model.height"),
-    "finetune": ("seed", "clip", "model", "finetune", "infer.shots"),
-    "prefer": (
-        "seed",
-        "clip",
-        "model.input",
-        "model.reasoning",
-        "model.dtype",
-        "search.width",
-        "search.height",
-        "prefer",
-        "infer.shots",
-    ),
-    "regress": ("seed", "clip", "model.input", "sample.distribution", "regress"),
-    "infer": ("seed", "clip", "flow.picture", "model", "infer"),
-    "best_of_k": ("clip", "search"),
-    "cmaes": ("seed", "clip", "search", "cmaes"),
-    "fit": ("seed", "clip", "search", "fit"),
-    "predict": ("seed", "clip", "search.width", "search.height", "predict"),
-    "hide": ("seed", "hide"),
-    "discover": ("seed", "discover"),
-    "score": ("seed", "clip", "score", "model", "flow.source", "infer.shots", "regress.enabled"),
-}
-"""Stage -> the keys it reads, as narrow as can be; `{suite}` is the suite that the stage runs for."""
-
-
-def declared_keys(stage: str, suite: str | None = None) -> tuple[str, ...]:
-    """The keys that a stage reads, for a suite where it runs for one."""
-    return tuple(key.format(suite=suite) for key in READS[stage])
-
-
-def load(stage: str, suite: str | None = None, path: Path = PARAMS_FILE) -> Params:
-    """The parameters of a stage: what it has not declared is not there.
-
-    Raises ParamsError, naming the key, for an unknown, missing or impossible parameter anywhere in the file.
-    """
-    params = read_params_file(path, Params)
-    return ParamsView.of(params, declared_keys(stage, suite), stage, path)  # type: ignore[return-value]
-
-
-def load_executor(path: Path = PARAMS_FILE) -> ExecutorSettings:
-    """Who computes, and with how many workers; declared by no stage."""
-    return read_params_file(path, Params).executor

@@ -1,6 +1,5 @@
 """Reading a YAML 1.2 file of parameters into pydantic models, with errors that name the key and what is valid."""
 
-import difflib
 import json
 import types
 import typing
@@ -12,7 +11,7 @@ from pydantic_core import ErrorDetails
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
-from pipeline.errors import ParamsError
+from pipeline.errors import ParamsError, did_you_mean
 
 
 class Section(BaseModel):
@@ -53,9 +52,7 @@ def _sentence(problem: ErrorDetails, model: type[Section]) -> str:
     valid = _fields_at(model, tuple(above))
     match problem["type"]:
         case "extra_forbidden":
-            close = difflib.get_close_matches(str(last), valid, n=1)
-            hint = f"did you mean `{close[0]}`? " if close else ""
-            return f"`{name}` is not a parameter; {hint}Valid here: {', '.join(valid)}"
+            return f"`{name}` is not a parameter{did_you_mean(last, valid)}; valid here: {', '.join(valid)}"
         case "missing":
             return f"`{name}` is missing"
         case _:

@@ -7,7 +7,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.scene_scores import Reference, measured_reference, true_reference
 from pipeline.scene.text import read_scene
 from pipeline.shards.dataset import ShardedDataset, open_shards
-from stages.graph.run_shards import folder
+from stages.graph.run import folder
 
 Suite = dict[str, ShardedDataset]
 

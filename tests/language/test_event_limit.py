@@ -6,7 +6,7 @@ from pipeline.language.completion import MAX_EVENTS, completion_grammar, write_c
 from pipeline.language.events import Event
 from pipeline.language.grammar import GrammarError, split
 from pipeline.scene.scene import Camera, Scene, SceneObject
-from stages.graph.params import Events
+from stages.graph.params import EventsSettings
 
 SCENE = Scene((SceneObject("sphere", (0.1,), 1.0, position=(0, 0, 0.1)),), Camera((0, -2, 1), 40, -20.0))
 
@@ -26,5 +26,5 @@ def test_one_more_is_no_text_of_the_grammar() -> None:
 
 
 def test_params_allow_no_more_events_than_the_grammar() -> None:
-    bounds = [m.le for m in Events.model_fields["most"].metadata if hasattr(m, "le")]
+    bounds = [m.le for m in EventsSettings.model_fields["most"].metadata if hasattr(m, "le")]
     assert bounds == [MAX_EVENTS]

@@ -9,8 +9,8 @@ from pipeline.language.completion import write_completion
 from pipeline.language.events import Event
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import Base
-from pipeline.model.checkpoint import ModelInput
 from pipeline.model.constrained_decoding import TrieCache
+from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout
 from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.scene.scene import Camera, Scene, SceneObject

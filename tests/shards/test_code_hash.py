@@ -115,3 +115,29 @@ def test_plumbing_is_there() -> None:
 def test_a_docstring_alone_is_no_code(root: Path) -> None:
     assert not has_code(root / "pipeline/__init__.py")
     assert has_code(root / "pipeline/physics/gravity.py")
+
+
+IN_KEYS = {"answering_model", "clip_pictures", "examples", "found_row", "search_target", "suite"}
+"""The modules of stages/graph that decide what a stage computes."""
+
+
+def test_every_module_of_stages_graph_is_plumbing_or_decides_content() -> None:
+    modules = {path.stem for path in (ROOT / "stages/graph").glob("*.py") if path.stem != "__init__"}
+    plumbing = {name.rpartition(".")[2] for name in PLUMBING if name.startswith("stages.graph.")}
+    assert modules == IN_KEYS | plumbing
+    assert not IN_KEYS & plumbing
+
+
+@pytest.mark.parametrize("stage", sorted(path.stem for path in (ROOT / "stages").glob("[!_]*.py")))
+def test_the_code_of_a_stage_has_the_content_of_stages_graph_and_none_of_its_plumbing(stage: str) -> None:
+    file = ROOT / "stages" / f"{stage}.py"
+    closure = {path.stem for path in module_closure(file) if path.parent == ROOT / "stages/graph"} - {"__init__"}
+    imported = {path.stem for path in module_closure(file, without=()) if path.parent == ROOT / "stages/graph"}
+    assert closure == imported & IN_KEYS
+
+
+def test_a_stage_that_starts_from_answers_has_in_its_key_how_they_are_read() -> None:
+    closure = {path.name for path in module_closure(ROOT / "stages/fit.py")}
+    assert {"search_target.py", "found_row.py"} <= closure
+    closure = {path.name for path in module_closure(ROOT / "stages/infer.py")}
+    assert {"answering_model.py", "clip_pictures.py", "examples.py"} <= closure

@@ -1,8 +1,8 @@
 """Laws of results that are kept whole."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 from toy_stage import make
@@ -14,15 +14,20 @@ from pipeline.shards.prune import prune
 from pipeline.shards.store import Store
 
 
-def train(
-    folder: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Mapping[str, Any]
-) -> dict[str, float]:
+@dataclass(frozen=True)
+class Training:
+    """stop: a file; where it is there, a first run stops half way."""
+
+    stop: Path
+
+
+def train(folder: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Training) -> dict[str, float]:
     """The mean mass, in steps that are counted in `scratch`; a run may stop after some."""
     (dropped,) = inputs
     done = scratch / "steps"
     first = int(done.read_text()) if done.exists() else 0
     for step in range(first, 4):
-        if step == 2 and first == 0 and Path(parameters["stop"]).exists():
+        if step == 2 and first == 0 and parameters.stop.exists():
             raise KeyboardInterrupt
         done.write_text(str(step + 1))
     (folder / "weights").mkdir()
@@ -32,7 +37,7 @@ def train(
 
 def run(root: Path) -> None:
     keep_folder(
-        "train", root / "model", train, parameters={"stop": str(root / "stop")},
+        "train", root / "model", train, parameters=Training(root / "stop"),
         inputs=[root / "drop" / "train"], store=Store(root / "store"),
     )  # fmt: skip
 

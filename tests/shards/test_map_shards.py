@@ -121,7 +121,7 @@ def test_the_manifest_has_the_parts_of_the_key_and_nothing_of_the_machine(tmp_pa
     assert [shard["inputs"] for shard in manifest["shards"]] == [
         {"drop/train": shard.content} for shard in upstream.shards
     ]
-    assert upstream.parts["parameters"] == {"seed": 1}
+    assert upstream.parts["parameters"] == {"seed": 1, "then": "", "flag": ""}
 
 
 def test_a_smaller_shard_size_than_the_input_s_is_fine_where_it_divides_it(tmp_path: Path) -> None:
@@ -148,10 +148,10 @@ def test_inputs_that_are_cut_differently_are_refused(tmp_path: Path) -> None:
         make(tmp_path / str(size), clips=24, shard_size=size)
     inputs = [tmp_path / "4" / "drop" / "train", tmp_path / "6" / "drop" / "train"]
     with pytest.raises(ShardError, match=r"these clips are in more than one shard .*\(4 a shard\).*\(6 a shard\)"):
-        map_shards("join", "train", tmp_path / "join", no_shard, parameters={}, inputs=inputs)
+        map_shards("join", "train", tmp_path / "join", no_shard, parameters=None, inputs=inputs)
     make(tmp_path / "6", clips=12, shard_size=6)
     with pytest.raises(ShardError, match=r"different numbers of clips: .* has 24, .* has 12"):
-        map_shards("join", "train", tmp_path / "join", no_shard, parameters={}, inputs=inputs)
+        map_shards("join", "train", tmp_path / "join", no_shard, parameters=None, inputs=inputs)
     assert not (tmp_path / "join").exists()
 
 

@@ -37,6 +37,14 @@ def test_what_was_committed_is_found_again(tmp_path: Path) -> None:
     assert Store(tmp_path).lookup("cd" * 32) is None
 
 
+def test_the_notes_of_a_shard_have_one_order_whoever_computed_it(tmp_path: Path) -> None:
+    orders = {"a": {"rejected": 2, "drawn": 3}, "b": {"drawn": 3, "rejected": 2}}
+    committed = [Store(tmp_path / name).commit(KEY, put("rows"), notes, {}) for name, notes in orders.items()]
+    found = Store(tmp_path / "a").lookup(KEY)
+    assert found is not None
+    assert [list(shard.notes) for shard in (*committed, found)] == [["drawn", "rejected"]] * 3
+
+
 def test_the_same_shard_committed_twice_is_there_once(tmp_path: Path) -> None:
     store = Store(tmp_path)
     first, second = (store.commit(KEY, put("rows"), {}, {}) for _ in range(2))
@@ -113,7 +121,7 @@ def run_toy(root: Path, setup: str) -> subprocess.CompletedProcess[str]:
     program = f"""
 import os, resource, tempfile
 from pathlib import Path
-from stages.graph.main import run
+from stages.graph.run import run
 from toy_stage import make
 with tempfile.TemporaryDirectory() as elsewhere:
     make(Path(elsewhere), clips=4)

@@ -4,7 +4,8 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +20,26 @@ from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.store import Store
 from pipeline.shards.tables import table_from_rows
-from stages.graph.main import run
+from stages.graph.run import run
 
 BALLS = pa.schema([("clip", pa.int64()), ("mass", pa.float64()), ("tags", pa.list_(pa.string()))])
 EVENTS = pa.schema([("clip", pa.int64()), ("time", pa.float32())])
 
 
-def drop(shard: Shard, inputs: Sequence[OpenShard], parameters: Mapping[str, Any]) -> ShardResult:
+@dataclass(frozen=True)
+class Drop:
+    """seed: of the balls; then, flag: what `drop_until_shard_2` does, and a file that it makes."""
+
+    seed: int
+    then: str = ""
+    flag: str = ""
+
+
+def drop(shard: Shard, inputs: Sequence[OpenShard], parameters: Drop) -> ShardResult:
     """Balls with masks (4 x 8 x 8), depths (a different number of rows a clip) and 0 to 2 events."""
     balls, events, masks, depths = [], [], [], []
     for clip in shard.clips:
-        rng = clip_rng(parameters["seed"], shard.suite, clip, "drop")
+        rng = clip_rng(parameters.seed, shard.suite, clip, "drop")
         balls.append({"clip": clip, "mass": rng.uniform(), "tags": ["a"] * int(rng.integers(3))})
         masks.append(rng.integers(0, 4, (4, 8, 8), dtype=np.uint8))
         depths.append(rng.normal(size=(clip % 4, 3)).astype(np.float32))
@@ -38,7 +48,7 @@ def drop(shard: Shard, inputs: Sequence[OpenShard], parameters: Mapping[str, Any
     return ShardResult(tables, {"mask": np.stack(masks), "depth": depths}, {"rejected": 2 * len(shard)})
 
 
-def weigh(shard: Shard, inputs: Sequence[OpenShard], parameters: Mapping[str, Any]) -> ShardResult:
+def weigh(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardResult:
     """The mass of each ball and the number of pixels of its mask, from `drop`."""
     (dropped,) = inputs
     assert dropped.clips == shard.clips
@@ -48,16 +58,16 @@ def weigh(shard: Shard, inputs: Sequence[OpenShard], parameters: Mapping[str, An
     return ShardResult({"clips": table_from_rows(rows, EVENTS)})
 
 
-def drop_until_shard_2(shard: Shard, inputs: Sequence[OpenShard], parameters: Mapping[str, Any]) -> ShardResult:
-    """As `drop`, but clip 8 and later do what `parameters["then"]` says."""
+def drop_until_shard_2(shard: Shard, inputs: Sequence[OpenShard], parameters: Drop) -> ShardResult:
+    """As `drop`, but clip 8 and later do what `parameters.then` says."""
     if shard.start >= 8:
-        match parameters["then"]:
+        match parameters.then:
             case "raise":
                 raise SimulationError("ball_0 left the universe")
             case "die":
                 os.kill(os.getpid(), signal.SIGKILL)
             case "wait":
-                Path(parameters["flag"]).touch()
+                Path(parameters.flag).touch()
                 time.sleep(60)
     return drop(shard, inputs, parameters)
 
@@ -66,7 +76,7 @@ def make(root: Path, clips: int = 20, shard_size: int = 4, workers: int = 1, see
     """Run `drop` into root/drop/train with root/store as the store."""
     return map_shards(
         "drop", "train", root / "drop" / "train", more.pop("compute", drop),
-        parameters={"seed": seed, **more.pop("extra", {})},
+        parameters=Drop(seed, **more.pop("extra", {})),
         clips=clips, shard_size=shard_size, workers=workers, store=Store(root / "store"), **more,
     )  # fmt: skip
 
@@ -75,7 +85,7 @@ def make_weights(root: Path, workers: int = 1, **more: Any) -> Manifest:
     """Run `weigh` on what `make` left."""
     return map_shards(
         "weigh", "train", root / "weigh" / "train", weigh,
-        parameters={}, inputs=[root / "drop" / "train"], workers=workers, store=Store(root / "store"), **more,
+        parameters=None, inputs=[root / "drop" / "train"], workers=workers, store=Store(root / "store"), **more,
     )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """The stage `infer` with worked examples, on a tiny random base and clips of noise."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +21,21 @@ from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from stages import finetune, infer, prefer
 from stages.graph.examples import choose_examples
-from stages.graph.main import run
+from stages.graph.run import run
 from stages.tokenize import SCHEMA
 
 TRAIN = 4
 
 
-def noise(shard: Shard, inputs: Sequence[OpenShard], parameters: Mapping[str, Any]) -> ShardResult:
+def noise(shard: Shard, inputs: Sequence[OpenShard], parameters: int) -> ShardResult:
     """In the place of `flow`."""
-    rng = np.random.default_rng((parameters["seed"], shard.start))
+    rng = np.random.default_rng((parameters, shard.start))
     return ShardResult(arrays={"picture": random_clips(rng, len(shard))})
 
 
-def texts(shard: Shard, inputs: Sequence[OpenShard], parameters: Mapping[str, Any]) -> ShardResult:
+def texts(shard: Shard, inputs: Sequence[OpenShard], parameters: int) -> ShardResult:
     """In the place of `tokenize`: random completions."""
-    rng = np.random.default_rng((parameters["seed"], shard.start))
+    rng = np.random.default_rng((parameters, shard.start))
     rows = [{"clip": c, "completion": random_walk(rng, completion_grammar(True, 1.0))[0], "ids": [],
              "prompt_length": 0, "free": [], "numeric": []} for c in shard.clips]  # fmt: skip
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
@@ -46,7 +46,7 @@ def write_params(**infer_values: Any) -> None:
     params = yaml.load(ROOT / "params.yaml")
     params["clip"]["model_frames"] = LAYOUT.frames
     params["model"]["base"] = "base"
-    params["infer"] |= {"samples": 2, "batch_size": 2, **infer_values}
+    params["infer"] |= {"samples": 2, "decode_batch_size": 2, **infer_values}
     params["executor"]["workers"] = 1
     yaml.dump(params, Path("params.yaml"))
 
@@ -56,7 +56,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rng: np.random.Gener
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DYNAMICS_STORE", str(tmp_path / "store"))
     small_base(int(rng.integers(1000))).save(Path("base"))
-    seed = {"seed": int(rng.integers(2**31))}
+    seed = int(rng.integers(2**31))
     for name, suite, compute, clips in (("flow", "train", noise, TRAIN), ("tokenize", "train", texts, TRAIN),
                                         ("flow", "id", noise, 3)):  # fmt: skip
         map_shards(name, suite, tmp_path / "data" / name / suite, compute, parameters=seed, clips=clips, shard_size=2,
@@ -84,7 +84,7 @@ def test_the_base_answers_from_examples_of_train_and_nothing_is_fine_tuned(
     capsys.readouterr()
     infer.main("id")
     assert "0 computed" in capsys.readouterr().out
-    map_shards("flow", "train", folder / "data/flow/train", noise, parameters={"seed": 0}, clips=TRAIN, shard_size=2,
+    map_shards("flow", "train", folder / "data/flow/train", noise, parameters=0, clips=TRAIN, shard_size=2,
                workers=1)  # fmt: skip
     infer.main("id")
     after = [row["log_probability"] for row in open_shards(folder / "data/infer/id").table().to_pylist()]

@@ -6,7 +6,7 @@ import pytest
 
 from pipeline.errors import ParamsError
 from pipeline.shards.executor import SliceFinished
-from stages.graph.main import run
+from stages.graph.run import run
 
 
 def raising(error: BaseException) -> Callable[[], None]:

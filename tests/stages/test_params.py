@@ -6,7 +6,8 @@ import pytest
 from pydantic import BaseModel
 
 from pipeline.shards.code_hash import ROOT
-from stages.graph.params import READS, Params, declared_keys, load, load_executor
+from stages.graph.params import Params
+from stages.graph.stage_params import READS, declared_keys, load, load_executor
 
 PARAMS = ROOT / "params.yaml"
 

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +24,14 @@ CLIPS = 4
 FRAMES = 30
 
 
-def discs(shard: Shard, inputs: Sequence[OpenShard], parameters: Mapping[str, Any]) -> ShardResult:
+def discs(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardResult:
     """In the place of `import_clips`: masks of a disc that moves to the right."""
     rows, columns = np.mgrid[:40, :60]
     masks = [(np.hypot(rows - 20, columns - 15 - t) < 8).astype(np.uint8) for t in range(FRAMES)]
     return ShardResult(arrays={"mask": np.stack([masks] * len(shard))})
 
 
-def still(shard: Shard, inputs: Sequence[OpenShard], parameters: Mapping[str, Any]) -> ShardResult:
+def still(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardResult:
     """In the place of `flow`: no motion, and pictures of noise."""
     flow = np.zeros((len(shard), LAYOUT.frames, 40, 60, 2), np.float32)
     return ShardResult(arrays={"flow": flow, "picture": random_clips(np.random.default_rng(shard.start), len(shard))})
@@ -52,7 +52,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("DYNAMICS_STORE", str(tmp_path / "store"))
     small_base().save(FINETUNED)
     for name, compute in (("render", discs), ("flow", still)):
-        map_shards(name, "real", tmp_path / "data" / name / "real", compute, parameters={}, clips=CLIPS, shard_size=2,
+        map_shards(name, "real", tmp_path / "data" / name / "real", compute, parameters=None, clips=CLIPS, shard_size=2,
                    workers=1)  # fmt: skip
     return tmp_path
 

@@ -1,6 +1,6 @@
 """The stage `regress` on sampled scenes and pictures of noise."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from stages import regress
-from stages.graph.params import load
+from stages.graph.stage_params import load
 from stages.score import answers
 
 FRAMES = 4
@@ -30,13 +30,13 @@ def scenes() -> list[str]:
     return [write_scene(scene) for scene in draw(1, range(4)).scenes]
 
 
-def sampled(shard: Shard, inputs: Sequence[OpenShard], parameters: Mapping[str, Any]) -> ShardResult:
+def sampled(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardResult:
     """In the place of `sample`."""
     rows = [{"clip": c, "scene": scenes()[c]} for c in shard.clips]
     return ShardResult({"clips": table_from_rows(rows, regress.SCHEMA)})
 
 
-def noise(shard: Shard, inputs: Sequence[OpenShard], parameters: Mapping[str, Any]) -> ShardResult:
+def noise(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardResult:
     """In the place of `flow`."""
     return ShardResult(arrays={"picture": random_clips(np.random.default_rng(shard.start), len(shard))})
 
@@ -73,10 +73,10 @@ def test_where_it_is_enabled_every_clip_has_a_valid_scene_that_is_scored(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for suite in ("train", "val"):
-        map_shards("sample", suite, folder / "data/sample" / suite, sampled, parameters={}, clips=4, shard_size=2,
+        map_shards("sample", suite, folder / "data/sample" / suite, sampled, parameters=None, clips=4, shard_size=2,
                    workers=1)  # fmt: skip
     for suite in ("train", "val", *regress.SUITES):
-        map_shards("flow", suite, folder / "data/flow" / suite, noise, parameters={}, clips=4, shard_size=2,
+        map_shards("flow", suite, folder / "data/flow" / suite, noise, parameters=None, clips=4, shard_size=2,
                    workers=1)  # fmt: skip
     write_params(enabled=True)
     regress.main()
