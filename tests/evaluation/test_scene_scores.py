@@ -62,5 +62,5 @@ def test_a_replay_that_goes_bad_scores_as_an_empty_view() -> None:
 def test_a_real_clip_is_compared_in_the_pairs_that_have_flow() -> None:
     own = replay_poses(SCENE, SCHEDULE)
     pairs = SCHEDULE.pairs[:, 0]
-    got = score(SCENE, Reference(own.masks, own.flow[pairs], pairs), SCHEDULE)
+    got = score(SCENE, Reference(own.masks, own.frame_flow[pairs], pairs), SCHEDULE)
     assert got["iou"] == 1 and got["epe"] == 0 and "composition" not in got

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.commands.result_folder import RESULT, result_folder, write_result
+from pipeline.api.result_folder import RESULT, result_folder, write_result
 from pipeline.errors import OutputError
 
 
