@@ -1,4 +1,5 @@
-# make repro: the whole experiment at the default size. make test, make check: as in CI. All set up what they need.
+# make repro: the whole experiment at the default size. make test and make check: what CI runs.
+# Each target installs what it needs.
 SHELL := /bin/bash
 PYTHON ?= python3
 BIN := .venv/bin
@@ -15,11 +16,13 @@ install: .venv/installed
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test]"
 	@touch $@
 
-# data/samples is in git and so may be gone after `rm -rf data`.
+# data/samples is in git; after `rm -rf data` it is restored from there.
 repro: install
 	@test -d data/samples || git checkout -q -- data/samples
 	dvc repro
 	@echo "the report: $(CURDIR)/reports/index.html"
+	@echo "On another kind of processor the searches end with slightly different scenes, so that git status may show changed reports and dvc.lock."
+	@echo "To restore those of the repository: git checkout -- reports dvc.lock"
 
 test: install
 	pytest -n 2
@@ -32,16 +35,17 @@ check: install
 install-benchmark: install
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[benchmark]"
 
-# hours on 2 cores; stop it at any time, it goes on where it was
+# Takes hours on 2 cores. It may be stopped at any time; the next run goes on from there.
 discovery-benchmark: install-benchmark
 	python -m benchmarks.discovery
 
 discovery-benchmark-smoke: install-benchmark
 	python -m benchmarks.discovery --smoke
 
-# published measurements: DYNAMICS_DATA is the folder that has real_motion
+# Published measurements; DYNAMICS_DATA is the folder that contains real_motion.
 real-motion: install-benchmark
 	python -m benchmarks.real_motion
 
+# Removes what `make repro` makes: all data but data/samples, the report's page, and the store.
 clean:
 	rm -rf data/[!s]* data/s[!a]* reports/index.html .shards

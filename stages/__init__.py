@@ -2,6 +2,6 @@
 
 import os
 
-# Before anything imports numpy: one BLAS thread here as in a worker, so that the bytes do not depend on where a
-# shard was computed. torch and numba are limited by `pipeline.shards.numeric_threads`.
+# Before numpy is imported: one BLAS thread in this process as in a worker, so that results do not depend on the process
+# that computes them. While a shard is computed, `pipeline.shards.numeric_threads` limits all libraries.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,8 +1,9 @@
 """Optical flow of the model's frames, and the picture of it that the model is shown.
 
 Reads data/render/<suite>. Writes data/flow/<suite>: arrays flow (P, H, W, 2), px per frame interval, and picture
-(P, H, W, 3) uint8 (with model.input=rgb the frames themselves take the picture's place, downstream).
-flow.source is used for every suite but train, which takes flow.train_source; exact flow gets noise in train.
+(P, H, W, 3) uint8 (with model.input=rgb later stages show the model the frames instead).
+The flow of train is made as flow.train_source says, that of other suites as flow.source says; exact flow gets noise in
+train.
 Parameters: seed, clip, flow. Run: python -m stages.flow SUITE
 """
 
@@ -38,8 +39,13 @@ class Noise:
 
 @dataclass(frozen=True)
 class Estimator:
-    """What measures flow in pictures: RAFT with the weights in `raft`, or DIS where that is None; size: width and
-    height at which it works, px; iterations: of RAFT."""
+    """What measures flow in pictures.
+
+    Attributes:
+        raft: The weights of RAFT; None for DIS.
+        size: Width and height at which it works, px.
+        iterations: Of RAFT.
+    """
 
     raft: Path | None
     size: tuple[int, int]

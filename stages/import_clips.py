@@ -1,8 +1,8 @@
-"""Take in the user's clips as the suite `real`: decode, resample, and find masks.
+"""Import the user's clips as the suite `real`: decode and resample videos, read or find masks.
 
 Reads the folder suites.real.path: videos, or folders that each have a video and masks (masks.npz, or a folder masks/ of
-PNGs). Writes data/render/real: table clips (clip, name, source_fps, recorded: when each frame
-was, s, masks_from, notes), arrays rgb and mask.
+PNGs). Writes data/render/real: table clips (clip, name, source_fps, recorded: the time of each frame, s, masks_from,
+notes), arrays rgb and mask.
 Parameters: clip, suites.real, sample.shard_size. Run: python -m stages.import_clips
 """
 
@@ -79,7 +79,7 @@ def main() -> None:
     own = params.suites.real
     if own.path is not None and round(own.seconds * params.clip.fps) != round(params.clip.seconds * params.clip.fps):
         raise ParamsError(
-            f"suites.real.seconds is {own.seconds}, clip.seconds is {params.clip.seconds}: give both the same"
+            f"suites.real.seconds is {own.seconds}, clip.seconds is {params.clip.seconds}; valid: equally many frames"
         )
     clips = find_clips(Path(own.path)) if own.path is not None else []
     parameters = Parameters(

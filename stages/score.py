@@ -31,7 +31,6 @@ from pipeline.evaluation.sections import COLUMNS, ERRORS, PREDICTED, Benchmarks,
 from pipeline.evaluation.tables import as_csv, as_json, from_csv, markdown, summarise, table
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
-from pipeline.shards.cost import compute_seconds
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
 from stages.graph.answering_model import CURVE, FOLDER, AnsweringModel, answering_model
@@ -72,7 +71,7 @@ def answers(suite: Suite, clip: int) -> dict[str, tuple[str, int]]:
 
 def seconds_by_method(suite: Suite) -> dict[str, float]:
     """Seconds a clip of one worker behind best-of-K and the searches; NaN where the store has forgotten them."""
-    spent = {stage: compute_seconds(suite[stage]) for stage in ("best_of_k", "cmaes", "fit")}
+    spent = {stage: suite[stage].compute_seconds() for stage in ("best_of_k", "cmaes", "fit")}
     each = {stage: np.nan if s is None else s / max(len(suite["infer"]), 1) for stage, s in spent.items()}
     best = each["best_of_k"]
     return {

@@ -4,7 +4,12 @@ import os
 import subprocess
 import sys
 
+import numba
 import pytest
+import torch
+from threadpoolctl import threadpool_info
+
+from pipeline.shards.numeric_threads import threads_here
 
 TOLD = """
 import os, sys
@@ -22,3 +27,15 @@ def test_blas_is_limited_before_numpy_is_imported(module: str) -> None:
     said = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, env=clean)
     assert said.returncode == 0, said.stderr
     assert said.stdout.split() == ["1"]
+
+
+def threads() -> set[int]:
+    return {torch.get_num_threads(), numba.get_num_threads(), *(pool["num_threads"] for pool in threadpool_info())}
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_every_loaded_library_uses_the_threads_it_is_given_and_afterwards_its_own(count: int) -> None:
+    before = threads()
+    with threads_here(min(count, os.cpu_count() or 1)):
+        assert threads() == {min(count, os.cpu_count() or 1)}
+    assert threads() == before

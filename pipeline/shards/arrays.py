@@ -1,7 +1,7 @@
 """One Zarr v3 group per shard: dense arrays whose leading axis is the clip, in two files an array.
 
-The sharding codec puts all clips of an array into one file with an index, so that a single clip is read
-without the others. The bytes are the same for the same numbers.
+The sharding codec puts all clips of an array into one file with an index, so that a single clip can be read without
+the others. Equal numbers give equal bytes.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -54,7 +54,7 @@ def _write_array(group: zarr.Group, name: str, value: ClipArrays) -> None:
         fill_value=0,
         chunk_key_encoding={"name": "default", "separator": "."},  # one flat file instead of nested folders
         attributes=attributes,
-        config={"write_empty_chunks": True},  # the shard's file is there whatever is in it
+        config={"write_empty_chunks": True},  # a file of zeros is written too
     )
     if values.size:
         array[...] = values
@@ -95,11 +95,6 @@ class ShardArray:
         if self.offsets is None:
             return np.asarray(self.array[k])
         return np.asarray(self.array[self.offsets[k] : self.offsets[k + 1]])
-
-    def slice(self, start: int, stop: int) -> np.ndarray:
-        """Clips start to stop - 1 at once, (stop - start, ...); not for arrays whose clips differ in length."""
-        assert self.offsets is None, "the clips differ in length: read them one by one"
-        return np.asarray(self.array[start:stop])
 
 
 def open_arrays(path: Path) -> ArrayGroup:

@@ -1,6 +1,6 @@
-"""The code that a module stands for: itself and all of our modules that it imports, found without running it.
+"""A hash of the code of a module and of all modules of the project that it imports, found without running them.
 
-Comments, layout and docstrings do not count, so that rewording one recomputes nothing.
+Comments, layout and docstrings do not count, so that a change of words computes nothing again.
 """
 
 import ast
@@ -22,9 +22,9 @@ PLUMBING = (
     "stages.graph.run",
     "stages.graph.stage_params",
 )
-"""Modules that decide when and where something is computed, not what. They are in no key and no stage's deps:
-else a new section in stages/graph/params.py would train the model again. The exceptions are in CONTENT. The other
-modules of stages/graph decide what a stage computes, and are in the keys of the stages that import them."""
+"""Modules that decide when and where something is computed, not what. They are in no key and in no stage's deps; else
+a new section in stages/graph/params.py would train the model again. CONTENT lists the exceptions. The other modules of
+stages/graph decide what a stage computes, and are in the keys of the stages that import them."""
 
 CONTENT = ("pipeline.shards.tables", "pipeline.shards.arrays", "pipeline.shards.clip_rng")
 """Plumbing that decides bytes: in every key."""
@@ -49,10 +49,15 @@ def hash_code(files: Iterable[Path], root: Path = ROOT) -> str:
 def module_closure(
     file: Path, root: Path = ROOT, packages: tuple[str, ...] = PACKAGES, without: tuple[str, ...] = PLUMBING
 ) -> frozenset[Path]:
-    """The files that importing `file` (a module) imports from `packages` under `root`, itself included.
+    """The files of a module and of all modules that it imports, directly or not.
 
-    Imports inside functions count, those under `if TYPE_CHECKING:` do not. `without` names modules and
-    packages that are not followed.
+    Imports inside functions count; those under `if TYPE_CHECKING:` do not.
+
+    Args:
+        file: The module's file.
+        root: The folder that holds the packages.
+        packages: The packages whose modules count.
+        without: Modules and packages that are not followed.
     """
     file = file.resolve()
     found, waiting = {file}, [file]
@@ -68,7 +73,7 @@ def module_closure(
 
 
 def has_code(file: Path) -> bool:
-    """False for a module of nothing but a docstring and comments."""
+    """Whether a module has more than a docstring and comments."""
     return bool(_stripped(file).body)
 
 

@@ -33,7 +33,7 @@ def hash_files(folder: Path) -> dict[str, str]:
 
 
 def hash_path(path: Path) -> str:
-    """SHA-256 of a file's bytes, or of the names and bytes of all files of a folder; its own name does not count."""
+    """SHA-256 of a file's bytes, or of the names and bytes of all files of a folder; not of the path's own name."""
     return hash_file(path) if path.is_file() else hash_tree(hash_files(path))
 
 

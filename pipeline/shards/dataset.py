@@ -12,6 +12,7 @@ import pyarrow as pa
 from pipeline.shards.manifest import Manifest, read_manifest
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import MAIN_TABLE
+from pipeline.shards.store import SECONDS, Store, default_store
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,14 @@ class ShardedDataset:
         self.folder = folder
         self.manifest = manifest
         self.shards = tuple(
-            OpenShard(folder, entry, manifest.tables, manifest.arrays, entry.start, entry.stop)
+            OpenShard(
+                folder=folder,
+                entry=entry,
+                tables=manifest.tables,
+                arrays=manifest.arrays,
+                start=entry.start,
+                stop=entry.stop,
+            )
             for entry in manifest.shards
         )
         self._starts = [shard.start for shard in self.shards]
@@ -61,19 +69,20 @@ class ShardedDataset:
         """A table of all clips."""
         return pa.concat_tables([shard.table(name) for shard in self.shards])
 
+    def compute_seconds(self, store: Store | None = None) -> float | None:
+        """Seconds of one worker behind all shards; None where the store no longer has one of them."""
+        store = store or default_store()
+        records = [store.record_of(shard.entry.key) or {} for shard in self.shards]
+        seconds = [record.get("parts", {}).get(SECONDS) for record in records]
+        return None if None in seconds else float(sum(seconds))
+
     def verify(self) -> None:
         """Hash every file; raises ShardError for the first that is missing or damaged."""
         for shard in self.shards:
             shard.verify()
 
 
-def open_shards(folder: Path | str, *, verify: bool = False) -> ShardedDataset:
-    """Open a stage's output folder (data/<stage>/<suite>), hashing every file once if `verify`.
-
-    Raises ShardError, naming the file and what to run, where something is missing or damaged.
-    """
+def open_shards(folder: Path | str) -> ShardedDataset:
+    """Open a stage's output folder, data/<stage>/<suite>. Raises ShardError for a missing or damaged manifest."""
     folder = Path(folder)
-    dataset = ShardedDataset(folder, read_manifest(folder))
-    if verify:
-        dataset.verify()
-    return dataset
+    return ShardedDataset(folder, read_manifest(folder))

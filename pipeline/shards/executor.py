@@ -1,4 +1,4 @@
-"""Who computes the shards: this machine, a share of a batch job, and, with a later release, Ray."""
+"""Where the shards are computed: on this machine, or as one share of a batch job."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -16,18 +16,18 @@ RANK, WORLD_SIZE = "DYNAMICS_RANK", "DYNAMICS_WORLD_SIZE"
 
 
 class SliceFinished(Exception):
-    """A share of the shards is computed; the output folder is made by a last call without rank and world size."""
+    """One share of the shards is computed. A last call without rank and world size makes the output folder."""
 
 
 class Executor(Protocol):
-    """What `map_shards` needs. To add one, write these and enter it in EXECUTORS."""
+    """What `map_shards` needs of an executor; `EXECUTORS` lists them."""
 
     def share(self, items: Sequence[Item]) -> Sequence[Item]:
-        """The items that are this process's business: all, except in a batch job."""
+        """The items that this process computes: all, except in a batch job."""
 
     @property
     def collects(self) -> bool:
-        """Whether the output folder is made at the end; if not, the shards stay in the store."""
+        """Whether the output folder is made at the end. If not, the shards stay in the store."""
 
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         """Apply a picklable function to picklable items; results in the order of completion."""
@@ -35,7 +35,7 @@ class Executor(Protocol):
 
 @dataclass(frozen=True)
 class LocalExecutor:
-    """Spawned processes on this machine; in this process where one worker or one item is all there is."""
+    """Spawned processes on this machine; this process itself where there is one worker or one item."""
 
     workers: int
     threads: int
@@ -98,14 +98,14 @@ EXECUTORS: dict[str, Callable[[int, int], Executor]] = {"local": _local, "slice"
 
 
 def make_executor(name: str, workers: int | None, threads: int = 1) -> Executor:
-    """The executor of that name; `workers` None is one a core. With a rank in the environment it is `slice`.
+    """The executor of that name, or `slice` where the environment has a rank. `workers` None: one per core.
 
     Raises ParamsError for an unknown name and for a rank that is not in the world.
     """
     if workers is None:
         workers = max(1, len(os.sched_getaffinity(0)) // threads)
     if workers < 1:
-        raise ParamsError(f"executor.workers is {workers}; it must be at least 1, or null for one a core")
+        raise ParamsError(f"executor.workers is {workers}; it must be at least 1, or null for one per core")
     if RANK in os.environ or WORLD_SIZE in os.environ:
         name = "slice"
     if name not in EXECUTORS:

@@ -1,21 +1,22 @@
 """One result that cannot be cut into shards (a trained model), kept in the store by the same kind of key.
 
-DVC runs a stage again when any file of its `deps` changed; this one then finds that neither code, parameters
-nor inputs differ in substance, and takes the folder from the store.
+DVC runs a stage again when a byte of its `deps` changed. Where that changed neither code, nor parameters, nor inputs,
+the folder is taken from the store.
 """
 
 import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pipeline.shards.content_hash import hash_value
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keys import common_parts
+from pipeline.shards.manifest import notes_text
 from pipeline.shards.output_errors import writing_to
-from pipeline.shards.placement import place
-from pipeline.shards.store import Store, StoredShard, default_store
+from pipeline.shards.output_folder import place, replacing
+from pipeline.shards.store import Store, default_store
 
 Parameters = TypeVar("Parameters")
 Make = Callable[[Path, Path, Sequence[ShardedDataset], Parameters], Mapping[str, int | float]]
@@ -60,46 +61,17 @@ def keep_folder(
     contents = [hash_value([entry.content for entry in dataset.manifest.shards]) for dataset in datasets]
     parts = {**parts, "stage": stage, "inputs": [list(pair) for pair in zip(names, contents, strict=True)]}
     key = hash_value(parts)
-    stored = store.lookup(key)
-    source = "from the store"
+    stored, outcome = store.lookup(key), "from the store"
     if stored is None:
-        source = "computed"
+        outcome = "computed"
         store.check_writable()
         for dataset in datasets:
             dataset.verify()
-        stored = _make(store, key, make, datasets, parameters, parts)
-    _put(stored, output_dir)
-    notes = "; " * bool(stored.notes) + ", ".join(f"{name} {value:g}" for name, value in stored.notes.items())
-    print(f"{stage}: {source}, {time.monotonic() - started:.1f} s{notes}", flush=True)
-
-
-def _make(
-    store: Store,
-    key: str,
-    make: Make[Any],
-    datasets: Sequence[ShardedDataset],
-    parameters: object,
-    parts: Mapping[str, Any],
-) -> StoredShard:
-    notes: dict[str, int | float] = {}
-    with writing_to(store.folder):
-        scratch = store.scratch(key)
-    stored = store.commit(key, lambda folder: notes.update(make(folder, scratch, datasets, parameters)), notes, parts)
-    shutil.rmtree(scratch, ignore_errors=True)
-    return stored
-
-
-def _put(stored: StoredShard, output_dir: Path) -> None:
-    temporary = output_dir.absolute().parent / f".{output_dir.name}.partial"
-    with writing_to(output_dir):
-        temporary.parent.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(temporary, ignore_errors=True)
-        try:
-            for name in stored.files:
-                (temporary / name).parent.mkdir(parents=True, exist_ok=True)
-                place(stored.folder / name, temporary / name)
-            if output_dir.exists():
-                shutil.rmtree(output_dir)
-            temporary.rename(output_dir)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
+        with writing_to(store.folder):
+            scratch = store.scratch(key)
+        stored = store.commit(key, lambda folder: make(folder, scratch, datasets, parameters), parts)
+        shutil.rmtree(scratch, ignore_errors=True)
+    with replacing(output_dir) as temporary:
+        for name in stored.files:
+            place(stored.folder / name, temporary / name)
+    print(f"{stage}: {outcome}, {time.monotonic() - started:.1f} s{notes_text(stored.notes)}", flush=True)

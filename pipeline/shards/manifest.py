@@ -17,26 +17,45 @@ MANIFEST = "manifest.json"
 ARRAYS = "arrays.zarr"  # as it is called in the store
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ShardEntry:
-    """One shard: its clips, its key, one hash of its content, and the SHA-256 of each of its files."""
+    """One shard of a stage's output folder.
 
-    name: str  # shard-00000-of-00004
+    Attributes:
+        name: As shard-00000-of-00004.
+        start: The first clip.
+        stop: The clip after the last one.
+        key: Its key in the store.
+        content: One hash of all its files.
+        inputs: Name of an input, as sample/train -> `content` of the shard that was read of it.
+        files: Path in the folder -> SHA-256 of the file.
+        notes: Counts, in the order of their names.
+    """
+
+    name: str
     start: int
     stop: int
     key: str
     content: str
-    inputs: Mapping[str, str]  # "sample/train" -> content hash of the input shard
+    inputs: Mapping[str, str]
     files: Mapping[str, str]
     notes: Mapping[str, int | float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """The shards of a stage and suite in the order of their clips, which they cover without a gap.
+    """What `manifest.json` has.
 
-    `parts` is what the keys have in common, readable: code, parameters, versions. With a shard's own stage,
-    suite, clips and inputs it makes up its key.
+    Attributes:
+        stage: The stage's name.
+        suite: The suite's name.
+        clips: How many clips.
+        tables: The names of the tables that every shard has.
+        arrays: The names of the arrays that every shard has.
+        notes: The shards' notes, added up.
+        parts: What the keys of the shards have in common: code, parameters, versions. A shard's key is made of these
+            and of its stage, suite, clips and inputs.
+        shards: In the order of their clips, which they cover without a gap.
     """
 
     stage: str
@@ -81,6 +100,11 @@ def total_notes(notes: Iterable[Mapping[str, int | float]]) -> dict[str, int | f
         for name, count in counts.items():
             total[name] = total.get(name, 0) + count
     return dict(sorted(total.items()))
+
+
+def notes_text(notes: Mapping[str, int | float]) -> str:
+    """Notes as the end of a line of outcome: `; rejected 36, accepted 4`, or nothing."""
+    return "; " * bool(notes) + ", ".join(f"{name} {value:g}" for name, value in notes.items())
 
 
 def shard_name(index: int, count: int) -> str:

@@ -10,24 +10,34 @@ from tqdm import tqdm
 
 from pipeline.errors import ShardError
 from pipeline.shards.arrays import write_arrays
-from pipeline.shards.cost import SECONDS
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.executor import RANK, WORLD_SIZE, SliceFinished, make_executor
 from pipeline.shards.keys import common_parts, shard_key
-from pipeline.shards.manifest import ARRAYS, Manifest, total_notes
+from pipeline.shards.manifest import ARRAYS, Manifest, notes_text, total_notes
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.output_folder import FilledShard, check_replaceable, write_output
 from pipeline.shards.shard import Shard, ShardResult
-from pipeline.shards.store import Store, StoredShard, default_store
+from pipeline.shards.store import SECONDS, Store, StoredShard, default_store
 from pipeline.shards.tables import write_table
 
 Parameters = TypeVar("Parameters")
 Compute = Callable[[Shard, Sequence[OpenShard], Parameters], ShardResult]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Task:
-    """One shard to compute, as it travels to a worker."""
+    """One shard to compute, as it travels to a worker.
+
+    Attributes:
+        shard: Its stage, suite and clips.
+        key: Its key in the store.
+        inputs: Views of its clips in the inputs.
+        input_hashes: By input, the content hash of the whole shard that has these clips.
+        compute: The stage's function.
+        parameters: The stage's record of parameters.
+        parts: What the keys of all shards of the run have in common.
+        store: The store's folder.
+    """
 
     shard: Shard
     key: str
@@ -95,26 +105,41 @@ def map_shards(
     datasets = [open_shards(folder) for folder in inputs]
     shards = _cut(stage, suite, clips, shard_size, datasets)
     common = common_parts(compute, parameters, versions, files or {})
-    tasks = [_task(shard, datasets, compute, parameters, common, store) for shard in shards]
+    tasks = []
+    for shard in shards:
+        views, hashes = _input_views(shard, datasets)
+        tasks.append(
+            _Task(
+                shard=shard,
+                key=shard_key(shard, hashes, common),
+                inputs=views,
+                input_hashes=hashes,
+                compute=compute,
+                parameters=parameters,
+                parts=common,
+                store=store.folder,
+            )
+        )
 
     check_replaceable(output_dir)
-    who = make_executor(executor, workers, threads)
-    mine = who.share(tasks)
-    stored = {task.key: found for task in mine if (found := store.lookup(task.key)) is not None}
-    missing = [task for task in mine if task.key not in stored]
+    chosen = make_executor(executor, workers, threads)
+    share = chosen.share(tasks)
+    stored = {task.key: found for task in share if (found := store.lookup(task.key)) is not None}
+    missing = [task for task in share if task.key not in stored]
     if missing:
         store.check_writable()
-    with tqdm(total=len(mine), initial=len(stored), desc=f"{stage} {suite}", unit="shard", disable=None) as progress:
-        for done in who.map(_compute_task, missing):
+    with tqdm(total=len(share), initial=len(stored), desc=f"{stage} {suite}", unit="shard", disable=None) as progress:
+        for done in chosen.map(_compute_task, missing):
             stored[done.key] = done
             progress.update()
 
-    computed, reused = len(missing), len(mine) - len(missing)
-    outcome = f"{stage} {suite}: {_plural(len(mine), 'shard')}, {computed} computed, {reused} from the store, "
-    outcome += f"{_plural(sum(len(task.shard) for task in mine), 'clip')}, {time.monotonic() - started:.1f} s"
-    notes = total_notes(stored[task.key].notes for task in mine)
-    outcome += "; " * bool(notes) + ", ".join(f"{name} {value:g}" for name, value in notes.items())
-    if not who.collects:
+    computed, clip_count = len(missing), sum(len(task.shard) for task in share)
+    notes = total_notes(stored[task.key].notes for task in share)
+    outcome = (
+        f"{stage} {suite}: {_plural(len(share), 'shard')}, {computed} computed, {len(share) - computed} from the store"
+        f", {_plural(clip_count, 'clip')}, {time.monotonic() - started:.1f} s{notes_text(notes)}"
+    )
+    if not chosen.collects:
         raise SliceFinished(
             f"{outcome}. The shards are in {store.folder}; when all ranks are done, a last call without {RANK} and "
             f"{WORLD_SIZE} collects them in {output_dir}"
@@ -160,21 +185,13 @@ def _cut(
     return shards
 
 
-def _task(
-    shard: Shard,
-    datasets: Sequence[ShardedDataset],
-    compute: Compute[Any],
-    parameters: object,
-    common: Mapping[str, Any],
-    store: Store,
-) -> _Task:
+def _input_views(shard: Shard, datasets: Sequence[ShardedDataset]) -> tuple[tuple[OpenShard, ...], dict[str, str]]:
+    """The shard's clips of every input, and by input the content hash of the whole shard that has them."""
     whole = [dataset[shard.start].shard for dataset in datasets]
     names = [f"{dataset.manifest.stage}/{dataset.manifest.suite}" for dataset in datasets]
     hashes = {name: part.entry.content for name, part in zip(names, whole, strict=True)}
     assert len(hashes) == len(whole), f"{shard}: an input is given twice"
-    views = tuple(part.narrowed(shard.start, shard.stop) for part in whole)
-    key = shard_key(shard, hashes, common)
-    return _Task(shard, key, views, hashes, compute, parameters, common, store.folder)
+    return tuple(part.narrowed(shard.start, shard.stop) for part in whole), hashes
 
 
 def _compute_task(task: _Task) -> StoredShard:
@@ -186,15 +203,14 @@ def _compute_task(task: _Task) -> StoredShard:
     seconds = round(time.monotonic() - began, 3)
     result.check(task.shard)
 
-    def write(folder: Path) -> None:
+    def write(folder: Path) -> Mapping[str, int | float]:
         for name, table in result.tables.items():
             write_table(table, folder / f"{name}.parquet")
         if result.arrays:
             write_arrays(result.arrays, folder / ARRAYS)
+        return result.notes
 
-    return Store(task.store).commit(
-        task.key, write, result.notes, {**task.parts, "shard": str(task.shard), SECONDS: seconds}
-    )
+    return Store(task.store).commit(task.key, write, {**task.parts, "shard": str(task.shard), SECONDS: seconds})
 
 
 def _size(dataset: ShardedDataset) -> int:

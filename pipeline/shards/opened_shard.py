@@ -1,7 +1,7 @@
 """A shard opened for reading: all clips of it, or a run of them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,11 +19,19 @@ from pipeline.shards.tables import CLIP_COLUMN, read_table
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OpenShard:
-    """A view of the clips `start` to `stop - 1` of one shard of a folder. Nothing is read before it is asked for.
+    """A view of some clips of one shard of a folder. Nothing is read before it is asked for.
 
     Files that are missing or damaged raise ShardError, which names the file and what to run.
+
+    Attributes:
+        folder: The stage's output folder.
+        entry: The shard's entry of the manifest.
+        tables: The names of its tables.
+        arrays: The names of its arrays.
+        start: The first clip of the view.
+        stop: The clip after the last one.
     """
 
     folder: Path
@@ -62,15 +70,10 @@ class OpenShard:
         path = self.array_path(name)
         return self._guarded(path, lambda: self._array(name)[clip - self.entry.start])
 
-    def stacked(self, name: str) -> np.ndarray:
-        """The arrays of all these clips, (clips, ...)."""
-        path, first = self.array_path(name), self.entry.start
-        return self._guarded(path, lambda: self._array(name).slice(self.start - first, self.stop - first))
-
     def narrowed(self, start: int, stop: int) -> "OpenShard":
         """A view of fewer of its clips."""
         assert self.start <= start <= stop <= self.stop
-        return OpenShard(self.folder, self.entry, self.tables, self.arrays, start, stop)
+        return replace(self, start=start, stop=stop)
 
     def verify(self) -> None:
         """Hash every file. Raises ShardError for one that is missing or not what the manifest says."""

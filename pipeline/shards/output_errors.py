@@ -1,4 +1,4 @@
-"""What the operating system refuses when we write, said as one `OutputError` that names the place."""
+"""The operating system's errors on writing, as one `OutputError` that names the place."""
 
 import errno
 import os
@@ -21,7 +21,7 @@ _REASONS = {
 
 @contextmanager
 def writing_to(place: Path | str) -> Iterator[None]:
-    """Turn the errors of a full, read-only or forbidden `place` into OutputError; let all others pass."""
+    """Turn the errors of a full, read-only or forbidden `place` into OutputError; other errors pass."""
     try:
         yield
     except OSError as error:

@@ -1,6 +1,6 @@
-"""Making the store smaller: `python -m pipeline.shards.prune --keep-days 30` or `--keep-gib 50`.
+"""Remove old shards from the store: `python -m pipeline.shards.prune --keep-days 30` or `--keep-gib 50`.
 
-Shards that were not used for long go first. Nothing is lost but time: a shard that is wanted again is computed.
+The shards that were last used the longest time ago are removed first. A stage that needs one computes it again.
 """
 
 import argparse

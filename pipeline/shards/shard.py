@@ -14,7 +14,7 @@ MAIN_TABLE = "clips"
 
 @dataclass(frozen=True)
 class Shard:
-    """Clips start to stop - 1 of a suite. It does not know how many shards there are, nor which of them it is."""
+    """Clips start to stop - 1 of a suite; independent of how many shards there are."""
 
     stage: str
     suite: str
@@ -36,10 +36,11 @@ class Shard:
 class ShardResult:
     """What a stage computes for a shard.
 
-    tables: each has an integer column `clip` (never decreasing, inside the shard). The one named "clips"
-        becomes shard-….parquet; another becomes <name>/shard-….parquet.
-    arrays: (clips, ...) arrays, or a list with one array per clip whose leading axes differ.
-    notes: counts for the outcome line and the manifest ("rejected: overlap": 12); summed over shards.
+    Attributes:
+        tables: Each has an integer column `clip`: clips of the shard, never decreasing. The one named "clips" becomes
+            shard-….parquet, any other <name>/shard-….parquet.
+        arrays: (clips, ...) arrays, or lists with one array per clip, whose leading axes may differ.
+        notes: Counts for the line of outcome and the manifest ("rejected: overlap": 12), added up over the shards.
     """
 
     tables: Mapping[str, pa.Table] = field(default_factory=dict)

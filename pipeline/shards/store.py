@@ -1,7 +1,7 @@
 """The content-keyed store of computed shards: `<store>/<key>/` with its files and `shard.json`.
 
-A shard is written to a temporary folder beside the others and renamed, so one that is there is complete; each
-is hashed before it is used, so one that was damaged since is noticed, removed and computed again.
+A shard is written to a temporary folder and renamed, so that a shard in the store is complete. Its files are hashed
+before it is used, so that a damaged one is noticed, removed and computed again.
 """
 
 import json
@@ -20,6 +20,8 @@ from pipeline.shards.content_hash import hash_files, hash_tree, hash_value
 from pipeline.shards.output_errors import writing_to
 
 ENVIRONMENT = "DYNAMICS_STORE"
+SECONDS = "seconds"
+"""The name in a shard's record of how long one worker computed it, s; times are no part of a shard's content."""
 _RECORD = "shard.json"
 _TEMPORARY = "tmp"
 _SCRATCH = "scratch"
@@ -27,7 +29,7 @@ _SCRATCH = "scratch"
 
 @dataclass(frozen=True)
 class StoredShard:
-    """A complete shard in the store. `files` are relative paths and SHA-256; `content` is one hash of them."""
+    """A complete shard in the store; files: relative path -> SHA-256."""
 
     key: str
     folder: Path
@@ -36,17 +38,18 @@ class StoredShard:
 
     @property
     def content(self) -> str:
+        """One hash of all its files."""
         return hash_tree(self.files)
 
 
 class Store:
-    """A folder of shards by key, which any number of processes may use at a time."""
+    """A folder of shards by key, which any number of processes may use at the same time."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.absolute()
 
     def lookup(self, key: str, warn: Callable[[str], None] | None = None) -> StoredShard | None:
-        """The shard of that key with every byte checked, or None. A damaged one is reported and removed."""
+        """The shard of that key, or None. Every byte is checked; a damaged shard is reported and removed."""
         folder = self._folder_of(key)
         if not folder.is_dir():
             return None
@@ -61,23 +64,30 @@ class Store:
         return shard
 
     def record_of(self, key: str) -> dict[str, Any] | None:
-        """What is written beside the shard of that key, unchecked; None where there is none."""
+        """The record beside the shard of that key, not checked; None where there is none."""
         try:
             return json.loads((self._folder_of(key) / _RECORD).read_bytes())
         except (OSError, ValueError):
             return None
 
     def commit(
-        self, key: str, write: Callable[[Path], None], notes: Mapping[str, int | float], parts: Mapping[str, Any]
+        self, key: str, write: Callable[[Path], Mapping[str, int | float]], parts: Mapping[str, Any]
     ) -> StoredShard:
-        """Add a shard: `write` fills an empty folder, which becomes the shard. Nothing stays if it fails.
+        """Add a shard. Nothing stays if that fails.
 
-        What is returned is what `lookup` of the key would give: the notes are in the order of their names.
-        Raises OutputError where the store cannot be written to.
+        Args:
+            key: The shard's key.
+            write: Fills an empty folder, which becomes the shard, and returns the shard's notes.
+            parts: What the key was made of, and what else is to be written beside the shard.
+
+        Returns:
+            What `lookup` of the key would give; the notes are in the order of their names.
+
+        Raises:
+            OutputError: The store cannot be written to.
         """
-        notes = dict(sorted(notes.items()))
         with writing_to(self.folder), self._temporary() as temporary:
-            write(temporary)
+            notes = dict(sorted(write(temporary).items()))
             files = hash_files(temporary)
             record: dict[str, Any] = {"key": key, "files": files, "notes": notes, "parts": dict(parts)}
             record["checksum"] = hash_value(record)
@@ -94,13 +104,13 @@ class Store:
         return StoredShard(key, target, files, notes)
 
     def scratch(self, key: str) -> Path:
-        """A folder for what is half done under a key; it stays until it is removed."""
+        """A folder for intermediate results under a key; it stays until it is removed."""
         folder = self.folder / _SCRATCH / key
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
     def scratches(self) -> Iterator[Path]:
-        """The scratch folders of runs that were stopped, or are still going on."""
+        """The scratch folders of runs that were stopped or still go on."""
         return iter(sorted((self.folder / _SCRATCH).glob("*")))
 
     def shards(self) -> Iterator[Path]:
@@ -113,7 +123,7 @@ class Store:
             self._remove(folder)
 
     def check_writable(self) -> None:
-        """Raise OutputError now rather than after an hour of computing; sweep what dead processes left."""
+        """Raise OutputError before anything is computed; remove what processes left that were killed."""
         with writing_to(self.folder):
             with self._temporary():
                 pass
@@ -132,7 +142,7 @@ class Store:
             shutil.rmtree(path, ignore_errors=True)
 
     def _remove(self, folder: Path) -> None:
-        """First out of the way in one step, so that nobody sees half of it."""
+        """It is renamed first, so that no process sees a part of it."""
         with self._temporary() as trash, suppress(FileNotFoundError):  # another process removed it
             folder.rename(trash / folder.name)
 

@@ -35,7 +35,7 @@ def write_table(table: pa.Table, path: Path) -> None:
     metadata = {key: value for key, value in (table.schema.metadata or {}).items() if key != b"pandas"}
     table = table.replace_schema_metadata(dict(sorted(metadata.items())) or None)
     pq.write_table(
-        table.combine_chunks(),  # how the rows came in pieces must not show
+        table.combine_chunks(),  # the bytes must not depend on how the rows were chunked
         path,
         row_group_size=_ROWS_PER_GROUP,
         version="2.6",
@@ -48,11 +48,11 @@ def write_table(table: pa.Table, path: Path) -> None:
     )
 
 
-def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a table, or some of its columns. Raises what pyarrow raises where the file is missing or damaged."""
-    # A file object, not a path: from `a=b/` in a path pyarrow would make a column, and it may map the file.
+def read_table(path: Path) -> pa.Table:
+    """Read a table. Raises what pyarrow raises where the file is missing or damaged."""
+    # A file object, not a path: pyarrow would turn `a=b/` in a path into a column, and might map the file.
     with open(path, "rb") as file:
-        return pq.ParquetFile(file).read(columns=None if columns is None else list(columns))
+        return pq.ParquetFile(file).read()
 
 
 def _has_null_type(schema: pa.Schema) -> bool:

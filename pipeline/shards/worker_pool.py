@@ -1,6 +1,6 @@
-"""A pool of spawned processes that knows which item each of them has, so that a crash names its item.
+"""A pool of spawned processes that knows the item of each process, so that the error of a crash names the item.
 
-`concurrent.futures` breaks as a whole when a worker dies and cannot say over what.
+A pool of `concurrent.futures` stops when a worker dies, and its error does not name the item.
 """
 
 import multiprocessing
@@ -31,10 +31,19 @@ class RemoteTraceback(Exception):
 def map_in_processes(
     function: Callable[[Item], Result], items: Sequence[Item], workers: int, threads: int
 ) -> Iterator[Result]:
-    """Apply a picklable function in `workers` processes; the results come as they are done.
+    """Apply a picklable function in `workers` processes, and yield the results as they are done.
 
-    The first error stops all workers and is raised here with a note of its item. A worker that dies raises
-    ShardError, which names the item. So does leaving early, by an error or Ctrl-C, stop them.
+    The first error stops all workers and is raised here with a note of its item; Ctrl-C and a caller that stops early
+    stop them too.
+
+    Args:
+        function: A function of a module.
+        items: What it is applied to; picklable.
+        workers: How many processes.
+        threads: Numeric threads per process.
+
+    Raises:
+        ShardError: A worker died; the message names its item.
     """
     waiting = list(reversed(items))
     busy: dict[Connection, tuple[SpawnProcess, Item]] = {}
@@ -73,7 +82,7 @@ def _give(
     item: Item, process: SpawnProcess, connection: Connection, busy: dict[Connection, tuple[SpawnProcess, Item]]
 ) -> None:
     busy[connection] = (process, item)
-    with suppress(BrokenPipeError):  # it died; receiving will say so
+    with suppress(BrokenPipeError):  # it died, which `_receive` reports
         connection.send(item)
 
 
@@ -100,7 +109,7 @@ def _ending(exitcode: int | None) -> str:
 
 
 def _work(function: Callable[[Item], Result], connection: Connection) -> None:
-    """A worker's life: an item in, an outcome back, until the connection is closed."""
+    """Receive items and send their outcomes until the connection is closed; runs in a worker."""
     threading.Thread(target=_die_with_parent, daemon=True).start()
     while True:
         try:
@@ -118,13 +127,13 @@ def _work(function: Callable[[Item], Result], connection: Connection) -> None:
 def _picklable(error: Exception) -> Exception:
     try:
         pickle.loads(pickle.dumps(error))
-    except Exception:  # whatever a stranger's exception does when pickled
+    except Exception:  # pickling an unknown exception may raise anything
         return RuntimeError(f"{type(error).__name__}: {error}")
     return error
 
 
 def _die_with_parent() -> None:
-    """A parent killed outright cannot stop its workers: they see it gone and stop."""
+    """Exit when the parent is gone: a parent that is killed cannot stop its workers."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     wait([parent.sentinel])
@@ -133,7 +142,7 @@ def _die_with_parent() -> None:
 
 @contextmanager
 def _no_interrupts_inherited() -> Iterator[None]:
-    """Processes started meanwhile ignore Ctrl-C, which the terminal sends to all: the parent stops them."""
+    """Processes started meanwhile ignore Ctrl-C, which the terminal sends to all; the parent stops them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -19,7 +19,7 @@ def random_arrays(rng: np.random.Generator) -> dict:
     }
 
 
-def test_reading_gives_what_was_written_clip_by_clip_and_at_once(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_reading_gives_what_was_written_clip_by_clip(tmp_path: Path, rng: np.random.Generator) -> None:
     arrays = random_arrays(rng)
     write_arrays(arrays, tmp_path / "a.zarr")
     group = open_arrays(tmp_path / "a.zarr")
@@ -29,7 +29,6 @@ def test_reading_gives_what_was_written_clip_by_clip_and_at_once(tmp_path: Path,
         for k in range(6):
             np.testing.assert_array_equal(group[name][k], expected[k])
             assert group[name][k].dtype == expected[0].dtype
-    np.testing.assert_array_equal(group["flow"].slice(2, 5), arrays["flow"][2:5])
 
 
 def test_the_bytes_are_the_same_for_the_same_numbers_in_any_layout(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -66,7 +65,7 @@ def test_arrays_without_numbers_keep_their_shape(tmp_path: Path, shape: tuple[in
     write_arrays({"x": np.zeros(shape)}, tmp_path / "a.zarr")
     x = open_arrays(tmp_path / "a.zarr")["x"]
     assert len(x) == shape[0]
-    assert x.slice(0, shape[0]).shape == shape
+    assert all(x[k].shape == shape[1:] for k in range(len(x)))
 
 
 def test_words_are_refused_as_numbers(tmp_path: Path) -> None:

@@ -117,23 +117,19 @@ def test_a_docstring_alone_is_no_code(root: Path) -> None:
     assert has_code(root / "pipeline/physics/gravity.py")
 
 
-IN_KEYS = {"answering_model", "clip_pictures", "examples", "found_row", "search_target", "suite"}
-"""The modules of stages/graph that decide what a stage computes."""
+GRAPH_PLUMBING = {name.rpartition(".")[2] for name in PLUMBING if name.startswith("stages.graph.")}
 
 
-def test_every_module_of_stages_graph_is_plumbing_or_decides_content() -> None:
-    modules = {path.stem for path in (ROOT / "stages/graph").glob("*.py") if path.stem != "__init__"}
-    plumbing = {name.rpartition(".")[2] for name in PLUMBING if name.startswith("stages.graph.")}
-    assert modules == IN_KEYS | plumbing
-    assert not IN_KEYS & plumbing
+def test_of_stages_graph_only_the_parameters_and_how_a_stage_runs_are_plumbing() -> None:
+    assert {"params", "params_file", "run", "stage_params"} == GRAPH_PLUMBING
 
 
 @pytest.mark.parametrize("stage", sorted(path.stem for path in (ROOT / "stages").glob("[!_]*.py")))
-def test_the_code_of_a_stage_has_the_content_of_stages_graph_and_none_of_its_plumbing(stage: str) -> None:
-    file = ROOT / "stages" / f"{stage}.py"
-    closure = {path.stem for path in module_closure(file) if path.parent == ROOT / "stages/graph"} - {"__init__"}
-    imported = {path.stem for path in module_closure(file, without=()) if path.parent == ROOT / "stages/graph"}
-    assert closure == imported & IN_KEYS
+def test_the_code_of_a_stage_is_all_that_it_imports_of_stages_graph_but_the_plumbing(stage: str) -> None:
+    file, graph = ROOT / "stages" / f"{stage}.py", ROOT / "stages/graph"
+    closure = {path.stem for path in module_closure(file) if path.parent == graph}
+    imported = {path.stem for path in module_closure(file, without=()) if path.parent == graph}
+    assert closure == imported - GRAPH_PLUMBING
 
 
 def test_a_stage_that_starts_from_answers_has_in_its_key_how_they_are_read() -> None:

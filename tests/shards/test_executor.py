@@ -2,6 +2,7 @@
 
 import os
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,23 @@ from pipeline.shards.content_hash import hash_files
 from pipeline.shards.executor import EXECUTORS, RANK, WORLD_SIZE, LocalExecutor, SliceFinished, make_executor
 
 
-def wait_and_tell(seconds: float) -> tuple[float, int]:
-    time.sleep(seconds)
-    return seconds, os.getpid()
+@dataclass(frozen=True)
+class Item:
+    """name: of the file that it leaves in `folder` when it is done; after: the item that has to be done before."""
+
+    name: str
+    folder: Path
+    after: str | None = None
+
+
+def leave_a_file(item: Item) -> tuple[str, int]:
+    """The item's name and the process, once the item that it waits for is done (or a minute is over)."""
+    for _ in range(6000):
+        if item.after is None or (item.folder / item.after).exists():
+            break
+        time.sleep(0.01)
+    (item.folder / item.name).touch()
+    return item.name, os.getpid()
 
 
 def threads_of_worker(_: int) -> set[str | None]:
@@ -36,15 +51,17 @@ def no_rank(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
-def test_results_come_in_the_order_of_completion_from_other_processes() -> None:
-    done = list(LocalExecutor(workers=2, threads=1).map(wait_and_tell, [3.0, 0.0, 0.1]))
-    assert [seconds for seconds, _ in done] == [0.0, 0.1, 3.0]
+def test_results_come_in_the_order_of_completion_from_other_processes(tmp_path: Path) -> None:
+    items = [Item("a", tmp_path, after="c"), Item("b", tmp_path), Item("c", tmp_path)]
+    done = list(LocalExecutor(workers=2, threads=1).map(leave_a_file, items))
+    assert [name for name, _ in done] == ["b", "c", "a"]
     assert os.getpid() not in {process for _, process in done}
 
 
-@pytest.mark.parametrize(("workers", "items"), [(1, [0.0, 0.1]), (2, [0.1])])
-def test_one_worker_or_one_item_needs_no_process(workers: int, items: list[float]) -> None:
-    assert list(LocalExecutor(workers, 1).map(wait_and_tell, items)) == [(seconds, os.getpid()) for seconds in items]
+@pytest.mark.parametrize(("workers", "names"), [(1, "ab"), (2, "a")])
+def test_one_worker_or_one_item_needs_no_process(tmp_path: Path, workers: int, names: str) -> None:
+    done = list(LocalExecutor(workers, 1).map(leave_a_file, [Item(name, tmp_path) for name in names]))
+    assert done == [(name, os.getpid()) for name in names]
 
 
 def test_a_worker_has_the_threads_it_is_given_and_this_process_keeps_its_own() -> None:
@@ -53,7 +70,7 @@ def test_a_worker_has_the_threads_it_is_given_and_this_process_keeps_its_own() -
     assert dict(os.environ) == before
 
 
-def test_an_error_that_cannot_travel_is_told_in_words_with_its_traceback() -> None:
+def test_an_error_that_cannot_be_pickled_is_described_with_its_traceback() -> None:
     with pytest.raises(RuntimeError, match="Unpicklable: cannot travel") as caught:
         list(LocalExecutor(workers=2, threads=1).map(fail_strangely, [1, 2]))
     assert "in fail_strangely" in str(caught.value.__cause__)
@@ -69,7 +86,7 @@ def test_an_executor_that_is_unknown_or_not_there_yet_is_an_error_that_says_what
 
 
 @pytest.mark.parametrize(
-    ("rank", "world", "told"),
+    ("rank", "world", "message"),
     [
         ("4", "4", "must be 0 to 3"),
         ("-1", "4", "must be 0 to 3"),
@@ -78,12 +95,12 @@ def test_an_executor_that_is_unknown_or_not_there_yet_is_an_error_that_says_what
     ],
 )
 def test_a_rank_outside_of_the_world_is_refused(
-    monkeypatch: pytest.MonkeyPatch, rank: str, world: str | None, told: str
+    monkeypatch: pytest.MonkeyPatch, rank: str, world: str | None, message: str
 ) -> None:
     monkeypatch.setenv(RANK, rank)
     if world is not None:
         monkeypatch.setenv(WORLD_SIZE, world)
-    with pytest.raises(ParamsError, match=told):
+    with pytest.raises(ParamsError, match=message):
         make_executor("local", 1)
 
 

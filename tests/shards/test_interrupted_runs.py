@@ -96,7 +96,7 @@ def test_a_run_after_a_kill_has_the_bytes_of_one_that_was_not_killed(tmp_path: P
     assert hash_files(tmp_path / "killed" / "drop") == hash_files(tmp_path / "whole" / "drop")
 
 
-def test_a_worker_that_dies_is_told_with_its_shard(tmp_path: Path) -> None:
+def test_the_error_of_a_worker_that_dies_names_its_shard(tmp_path: Path) -> None:
     with pytest.raises(ShardError, match=r"drop train, clips (8 to 11|12 to 15): the worker process died \(SIGKILL"):
         make(tmp_path, workers=2, compute=drop_until_shard_2, extra={"then": "die"})
     assert not (tmp_path / "drop").exists()

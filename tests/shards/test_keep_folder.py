@@ -56,6 +56,16 @@ def test_a_result_is_computed_once_and_then_kept(tmp_path: Path, capsys: pytest.
     assert (tmp_path / "model" / "weights" / "mean").read_text() == mean
 
 
+def test_the_notes_that_are_printed_are_those_of_the_run_that_computed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make(tmp_path)
+    capsys.readouterr()
+    for _ in range(2):
+        run(tmp_path)
+    assert [line.rpartition("; ")[2] for line in capsys.readouterr().out.splitlines()] == ["first step 0"] * 2
+
+
 def test_another_input_makes_another_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for clips in (20, 24):
         make(tmp_path, clips=clips)

@@ -182,7 +182,7 @@ def test_an_error_names_the_shard_and_leaves_what_was_done_in_the_store(
     assert computed(capsys)[0] < workers  # another worker is stopped in the middle
 
 
-def test_damage_in_the_store_is_noticed_named_and_mended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_damage_in_the_store_is_noticed_named_and_repaired(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     manifest = make(tmp_path)
     before = hash_files(tmp_path / "drop")
     stored = tmp_path / "store" / manifest.shards[2].key[:2] / manifest.shards[2].key
@@ -214,7 +214,7 @@ def test_an_output_folder_with_other_files_is_left_alone(tmp_path: Path) -> None
     folder = tmp_path / "drop" / "train"
     folder.mkdir(parents=True)
     (folder / "thesis.tex").write_text("\\documentclass{book}")
-    with pytest.raises(OutputError, match=r"holds thesis.tex, which is no shard"):
+    with pytest.raises(OutputError, match=r"holds thesis.tex, which is not a shard"):
         make(tmp_path)
     assert (folder / "thesis.tex").exists()
 

@@ -21,7 +21,6 @@ def test_reading_gives_what_was_written(tmp_path: Path, rng: np.random.Generator
     table = random_table(rng, 50)
     write_table(table, tmp_path / "t.parquet")
     assert read_table(tmp_path / "t.parquet").equals(table)
-    assert read_table(tmp_path / "t.parquet", ["name"]).column_names == ["name"]
 
 
 def test_the_bytes_do_not_show_in_what_pieces_the_rows_came(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -54,7 +53,8 @@ def test_hugging_face_datasets_reads_a_folder_of_shards(
     tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
-    datasets = pytest.importorskip("datasets")
+    import datasets  # which takes seconds
+
     tables = [random_table(rng, 5) for _ in range(2)]
     for k, table in enumerate(tables):
         write_table(table, tmp_path / f"shard-0000{k}-of-00002.parquet")

@@ -53,8 +53,7 @@ def weigh(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardR
     (dropped,) = inputs
     assert dropped.clips == shard.clips
     masses = {row["clip"]: row["mass"] for row in dropped.table().to_pylist()}
-    mask = dropped.stacked("mask")
-    rows = [{"clip": clip, "time": masses[clip] + mask[k].sum()} for k, clip in enumerate(shard.clips)]
+    rows = [{"clip": clip, "time": masses[clip] + dropped.array(clip, "mask").sum()} for clip in shard.clips]
     return ShardResult({"clips": table_from_rows(rows, EVENTS)})
 
 
@@ -68,7 +67,7 @@ def drop_until_shard_2(shard: Shard, inputs: Sequence[OpenShard], parameters: Dr
                 os.kill(os.getpid(), signal.SIGKILL)
             case "wait":
                 Path(parameters.flag).touch()
-                time.sleep(60)
+                time.sleep(600)
     return drop(shard, inputs, parameters)
 
 

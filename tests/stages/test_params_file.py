@@ -53,7 +53,7 @@ def test_numbers_are_those_of_yaml_1_2(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         (
             "{clips: 320", "{clisp: 320, clips: 320",
@@ -72,27 +72,27 @@ def test_numbers_are_those_of_yaml_1_2(tmp_path: Path) -> None:
         ("[1, 3]}", "[1, 3]", "line 8: "),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_in_one_line_with_its_key(tmp_path: Path, old: str, new: str, told: str) -> None:
+def test_an_error_is_one_line_with_the_key(tmp_path: Path, old: str, new: str, message: str) -> None:
     assert old in TEXT
     with pytest.raises(ParamsError) as caught:
         read(tmp_path, TEXT.replace(old, new))
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert str(tmp_path / "params.yaml") in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_of_several_errors_the_first_is_told_and_the_others_are_counted(tmp_path: Path) -> None:
+def test_of_several_errors_the_first_is_described_and_the_others_are_counted(tmp_path: Path) -> None:
     with pytest.raises(ParamsError, match=r"`sample.shard_size` is missing \(and 1 more\)"):
         read(tmp_path, TEXT.replace("  shard_size: 64      # clips\n", "").replace("{clips: 48, ", "{"))
 
 
 @pytest.mark.parametrize("text", ["", "- 1\n- 2\n", "just words"])
-def test_a_file_without_sections_is_told_what_it_must_have(tmp_path: Path, text: str) -> None:
+def test_the_error_of_a_file_without_sections_says_what_it_must_have(tmp_path: Path, text: str) -> None:
     with pytest.raises(ParamsError, match="must have the sections seed, sample"):
         read(tmp_path, text)
 
 
-def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ParamsError, match=r"params.yaml is missing: run in the folder of the repository"):
         read_params_file(tmp_path / "params.yaml", ToyParams)
 
@@ -126,6 +126,6 @@ def test_reading_what_was_not_declared_is_a_defect_of_the_stage(tmp_path: Path) 
             reads()
 
 
-def test_a_suite_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> None:
+def test_the_error_of_an_unknown_suite_lists_the_suites(tmp_path: Path) -> None:
     with pytest.raises(ParamsError, match=r"\(did you mean 'held_out'\?\); valid: train, held_out"):
         view(tmp_path, "sample.suites.heldout")
