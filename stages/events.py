@@ -1,4 +1,4 @@
-"""Events of clips from their traces, and the sentences that tell them.
+"""Events of clips from their traces, and the sentences that describe them.
 
 Reads data/sample/<suite> and data/simulate/<suite>. Writes data/events/<suite>: table events (clip, time, kind,
 first, second: object indices, -1 for none), table clips (clip, think). Parameters: clip, events,

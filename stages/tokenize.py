@@ -63,13 +63,13 @@ def codec(base: str, width: int, height: int, frames: int) -> Codec:
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
-    sample, told = inputs
+    sample, happened = inputs
     writer = codec(parameters.base, parameters.width, parameters.height, parameters.frames)
     reasoning, seconds = parameters.reasoning, parameters.seconds
     rows = []
     for row in sample.table().to_pylist():
         events = [Event(e["time"], e["kind"], e["first"], None if e["second"] < 0 else e["second"])
-                  for e in told.rows(row["clip"], "events")]  # fmt: skip
+                  for e in happened.rows(row["clip"], "events")]  # fmt: skip
         completion = write_completion(read_scene(row["scene"]), events if reasoning else None, seconds)
         tokens = writer.encode(completion, reasoning, seconds)
         rows.append({"clip": row["clip"], "completion": completion, "ids": tokens.ids.tolist(),

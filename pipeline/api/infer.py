@@ -238,10 +238,9 @@ def infer(
         with progress.step("search"):
             ranked = [answers[int(i)].scene for i in ranking.order]
             starts = distinct_starts(ranked, ranking.rewards.valid[ranking.order].tolist(), STARTS)
-            told = f"/{search} simulations, reward "
             searched = search_scene(
                 evaluator, starts, search, np.random.default_rng(seed),
-                lambda spent, reward: progress.detail(f" {spent}{told}{reward:.3f}"), incline,
+                lambda spent, reward: progress.detail(f" {spent}/{search} simulations, reward {reward:.3f}"), incline,
             )  # fmt: skip
         methods.append(_search_method(searched, answers, ranking, measured))
     best = max(methods, key=lambda m: m.reward)

@@ -3,7 +3,7 @@
 Thresholds are physical (m/s, s, px of 480x320). Regimes of contact with the ground, at every step: an object on
 it rests where nothing moves, slides where the contact points move faster than `slip_speed`, rolls (round bodies,
 cylinders on their side) where they do not but the centre moves, and else tumbles; off the ground it flies. What
-happens out of view is not told.
+happens out of view is left out.
 """
 
 from __future__ import annotations
@@ -242,7 +242,8 @@ def _borne_out(trace: Trace, index: int, kind: str, step: int, thresholds: Thres
 
 
 def _without_repeats(events: list[Event]) -> list[Event]:
-    """Without starts of what an object was last told to do, and stops of what it was not, unless it was hit since."""
+    """Without the start of a motion that an object is in already, and the stop of one that it is not in, unless a hit
+    came between."""
     doing: dict[int, str] = {}
     kept = []
     for event in events:
@@ -261,10 +262,10 @@ def _without_repeats(events: list[Event]) -> list[Event]:
 
 def _latched(on: np.ndarray, off: np.ndarray) -> np.ndarray:
     """(T,) True from `on` to `off`; what comes before either is True unless `off` comes first."""
-    told = np.flatnonzero(on | off)
-    if not len(told):
+    switches = np.flatnonzero(on | off)
+    if not len(switches):
         return np.ones(len(on), bool)
-    return on[told][np.maximum(np.searchsorted(told, np.arange(len(on)), "right") - 1, 0)]
+    return on[switches][np.maximum(np.searchsorted(switches, np.arange(len(on)), "right") - 1, 0)]
 
 
 @dataclass

@@ -44,7 +44,7 @@ def pairs_of(clip: int, completions: Sequence[str], rewards: Sequence[float], ma
 
     An answer that was given several times counts once. Rewards in a pair differ, by `margin` at least.
     """
-    distinct = sorted(dict(zip(completions, rewards, strict=True)).items(), key=lambda told: (-told[1], told[0]))
+    distinct = sorted(dict(zip(completions, rewards, strict=True)).items(), key=lambda item: (-item[1], item[0]))
     half = len(distinct) // 2
     facing = zip(distinct[:half], reversed(distinct), strict=False)
     pairs = [Pair(clip, better, worse, high - low) for (better, high), (worse, low) in facing]
@@ -119,8 +119,8 @@ def prefer(
         better, worse = _both(base, batch)
         known = torch.tensor([(e.reference_better, e.reference_worse) for e in batch], device=better.device)
         margin = implicit_margin(better, worse, known[:, 0], known[:, 1], beta)
-        told = margin.detach()
-        return dpo_loss(margin), {"accuracy": (told > 0).float().mean().item(), "margin": told.mean().item()}
+        implied = margin.detach()
+        return dpo_loss(margin), {"accuracy": (implied > 0).float().mean().item(), "margin": implied.mean().item()}
 
     train(base, cast(Dataset, examples), list, objective, plan, work, report)
 
@@ -145,6 +145,6 @@ def _examples(
 def _both(base: Base, batch: Sequence[_Example]) -> tuple[torch.Tensor, torch.Tensor]:
     """Log-probabilities (B,) of the better and of the worse completions, in one pass."""
     clips = torch.as_tensor(np.stack([e.picture for e in batch]))
-    told = log_probabilities(base, [e.better for e in batch] + [e.worse for e in batch], clips.repeat(2, 1, 1, 1, 1))
-    better, worse = told.chunk(2)
+    both = log_probabilities(base, [e.better for e in batch] + [e.worse for e in batch], clips.repeat(2, 1, 1, 1, 1))
+    better, worse = both.chunk(2)
     return better, worse

@@ -138,17 +138,18 @@ def test_the_same_clip_becomes_the_same_scene(project: Path, monkeypatch: pytest
     # (its numbers and words, as good as certainly): the graph starts from samples alone, the command from all answers.
     monkeypatch.setattr(stages.infer, "answer_seed", lambda *_: answer_seed(SEED, 0))
     monkeypatch.setattr(stages.fit, "clip_rng", lambda *_: np.random.default_rng(SEED))
-    write_params(infer__temperature=1e-3, infer__middle=1e-6)
+    write_params(infer__temperature=1e-3, infer__middle=1e-12)
     small_clip.write_model(FINETUNED, ModelInput("flow", "channels", "exact", (240, 160), 1, True))
     prefer.main()
     import_clips.main()
     for run in (flow.main, stages.infer.main, best_of_k.main, fit.main):
         run("real")
-    found = infer(project / "clips" / "one", model=str(FINETUNED), samples=2, temperature=1e-3, middle=1e-6,
+    found = infer(project / "clips" / "one", model=str(FINETUNED), samples=2, temperature=1e-3, middle=1e-12,
                   search=SIMULATIONS, flow="dis", seed=SEED)  # fmt: skip
     answers = open_shards(project / "data/infer/real")[0].rows()
     assert [row["text"] for row in answers] == [a.text for a in found.answers]
     assert [row["sample"] for row in answers] == [a.sample for a in found.answers]
+    assert len({row["text"] for row in answers}) == 1
     ranked = open_shards(project / "data/best_of_k/real")[0].rows()
     assert ranked[0]["reward"] == pytest.approx(max(found.rewards.reward[1:]), abs=1e-9)
     searched = open_shards(project / "data/fit/real")[0].row()
