@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from pipeline.clips.schedule import Schedule
 from pipeline.scene.scene import Scene
@@ -82,8 +83,9 @@ def search_scene(
         progress: Called with the simulations spent and the best reward so far.
         incline: Whether the ground may slope in the picture.
     """
-    solved = solve(evaluator, starts, simulations, rng, progress, incline)
-    pairs, known = scene_certainties(evaluator, solved.found.scene)
+    with threadpool_limits(1, "blas"):  # with two threads, sums of small matrices have other last digits
+        solved = solve(evaluator, starts, simulations, rng, progress, incline)
+        pairs, known = scene_certainties(evaluator, solved.found.scene)
     return Searched(solved.found, solved.guess, solved.guess_simulations, pairs, known)
 
 

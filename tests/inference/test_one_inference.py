@@ -109,6 +109,7 @@ def test_a_tuned_checkpoint_is_shown_what_it_was_tuned_on(
     flow.main("real")
     stages.infer.main("real")
     found = infer(project / "clips" / "one", model=str(FINETUNED), samples=2, flow="dis")
+    assert len(shown) == 4, "greedy and samples, by the stage and by the command"
     graph, command = shown[:2], shown[2:]
     for pictures in (*graph, *command):
         np.testing.assert_array_equal(pictures, graph[0])
