@@ -49,7 +49,6 @@ from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling, generate
 from pipeline.model.patches import resize_frames
-from pipeline.model.walker import Tries
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator
@@ -71,10 +70,10 @@ COMPARED = (  # first minus second, by clip
 RESAMPLES = 10_000
 
 
-def answers(base: Base, shown: np.ndarray, sampling: Sampling, seed: int, tries: Tries) -> tuple[list[Scene], float]:
+def answers(base: Base, shown: np.ndarray, sampling: Sampling, seed: int) -> tuple[list[Scene], float]:
     """The scenes that the model answers to one clip, and the seconds that it took."""
     began = time.perf_counter()
-    (each,) = generate(base, shown[None], sampling, [seed], tries)
+    (each,) = generate(base, shown[None], sampling, [seed])
     seconds = time.perf_counter() - began
     return [read_completion(answer.text).scene for answer in each], seconds
 
@@ -92,8 +91,9 @@ def picture_of_clip(suite: Suite, label: str, clip: int, kind: str, params: Para
     return resize_frames(found, base.layout.width, base.layout.height)
 
 
-def rows_of(asked: argparse.Namespace, base: Base, suite: Suite, label: str, clip: int, params: Params,
-            tries: Tries) -> Iterator[dict[str, Any]]:  # fmt: skip
+def rows_of(
+    asked: argparse.Namespace, base: Base, suite: Suite, label: str, clip: int, params: Params
+) -> Iterator[dict[str, Any]]:
     """The scores of the greedy answer to a clip, and of the best of the samples."""
     schedule = Schedule(**params.clip.model_dump())
     shown = picture_of_clip(suite, label, clip, asked.input, params, base)
@@ -107,14 +107,14 @@ def rows_of(asked: argparse.Namespace, base: Base, suite: Suite, label: str, cli
 
     how = {"reasoning": not asked.without_reasoning, "seconds": schedule.seconds, "numbers": asked.numbers,
            "middle": params.infer.middle}  # fmt: skip
-    (scene,), seconds = answers(base, shown, Sampling(**how), 0, tries)
+    (scene,), seconds = answers(base, shown, Sampling(**how), 0)
     head = {"suite": label, "clip": clip}
     yield {**head, "method": asked.name, "simulations": 0, "seconds": seconds, **scored(scene)}
     if not asked.samples:
         return
     seed = zlib.crc32(f"{params.seed} {label} {clip}".encode())
     sampling = Sampling(asked.samples, asked.temperature, params.infer.top_p, **how)
-    scenes, seconds = answers(base, shown, sampling, seed, tries)
+    scenes, seconds = answers(base, shown, sampling, seed)
     masks = suite["render"][clip].array("mask")[schedule.pairs[:, 0]]
     target = make_target(masks, suite["flow"][clip].array("flow"), params.search.width, params.search.height)
     ranking = rank(Evaluator(target, schedule, threads=1), scenes)
@@ -128,7 +128,6 @@ def ask(asked: argparse.Namespace) -> None:
     """Ask the model about all clips that it has not answered yet."""
     params = read_params_file(PARAMS_FILE, Params)
     base = load_base(asked.model, params.model.width, params.model.height, params.clip.model_frames)
-    tries = Tries(base.codec)
     done = {(a["suite"], a["clip"], a["method"].split(",")[0]) for a in kept_answers(ANSWERS)}
     RESULTS.mkdir(parents=True, exist_ok=True)
     for label in asked.suites.split(","):
@@ -138,7 +137,7 @@ def ask(asked: argparse.Namespace) -> None:
             shapes = {c: shapes_of(suite, c, params) for c in todo}
             todo = [c for c, known in shapes.items() if known is not None and len(known) <= asked.objects]
         for clip in tqdm(todo[: asked.clips], desc=label, unit="clip"):
-            rows = list(rows_of(asked, base, suite, label, clip, params, tries))
+            rows = list(rows_of(asked, base, suite, label, clip, params))
             with ANSWERS.open("a") as file:
                 file.writelines(json.dumps(row) + "\n" for row in rows)
 

@@ -36,7 +36,6 @@ from pipeline.model.generate import Sampling
 from pipeline.model.patches import resize_frames
 from pipeline.model.preference import Pair, draw_answers, pairs_of, prefer, weighted_reward
 from pipeline.model.trainer import TrainingPlan
-from pipeline.model.walker import Tries
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.search.target import make_target
@@ -99,14 +98,12 @@ def read_clips(
     return clips
 
 
-def greedy_scores(
-    base: Base, clips: Sequence[LabelledClip], which: Sequence[int], params: Params, tries: Tries
-) -> list[dict]:
+def greedy_scores(base: Base, clips: Sequence[LabelledClip], which: Sequence[int], params: Params) -> list[dict]:
     """The metrics of the greedy answers to some of the clips."""
     schedule = Schedule(**params.clip.model_dump())
     greedy = Sampling(reasoning=params.model.reasoning, seconds=schedule.seconds)
     shown = {c: clips[c].picture for c in which}
-    answers = draw_answers(base, shown, greedy, dict.fromkeys(which, 0), params.infer.decode_batch_size, tries)
+    answers = draw_answers(base, shown, greedy, dict.fromkeys(which, 0), params.infer.decode_batch_size)
     rows = []
     for c in which:
         scene = read_completion(answers[c][0]).scene
@@ -153,7 +150,6 @@ def main() -> None:
     params = read_params_file(PARAMS_FILE, Params)
     schedule = Schedule(**params.clip.model_dump())
     base = load_base(a.model, frames=schedule.model_frames)
-    tries = Tries(base.codec)
     began = time.perf_counter()
     clips = read_clips(folder, params, schedule, (base.layout.width, base.layout.height), a.work)
     everything = range(len(clips))
@@ -165,7 +161,7 @@ def main() -> None:
     def drawn(clip: int) -> dict[str, list]:
         seed = zlib.crc32(f"{params.seed} prefer cross_engine {clip}".encode())
         shown, seeds = {clip: clips[clip].picture}, {clip: seed}
-        (texts,) = draw_answers(base, shown, sampling, seeds, own.decode_batch_size, tries).values()
+        (texts,) = draw_answers(base, shown, sampling, seeds, own.decode_batch_size).values()
         masks = clips[clip].masks[schedule.pairs[:, 0]]
         target = make_target(masks, clips[clip].flow, params.search.width, params.search.height)
         scenes = [read_completion(text).scene for text in texts]
@@ -181,7 +177,7 @@ def main() -> None:
 
     note(f"{len(clips)} clips")
     named = f"{zlib.crc32(Path(a.model, 'model.safetensors').read_bytes()):08x}"
-    before = kept_json(a.work / f"{named}-before.json", lambda: greedy_scores(base, clips, everything, params, tries))
+    before = kept_json(a.work / f"{named}-before.json", lambda: greedy_scores(base, clips, everything, params))
     note(f"greedy sequence IoU before: {np.mean([row['iou'] for row in before]):.4f}")
     named += f"-{a.samples}-{a.temperature}-{a.top_p}"
     pairs = {clip: paired(clip) for clip in everything}
@@ -193,9 +189,9 @@ def main() -> None:
         tuned = load_base(a.model, frames=schedule.model_frames)
         plan = TrainingPlan(a.steps, 1.0, a.batch_size, a.learning_rate, 0, own.checkpoint_steps, seed)
         prefer(tuned, [p for c in used for p in pairs[c]], {c: clips[c].picture for c in used}, a.beta, sampling, plan,
-               scratch, lambda row: note(str({k: row[k] for k in ("step", "loss", "accuracy", "margin") if k in row})),
-               tries)  # fmt: skip
-        return greedy_scores(tuned, clips, held_out, params, tries)
+               scratch, lambda row: note(str({k: row[k] for k in ("step", "loss", "accuracy", "margin") if k in row}))
+               )  # fmt: skip
+        return greedy_scores(tuned, clips, held_out, params)
 
     after: list[list[dict]] = []
     for seed in range(a.seeds):

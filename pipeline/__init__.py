@@ -1,1 +1,23 @@
-"""Video in, editable physics out: the library behind the stages and the `dynamics` command."""
+"""Video in, editable physics out.
+
+    from pipeline import infer, simulate, discover
+
+`infer` finds the scene that a clip shows, `simulate` runs a scene with changes, `discover` finds which physics a scene
+lacks. They are loaded when they are first used: `import pipeline` alone loads nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pipeline.api.discover import discover
+    from pipeline.api.infer import infer
+    from pipeline.api.simulate import simulate
+
+__all__ = ["discover", "infer", "simulate"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.api.{name}"), name)

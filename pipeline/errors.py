@@ -4,7 +4,8 @@ Commands and stages catch `DynamicsError`, print its message and exit with code 
 """
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class DynamicsError(Exception):
@@ -47,3 +48,12 @@ def did_you_mean(word: object, valid: Iterable[object]) -> str:
     """` (did you mean 'mass'?)` where one of the valid words is close to `word`, else an empty string."""
     close = difflib.get_close_matches(str(word), [str(v) for v in valid], n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+@contextmanager
+def naming(parameter: str) -> Iterator[None]:
+    """Put the name of the parameter or flag that the user gave before the message of an error raised inside."""
+    try:
+        yield
+    except DynamicsError as error:
+        raise type(error)(f"{parameter}: {error}") from None

@@ -13,12 +13,11 @@ import pyarrow as pa
 from pipeline.clips.schedule import Schedule
 from pipeline.scene.text import read_scene
 from pipeline.search.best_of_k import rank
-from pipeline.search.evaluator import Evaluator
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from stages.graph.run import run, run_shards
-from stages.graph.search_target import search_target
+from stages.graph.search_target import shard_evaluator
 from stages.graph.stage_params import load
 
 SCHEMA = pa.schema(
@@ -48,8 +47,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     rows = []
     for clip in shard.clips:
         samples = [row for row in answers.rows(clip) if row["sample"] >= 0]
-        target = search_target(rendered, flow, clip, parameters.schedule, parameters.size)
-        evaluator = Evaluator(target, parameters.schedule, threads=1)
+        evaluator = shard_evaluator(rendered, flow, clip, parameters.schedule, parameters.size)
         ranking = rank(evaluator, [read_scene(row["scene"]) for row in samples])
         r = ranking.rewards
         rows += [{"clip": clip, "rank": place, "sample": samples[i]["sample"], "scene": samples[i]["scene"],

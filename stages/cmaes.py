@@ -13,7 +13,6 @@ from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
 from pipeline.search.cmaes import Budget, cmaes_search
-from pipeline.search.evaluator import Evaluator
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -21,7 +20,7 @@ from pipeline.shards.tables import table_from_rows
 from stages.graph.found_row import FOUND, found_row
 from stages.graph.params import SearchSettings
 from stages.graph.run import run, run_shards
-from stages.graph.search_target import distinct_starts, search_target
+from stages.graph.search_target import ranked_starts, shard_evaluator
 from stages.graph.stage_params import load
 
 SCHEMA = pa.schema([("clip", pa.int64()), *FOUND])
@@ -48,9 +47,8 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     ranked, rendered, flow = inputs
     rows, invalid = [], 0
     for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
-        starts = distinct_starts(ranked, clip, parameters.search.starts)
-        target = search_target(rendered, flow, clip, parameters.schedule, parameters.search.size)
-        evaluator = Evaluator(target, parameters.schedule, threads=1)
+        starts = ranked_starts(ranked, clip, parameters.search.starts)
+        evaluator = shard_evaluator(rendered, flow, clip, parameters.schedule, parameters.search.size)
         rng = clip_rng(parameters.seed, shard.suite, clip, "cmaes")
         found = cmaes_search(evaluator, starts, parameters.budget, rng)
         rows.append({"clip": clip, **found_row(found)})

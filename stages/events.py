@@ -1,4 +1,4 @@
-"""Events of clips from their traces, and the sentences that tell them.
+"""Events of clips from their traces, and the sentences that describe them.
 
 Reads data/sample/<suite> and data/simulate/<suite>. Writes data/events/<suite>: table events (clip, time, kind,
 first, second: object indices, -1 for none), table clips (clip, think). Parameters: clip, events,
@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
-from pipeline.clips.areas import areas_px
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import frame_masks
+from pipeline.clips.view import event_areas
 from pipeline.language.completion import think_text
 from pipeline.language.events import Thresholds, find_events
 from pipeline.physics.trace_shards import read_trace
@@ -42,7 +41,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     events, clips, kinds = [], [], Counter[str]()
     for row in sample.table().to_pylist():
         scene, trace = read_scene(row["scene"]), read_trace(simulated, row["clip"])
-        areas = areas_px(frame_masks(scene, trace, schedule, 240, 160), len(scene.objects))
+        areas = event_areas(scene, trace, schedule)
         found = find_events(trace, scene.shapes, areas, schedule.frame_steps, parameters.thresholds)
         clips.append({"clip": row["clip"], "think": think_text(scene, found, schedule.seconds)})
         for e in found:

@@ -1,9 +1,10 @@
 """Fine-tune the base model on the training clips.
 
 Reads data/tokenize and data/flow (data/render with model.input=rgb) of train and val, model.base. Writes data/finetune:
-model (a checkpoint), loss.csv and eval_loss.csv (plots). An interrupted run goes on from its last checkpoint. With
-infer.shots the base answers as it is: nothing is trained, and there is no model.
-Parameters: seed, clip, model, finetune, infer.shots. Run: python -m stages.finetune
+model (a checkpoint, whose model_input.json records how its input is made), loss.csv and eval_loss.csv (plots). An
+interrupted run goes on from its last checkpoint. With infer.shots the base answers as it is: nothing is trained, and
+there is no model.
+Parameters: seed, clip, flow (but source, raft and noise), model, finetune, infer.shots. Run: python -m stages.finetune
 """
 
 from collections.abc import Sequence
@@ -15,12 +16,13 @@ from transformers.utils import logging
 
 from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
+from pipeline.errors import naming
 from pipeline.language.codec import Tokens
 from pipeline.model.base import load_base
-from pipeline.model.clip_dataset import ClipDataset
 from pipeline.model.finetune import finetune
-from pipeline.model.patches import resize_frames
-from pipeline.model.trainer import TrainingPlan
+from pipeline.model.model_input import ModelInput
+from pipeline.model.patches import fit_layout
+from pipeline.model.trainer import ClipDataset, TrainingPlan
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
 from stages.graph.clip_pictures import picture_stage, pictures
@@ -33,22 +35,32 @@ CURVES = ("loss", "eval_loss")
 
 @dataclass(frozen=True)
 class Parameters:
+    """What `make` needs.
+
+    Attributes:
+        schedule: The frames of a clip.
+        model: The section `model`.
+        shown: How the pictures of the training clips are made, which the checkpoint records.
+        plan: Of the training.
+    """
+
     schedule: Schedule
     model: ModelSettings
+    shown: ModelInput
     plan: TrainingPlan
 
 
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Parameters) -> dict[str, float]:
     m, schedule = parameters.model, parameters.schedule
-    base = load_base(m.base, m.width, m.height, schedule.model_frames, m.dtype)
+    with naming("model.base"):
+        base = load_base(m.base, m.width, m.height, schedule.model_frames, m.dtype)
 
     def dataset(tokens: ShardedDataset, source: ShardedDataset) -> ClipDataset:
         def read(index: int) -> tuple[Tokens, np.ndarray]:
             row = tokens[index].row()
             free, numeric = np.array(row["free"]), np.array(row["numeric"])
-            frames = pictures(source[index], m.input, schedule)
-            return (Tokens(np.array(row["ids"], np.int32), row["prompt_length"], free, numeric),
-                    resize_frames(frames, base.layout.width, base.layout.height))  # fmt: skip
+            shown = fit_layout(pictures(source[index], m.input, schedule), base.layout)
+            return Tokens(np.array(row["ids"], np.int32), row["prompt_length"], free, numeric), shown
 
         return ClipDataset(len(tokens), read)
 
@@ -57,6 +69,7 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
     logging.set_verbosity_error()
     finetune(base, dataset(train_tokens, train_pictures), dataset(val_tokens, val_pictures), parameters.plan, scratch,
              rows.append)  # fmt: skip
+    base.input = parameters.shown
     base.save(output / "model")
     for column in CURVES:
         write_rows(output / f"{column}.csv", [row for row in rows if column in row], ("step", column))
@@ -77,9 +90,10 @@ def main() -> None:
     if params.infer.shots:
         keep_folder("finetune", DATA / "finetune", skip, parameters=None)
         return
-    m = params.model
+    m, f = params.model, params.flow
+    shown = ModelInput.of(m.input, f.picture, f.train_source, (f.width, f.height), f.iterations, m.reasoning)
     plan = TrainingPlan(**params.finetune.model_dump(), seed=params.seed)
-    parameters = Parameters(params.clip.schedule, m, plan)
+    parameters = Parameters(params.clip.schedule, m, shown, plan)
     inputs = [folder(stage, suite) for suite in ("train", "val") for stage in ("tokenize", picture_stage(m.input))]
     files = {"base": Path(m.base)} if Path(m.base).is_dir() else {}
     keep_folder("finetune", DATA / "finetune", make, parameters=parameters, inputs=inputs, files=files,

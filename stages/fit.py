@@ -1,4 +1,4 @@
-"""The search of choice: Gauss-Newton and leaps from the best samples and a classical guess.
+"""The search of choice: Gauss-Newton and jumps from the best samples and a classical guess.
 
 Reads data/best_of_k/<suite>, data/render/<suite> (masks), data/flow/<suite>. Writes data/fit/<suite>: clip, guess (the
 classical guess, a scene) and guess_simulations, scene, reward, iou, simulations, spent and history (best reward after
@@ -14,10 +14,8 @@ import pyarrow as pa
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
+from pipeline.inference.scene_search import search_clip
 from pipeline.scene.text import write_scene
-from pipeline.search.certainty import certainties
-from pipeline.search.evaluator import Evaluator
-from pipeline.search.search_scene import search_scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -25,7 +23,7 @@ from pipeline.shards.tables import table_from_rows
 from stages.graph.found_row import FOUND, found_row
 from stages.graph.params import SearchSettings
 from stages.graph.run import run, run_shards
-from stages.graph.search_target import distinct_starts, search_target
+from stages.graph.search_target import ranked_starts, shard_evaluator
 from stages.graph.stage_params import load
 
 CERTAINTY = pa.struct({"place": pa.string(), "kind": pa.string(), "value": pa.float64(), "spread": pa.float64(),
@@ -55,19 +53,16 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     ranked, rendered, flow = inputs
     rows, invalid = [], 0
     for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
-        target = search_target(rendered, flow, clip, parameters.schedule, parameters.search.size)
-        evaluator = Evaluator(target, parameters.schedule, threads=1)
-        starts = distinct_starts(ranked, clip, parameters.search.starts)
+        evaluator = shard_evaluator(rendered, flow, clip, parameters.schedule, parameters.search.size)
+        starts = ranked_starts(ranked, clip, parameters.search.starts)
         rng = clip_rng(parameters.seed, shard.suite, clip, "fit")
-        solved = search_scene(evaluator, starts, parameters.simulations, rng)
-        found = solved.result.scene
-        pairs = evaluator.pairs(found)
-        instance = dict(pairs.tolist())
-        rows.append({"clip": clip, "guess": None if solved.guess is None else write_scene(solved.guess),
-                     "guess_simulations": solved.guess_simulations, **found_row(solved.result),
-                     "instance": [instance.get(i, -1) for i in range(len(found.objects))],
-                     "certainty": [asdict(c) for c in certainties(evaluator, found, pairs)]})  # fmt: skip
-        invalid += solved.result.invalid
+        searched = search_clip(evaluator, starts, parameters.simulations, rng)
+        instance = dict(searched.pairs.tolist())
+        rows.append({"clip": clip, "guess": None if searched.guess is None else write_scene(searched.guess),
+                     "guess_simulations": searched.guess_simulations, **found_row(searched.result),
+                     "instance": [instance.get(i, -1) for i in range(len(searched.result.scene.objects))],
+                     "certainty": [asdict(c) for c in searched.certainties]})  # fmt: skip
+        invalid += searched.result.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)
 

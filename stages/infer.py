@@ -4,27 +4,25 @@ Reads the model that answers (data/finetune/model, or with prefer.enabled data/p
 data/render/<suite> with model.input=rgb). With infer.shots=N the model is model.base as it is, prompted with
 pipeline/language/few_shot.jinja and N worked examples (data/tokenize/train and data/flow/train or data/render/train).
 Writes data/infer/<suite>: clip, sample (-1 greedy, 0 … K-1), text, scene (canonical YAML), log_probability.
-Parameters: seed, clip, flow.picture, model, infer. Run: python -m stages.infer SUITE
+Parameters: seed, clip, flow (but noise and train_source), model, infer. Run: python -m stages.infer SUITE
 """
 
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from pipeline.clips.schedule import Schedule
-from pipeline.language.completion import read_completion
+from pipeline.errors import naming
+from pipeline.inference.answers import answer_seed, ask
 from pipeline.language.few_shot import TEMPLATE, instructions
 from pipeline.model.base import Base, load_base
-from pipeline.model.generate import Sampling, batches, generate
-from pipeline.model.patches import resize_frames
-from pipeline.model.prompt import Prompt, bare_prompt, few_shot_prompt
-from pipeline.model.walker import Tries
+from pipeline.model.generate import Prompt, Sampling, bare_prompt, few_shot_prompt
+from pipeline.model.model_input import ModelInput
+from pipeline.model.patches import fit_layout
 from pipeline.scene.text import write_scene
 from pipeline.shards.dataset import Clip
 from pipeline.shards.opened_shard import OpenShard
@@ -32,7 +30,7 @@ from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from pipeline.vision.flow.flow_picture import scaled_max_px
 from stages.graph.answering_model import answering_model
-from stages.graph.clip_pictures import picture_stage, pictures
+from stages.graph.clip_pictures import check_input, picture_stage, pictures
 from stages.graph.examples import Example, choose_examples, example_clip
 from stages.graph.params import InferSettings, ModelSettings
 from stages.graph.run import run, run_shards
@@ -71,13 +69,13 @@ class Parameters:
 
 
 @lru_cache(maxsize=1)
-def model(folder: str, width: int, height: int, frames: int, dtype: str) -> tuple[Base, Tries]:
-    base = load_base(folder, width, height, frames, dtype)
-    return base, Tries(base.codec)
+def model(folder: str, width: int, height: int, frames: int, dtype: str) -> Base:
+    with naming("model.base"):
+        return load_base(folder, width, height, frames, dtype)
 
 
 def shown(clip: Clip, base: Base, p: Parameters) -> np.ndarray:
-    return resize_frames(pictures(clip, p.model.input, p.schedule), base.layout.width, base.layout.height)
+    return fit_layout(pictures(clip, p.model.input, p.schedule), base.layout)
 
 
 def prompt(base: Base, p: Parameters) -> Prompt:
@@ -94,37 +92,36 @@ def prompt(base: Base, p: Parameters) -> Prompt:
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     (source,) = inputs
     p, m, own = parameters, parameters.model, parameters.settings
-    base, tries = model(m.base, m.width, m.height, p.schedule.model_frames, m.dtype)
-    asked = prompt(base, p)
-    how: dict[str, Any] = {"reasoning": m.reasoning, "seconds": p.schedule.seconds, "numbers": own.numbers,
-                           "middle": own.middle}  # fmt: skip
-    greedy, sampled = Sampling(**how), Sampling(own.samples, own.temperature, own.top_p, **how)
-    rows: list[dict[str, Any]] = []
-    for sampling in (greedy, sampled):
-        for part in batches(len(shard), sampling.samples, own.decode_batch_size):
-            clips = [shard.start + i for i in part]
-            videos = np.stack([shown(Clip(c, source), base, p) for c in clips])
-            seeds = [zlib.crc32(f"{p.seed} {shard.suite} {c}".encode()) for c in clips]
-            for clip, answers in zip(clips, generate(base, videos, sampling, seeds, tries, asked), strict=True):
-                for k, answer in enumerate(answers):
-                    scene = write_scene(read_completion(answer.text).scene)
-                    rows.append({"clip": clip, "sample": k if sampling is sampled else -1, "text": answer.text,
-                                 "scene": scene, "log_probability": answer.log_probability})  # fmt: skip
-    rows.sort(key=lambda row: (row["clip"], row["sample"]))
+    base = model(m.base, m.width, m.height, p.schedule.model_frames, m.dtype)
+    sampling = Sampling(
+        samples=own.samples, temperature=own.temperature, top_p=own.top_p, reasoning=m.reasoning,
+        seconds=p.schedule.seconds, numbers=own.numbers, middle=own.middle,
+    )  # fmt: skip
+    clips = list(shard.clips)
+    seeds = [answer_seed(p.seed, shard.suite, c) for c in clips]
+    answers = ask(base, lambda i: shown(Clip(clips[i], source), base, p), seeds, sampling, own.decode_batch_size,
+                  prompt(base, p))  # fmt: skip
+    rows = [
+        {"clip": clip, "sample": a.sample, "text": a.text, "scene": write_scene(a.scene),
+         "log_probability": a.log_probability}
+        for clip, each in zip(clips, answers, strict=True) for a in each
+    ]  # fmt: skip
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes={"answers": len(rows), "parsed": len(rows)})
 
 
 def main(suite: str) -> None:
     params = load("infer", suite)
-    m, own = params.model, params.infer
+    m, own, f = params.model, params.infer, params.flow
     examples = choose_examples(own.shots, suite, m.input)
     checkpoint = Path(m.base) if examples else answering_model().folder
+    made = ModelInput.of(m.input, f.picture, f.source, (f.width, f.height), f.iterations, m.reasoning)
+    check_input(str(checkpoint), made, required=not examples)
     files = {"model": checkpoint} if checkpoint.is_dir() or not examples else {}
     parameters = Parameters(
         seed=params.seed,
         schedule=params.clip.schedule,
         model=m.model_copy(update={"base": str(checkpoint)}),
-        picture=params.flow.picture,
+        picture=f.picture,
         settings=own,
         examples=tuple(examples),
     )

@@ -12,19 +12,19 @@ from dataclasses import dataclass
 import pyarrow as pa
 from tqdm import tqdm
 
+from pipeline.clips.replay import HEIGHT, WIDTH
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
 from pipeline.evaluation.prediction import forecast_scores
-from pipeline.evaluation.scene_scores import HEIGHT, WIDTH
 from pipeline.scene.text import write_scene
-from pipeline.search.evaluator import Evaluator
 from pipeline.search.search_scene import search_scene
-from pipeline.search.target import make_target, resize_masks
+from pipeline.search.target import resize_masks
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from stages.graph.run import run, run_shards
+from stages.graph.search_target import shard_evaluator
 from stages.graph.stage_params import load
 
 SCORES = ("search", "moved_with_replay", "constant_velocity", "frozen", "seen")
@@ -54,13 +54,12 @@ class Parameters:
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     rendered, flow = inputs
     whole, part = parameters.schedule, parameters.part
-    pairs = part.model_frames
     rows = []
     for clip in tqdm(shard.clips, desc=str(shard), unit="clip", disable=None, leave=False):
         masks = rendered.array(clip, "mask")
-        target = make_target(masks[part.pairs[:, 0]], flow.array(clip, "flow")[:pairs], *parameters.size)
+        evaluator = shard_evaluator(rendered, flow, clip, part, parameters.size)
         rng = clip_rng(parameters.seed, shard.suite, clip, "predict")
-        found = search_scene(Evaluator(target, part, threads=1), [], parameters.simulations, rng).result
+        found = search_scene(evaluator, [], parameters.simulations, rng).result
         scores = forecast_scores(found.scene, resize_masks(masks, WIDTH, HEIGHT), part.frames, whole)
         rows.append({"clip": clip, "scene": write_scene(found.scene), **{k: getattr(scores, k) for k in SCORES},
                      "simulations": found.simulations})  # fmt: skip

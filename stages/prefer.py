@@ -3,12 +3,11 @@
 Reads data/finetune/model and of the suite prefer.suite data/render (masks) and data/flow. Writes data/prefer: which
 model answers from now on and which clips it has used (answering_model.json), curve.csv (plots, through `score`); where
 enabled, model (a checkpoint) and pairs.json. An interrupted run goes on from its pairs and its last checkpoint.
-Parameters: seed, clip, model.input, model.reasoning, model.dtype, search.width, search.height, prefer, infer.shots.
-Run: python -m stages.prefer
+Parameters: seed, clip, flow (but noise and train_source), model.input, model.reasoning, model.dtype, search.width,
+search.height, prefer, infer.shots. Run: python -m stages.prefer
 """
 
 import json
-import zlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,9 +18,11 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
 from pipeline.errors import ParamsError
+from pipeline.model.model_input import ModelInput
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keep_folder import keep_folder
 from stages.graph.answering_model import CURVE, FINETUNED, FOLDER, AnsweringModel, split_clips
+from stages.graph.clip_pictures import check_input, picture_stage, pictures
 from stages.graph.params import PreferSettings
 from stages.graph.run import folder, run
 from stages.graph.stage_params import load
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from pipeline.model.preference import Pair
     from pipeline.scene.scene import Scene
 
-COLUMNS = ("step", "loss", "accuracy", "margin")
+COLUMNS = ("loss", "accuracy", "margin")
 
 
 @dataclass(frozen=True)
@@ -69,35 +70,31 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
     # imported here: it takes seconds, and by default there is nothing to do
     from transformers.utils import logging
 
+    from pipeline.inference.answers import answer_seed
     from pipeline.model.base import load_base
     from pipeline.model.generate import Sampling
-    from pipeline.model.patches import resize_frames
+    from pipeline.model.patches import fit_layout
     from pipeline.model.preference import Pair, draw_answers, prefer, rank_pairs, weighted_reward
     from pipeline.model.trainer import TrainingPlan
-    from pipeline.model.walker import Tries
     from pipeline.search.best_of_k import rank
-    from pipeline.search.evaluator import Evaluator
-    from stages.graph.clip_pictures import picture_stage, pictures
-    from stages.graph.search_target import search_target
+    from stages.graph.search_target import shard_evaluator
 
     rendered, flow = inputs
     p, own, schedule = parameters, parameters.settings, parameters.schedule
     base = load_base(str(FINETUNED), frames=schedule.model_frames, dtype=p.dtype)
-    tries = Tries(base.codec)
     source = {"flow": flow, "render": rendered}[picture_stage(p.input)]
-    size = base.layout.width, base.layout.height
-    shown = {c: resize_frames(pictures(source[c], p.input, schedule), *size) for c in p.used}
+    shown = {c: fit_layout(pictures(source[c], p.input, schedule), base.layout) for c in p.used}
     sampling = Sampling(own.samples, own.temperature, own.top_p, p.reasoning, schedule.seconds, "tokens")
 
     def judge(clip: int, scenes: "Sequence[Scene]") -> np.ndarray:
-        target = search_target(rendered[clip].shard, flow[clip].shard, clip, schedule, p.size)
-        rewards = rank(Evaluator(target, schedule, threads=1), scenes).rewards
+        evaluator = shard_evaluator(rendered[clip].shard, flow[clip].shard, clip, schedule, p.size)
+        rewards = rank(evaluator, scenes).rewards
         return weighted_reward(rewards, own.epe_weight)
 
     drawn = scratch / "pairs.json"
     if not drawn.is_file():
-        seeds = {c: zlib.crc32(f"{p.seed} prefer {own.suite} {c}".encode()) for c in p.used}
-        answers = draw_answers(base, shown, sampling, seeds, own.decode_batch_size, tries)
+        seeds = {c: answer_seed(p.seed, "prefer", own.suite, c) for c in p.used}
+        answers = draw_answers(base, shown, sampling, seeds, own.decode_batch_size)
         write_pairs(drawn, rank_pairs(answers, judge, own.margin, own.pairs))
     pairs = [Pair(**row) for row in json.loads(drawn.read_text())]
     rows: list[dict[str, Any]] = []
@@ -112,7 +109,7 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
             checkpoint_steps=own.checkpoint_steps,
             seed=p.seed,
         )
-        prefer(base, pairs, shown, own.beta, sampling, plan, scratch, rows.append, tries)
+        prefer(base, pairs, shown, own.beta, sampling, plan, scratch, rows.append)
     base.save(output / "model")
     write_pairs(output / "pairs.json", pairs)
     write_rows(output / CURVE, [row for row in rows if "loss" in row], COLUMNS)
@@ -128,13 +125,15 @@ def write_pairs(path: Path, pairs: "Sequence[Pair]") -> None:
 
 def main() -> None:
     params = load("prefer")
-    own, m = params.prefer, params.model
+    own, m, f = params.prefer, params.model, params.flow
     if not own.enabled:
         keep_folder("prefer", FOLDER, skip, parameters=None)
         return
     if params.infer.shots:
         raise ParamsError(f"`prefer.enabled` is true and `infer.shots` is {params.infer.shots}; valid: one of the two, "
                           "since with a prompt no model is fine-tuned that could be trained on")  # fmt: skip
+    shown = ModelInput.of(m.input, f.picture, f.source, (f.width, f.height), f.iterations, m.reasoning)
+    check_input(str(FINETUNED), shown, required=True)
     inputs = [folder("render", own.suite), folder("flow", own.suite)]
     clips = len(open_shards(inputs[0]))
     if own.clips >= clips:

@@ -67,10 +67,9 @@ def make(
     # imported here: it takes seconds, and by default there is nothing to do
     from transformers.utils import logging
 
-    from pipeline.model.clip_dataset import ClipDataset
     from pipeline.model.patches import resize_frames
     from pipeline.model.scene_vector import encode, scale_of
-    from pipeline.model.trainer import TrainingPlan
+    from pipeline.model.trainer import ClipDataset, TrainingPlan
     from pipeline.model.vivit import VivitSize, build_regressor, regress
     from pipeline.scene.text import read_scene
 

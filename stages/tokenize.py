@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from pipeline.errors import naming
 from pipeline.language.codec import Codec
 from pipeline.language.completion import write_completion
 from pipeline.language.events import Event
@@ -57,17 +58,18 @@ class Parameters:
 
 @lru_cache(maxsize=1)
 def codec(base: str, width: int, height: int, frames: int) -> Codec:
-    return Codec(load_tokenizer(base), read_layout(base, width, height, frames).tokens)
+    with naming("model.base"):
+        return Codec(load_tokenizer(base), read_layout(base, width, height, frames).tokens)
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
-    sample, told = inputs
+    sample, happened = inputs
     writer = codec(parameters.base, parameters.width, parameters.height, parameters.frames)
     reasoning, seconds = parameters.reasoning, parameters.seconds
     rows = []
     for row in sample.table().to_pylist():
         events = [Event(e["time"], e["kind"], e["first"], None if e["second"] < 0 else e["second"])
-                  for e in told.rows(row["clip"], "events")]  # fmt: skip
+                  for e in happened.rows(row["clip"], "events")]  # fmt: skip
         completion = write_completion(read_scene(row["scene"]), events if reasoning else None, seconds)
         tokens = writer.encode(completion, reasoning, seconds)
         rows.append({"clip": row["clip"], "completion": completion, "ids": tokens.ids.tolist(),

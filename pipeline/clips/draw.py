@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pipeline.clips.areas import areas_px
 from pipeline.clips.schedule import Schedule
+from pipeline.clips.view import areas_px
 from pipeline.errors import DynamicsError
 from pipeline.physics.batch import BatchSimulator, stack_scenes
 from pipeline.physics.overlap import penetration

@@ -1,4 +1,4 @@
-"""What the scene's camera sees of a simulated clip: masks, depth and exact flow at chosen frames."""
+"""What the scene's camera sees of a simulated clip: masks, areas, depth and exact flow at chosen frames."""
 
 from __future__ import annotations
 
@@ -7,17 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
+from pipeline.compiled import kernel
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 from pipeline.vision.rendering.camera import pinhole
 from pipeline.vision.rendering.exact_flow import exact_flow
 from pipeline.vision.rendering.rasteriser import rasterise
 
+#: px, width and height, of the masks from which events take what is in view: in the graph, in training, everywhere.
+EVENT_SIZE = (240, 160)
+
 
 @dataclass(frozen=True)
 class View:
-    """mask (F, H, W) uint8, 0 background, i + 1 object i; depth (F, H, W) float32 m; flow (P, H, W, 2) float32 px from
-    the first frame of each pair to the second."""
+    """What the camera sees of P pairs of frames.
+
+    Attributes:
+        mask: (P, H, W) uint8 of the first frame of each pair, 0 background, i + 1 object i.
+        depth: (P, H, W) float32, m, of the first frame.
+        flow: (P, H, W, 2) float32, px from the first frame to the second.
+    """
 
     mask: np.ndarray
     depth: np.ndarray
@@ -32,8 +41,37 @@ def frame_masks(scene: Scene, trace: Trace, schedule: Schedule, width: int, heig
                      height, scene.ground).mask  # fmt: skip
 
 
+def areas_px(masks: np.ndarray, objects: int) -> np.ndarray:
+    """(F, N) area of each object in masks (F, H, W), px of 480x320."""
+    counts = np.zeros((len(masks), objects + 1), np.int64)
+    _count(masks.reshape(len(masks), -1), counts)
+    return counts[:, 1:] * (480 * 320 / masks[0].size)
+
+
+@kernel
+def _count(masks: np.ndarray, counts: np.ndarray) -> None:
+    """Into counts (F, N + 1): the pixels of masks (F, P) with each number up to N."""
+    for frame in range(len(masks)):
+        for pixel in range(masks.shape[1]):
+            if masks[frame, pixel] < counts.shape[1]:
+                counts[frame, masks[frame, pixel]] += 1
+
+
+def event_areas(scene: Scene, trace: Trace, schedule: Schedule) -> np.ndarray:
+    """(F, N) area of each object in every frame, px of 480x320, from masks of EVENT_SIZE: what `find_events` takes."""
+    return areas_px(frame_masks(scene, trace, schedule, *EVENT_SIZE), len(scene.objects))
+
+
 def pair_view(scene: Scene, position: np.ndarray, quaternion: np.ndarray, width: int, height: int) -> View:
-    """Masks and depth of the first frame of P pairs, and the flow to the second: poses (P, 2, N, 3), (P, 2, N, 4)."""
+    """Masks and depth of the first frame of P pairs, and the flow to the second.
+
+    Args:
+        scene: With a camera.
+        position: (P, 2, N, 3), m, of the objects in both frames of each pair.
+        quaternion: (P, 2, N, 4), w x y z.
+        width: Of the masks, px.
+        height: Of the masks, px.
+    """
     assert scene.camera is not None
     masks, depths, flows = [], [], []
     for p, q in zip(position, quaternion, strict=True):

@@ -1,4 +1,4 @@
-"""The console script `dynamics`: one subcommand a module of `verbs`, and what they share."""
+"""The console script `dynamics`: a module for each subcommand, and what they share."""
 
 import os
 

@@ -1,17 +1,15 @@
-"""Entry point of `dynamics`: finds the subcommands, parses the words, turns errors into one line and an exit code."""
+"""Entry point of `dynamics`: parses the command line, and turns errors into one line and an exit code."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
 import logging
-import pkgutil
 import signal
 import sys
 import warnings
 from types import FrameType
 
-from pipeline.commands import verbs
 from pipeline.errors import DynamicsError
 
 DESCRIPTION = """\
@@ -32,13 +30,11 @@ where to go on:
   out/overlay.png, out/result.json    the picture to look at first, and what was assumed and measured
   README.md                   the scene language, the experiment as a graph (make repro), training
 """
+#: The subcommands: a module each, with SUMMARY (one line for `dynamics --help`), DESCRIPTION (what it does, with
+#: examples), add_arguments(parser) and run(arguments). It imports nothing heavy before `run`.
+VERBS = ("discover", "infer", "simulate", "view")
 INTERRUPTED = 130
 TERMINATED = 143
-
-
-def verb_names() -> list[str]:
-    """The subcommands' names: the modules of `pipeline.commands.verbs`."""
-    return sorted(module.name for module in pkgutil.iter_modules(verbs.__path__))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -46,8 +42,8 @@ def parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     top = argparse.ArgumentParser(prog="dynamics", description=DESCRIPTION, epilog=EPILOG, formatter_class=raw)
     subcommands = top.add_subparsers(dest="verb", required=True, metavar="COMMAND", title="commands")
-    for name in verb_names():
-        module = importlib.import_module(f"{verbs.__name__}.{name}")
+    for name in VERBS:
+        module = importlib.import_module(f"pipeline.commands.{name}")
         sub = subcommands.add_parser(name, help=module.SUMMARY, description=module.DESCRIPTION, formatter_class=raw)
         module.add_arguments(sub)
         sub.set_defaults(run=module.run)

@@ -9,14 +9,11 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from pipeline.clips.replay import HEIGHT, WIDTH, replay_poses
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
-from pipeline.evaluation.scene_scores import HEIGHT, WIDTH, replay
-from pipeline.physics.batch import BatchSimulator, stack_scenes
 from pipeline.scene.scene import Scene
 from pipeline.vision.flow.flow_picture import flow_picture
-from pipeline.vision.rendering.appearance import plain_appearance
-from pipeline.vision.rendering.render import render_raycast
 
 #: Object colours, RGB.
 PALETTE = np.array(
@@ -24,7 +21,8 @@ PALETTE = np.array(
     float,
 )
 COLUMNS = 5  # moments on a sheet of stills
-STILL_WIDTH = 200  # px
+STILL = (360, 240)  # px, width and height at which a still of a replay is rendered
+STILL_WIDTH = 200  # px, on the sheet
 PANEL = (240, 160)  # px, width and height of each of the three panels of an animation
 PANELS = ("input", "replay", "outlines on the input")
 
@@ -81,8 +79,8 @@ def stills(
     ]
     for name, scene in answers.items():
         try:
-            own = replay(scene, schedule)
-            rows.append((f"{name}: replay", list(_rendered(scene, schedule, moments, 360, 240))))
+            own = replay_poses(scene, schedule)
+            rows.append((f"{name}: replay", list(own.pictures("raycast", moments, *STILL))))
             rows.append((f"{name}: its masks over the input", [painted(frames[m], own.masks[m]) for m in moments]))
         except SimulationError:
             rows.append((f"{name}: the simulation diverges", [np.full((HEIGHT, WIDTH, 3), 128, np.uint8)]))
@@ -99,20 +97,12 @@ def animation(frames: np.ndarray, scene: Scene, schedule: Schedule) -> np.ndarra
     """
     shown = np.stack([cv2.resize(f, PANEL, interpolation=cv2.INTER_AREA) for f in frames])
     try:
-        masks = replay(scene, schedule).masks
-        rendered = _rendered(scene, schedule, np.arange(len(frames)), *PANEL)
+        own = replay_poses(scene, schedule)
+        masks, rendered = own.masks, own.pictures("raycast", np.arange(len(frames)), *PANEL)
     except SimulationError:
         masks, rendered = np.zeros((len(frames), HEIGHT, WIDTH), np.uint8), np.full_like(shown, 128)
     outlines = np.stack([painted(f, m, tint=0) for f, m in zip(shown, masks, strict=True)])
     return np.concatenate([shown, rendered, outlines], axis=2)
-
-
-def _rendered(scene: Scene, schedule: Schedule, moments: np.ndarray, width: int, height: int) -> np.ndarray:
-    states = BatchSimulator(scene.shapes, scene.ground is not None, 1, 1).run(
-        stack_scenes([scene]), schedule.frame_steps[moments]
-    )
-    plain = plain_appearance(len(scene.objects))
-    return render_raycast(scene, states.position[0], states.quaternion[0], plain, width, height)
 
 
 def as_jpeg(picture: np.ndarray) -> bytes:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from pipeline.clips.replay import replay_poses
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.scene_scores import replay
 from pipeline.metrics.overlap import Counts, assign, count, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
 
@@ -47,7 +47,7 @@ def forecast_scores(scene: Scene, masks: np.ndarray, seen: int, schedule: Schedu
         SimulationError: The replay diverges.
     """
     instances = int(masks.max(initial=0))
-    own = replay(scene, schedule).masks
+    own = replay_poses(scene, schedule).masks
     counts = count(own, masks, len(scene.objects), instances)
     early, late = _frames(counts, slice(0, seen)), _frames(counts, slice(seen, None))
     pairs = assign(pair_iou(early))

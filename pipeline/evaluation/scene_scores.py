@@ -6,19 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.clips.replay import HEIGHT, WIDTH, replay_poses
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
 from pipeline.metrics.overlap import assign, count, first_frame, foreground_iou, pair_iou, sequence_iou
-from pipeline.physics.batch import BatchSimulator, stack_scenes
 from pipeline.physics.overlap import penetration
 from pipeline.scene.rotation import quaternion_conjugate, quaternion_multiply
 from pipeline.scene.scene import Scene
 from pipeline.search.target import make_target, resize_masks
-from pipeline.vision.rendering.camera import pinhole
-from pipeline.vision.rendering.exact_flow import exact_flow
-from pipeline.vision.rendering.rasteriser import rasterise
-
-WIDTH, HEIGHT = 480, 320
 
 
 @dataclass(frozen=True)
@@ -32,33 +27,10 @@ class Reference:
     scene: Scene | None = None
 
 
-@dataclass(frozen=True)
-class Replay:
-    """A scene's masks (F, H, W) and flow (F - 1, H, W, 2) at 480x320."""
-
-    masks: np.ndarray
-    flow: np.ndarray
-
-
-def replay(scene: Scene, schedule: Schedule) -> Replay:
-    """Run the scene and look at every frame. Raises `SimulationError` where the numbers go bad."""
-    assert scene.camera is not None
-    states = BatchSimulator(scene.shapes, scene.ground is not None, 1, 1).run(
-        stack_scenes([scene]), schedule.frame_steps
-    )
-    if not states.valid[0]:
-        raise SimulationError("the numbers go bad in the replay")
-    poses = (states.position[0], states.quaternion[0])
-    camera = pinhole(scene.camera)
-    view = rasterise(scene.objects, *poses, camera, WIDTH, HEIGHT, scene.ground)
-    flow = exact_flow(scene.objects, *poses, camera, WIDTH, HEIGHT, scene.ground, rendering=view)
-    return Replay(view.mask, flow)
-
-
 def true_reference(scene: Scene, schedule: Schedule) -> Reference:
     """The reference of a sampled clip: its own replay, all pairs of frames."""
-    own = replay(scene, schedule)
-    return Reference(own.masks, own.flow, np.arange(len(own.flow)), scene)
+    own = replay_poses(scene, schedule)
+    return Reference(own.masks, own.frame_flow, np.arange(len(own.frame_flow)), scene)
 
 
 def measured_reference(masks: np.ndarray, flow: np.ndarray, pair_frames: np.ndarray) -> Reference:
@@ -88,15 +60,16 @@ def score(scene: Scene, reference: Reference, schedule: Schedule) -> dict[str, f
     Parameter errors (`error.<name>`) are added where the true scene is known and the composition right.
     """
     try:
-        own, valid = replay(scene, schedule), 1.0
+        own = replay_poses(scene, schedule)
+        masks, flow, valid = own.masks, own.frame_flow, 1.0
     except SimulationError:
         shape = (len(reference.masks), HEIGHT, WIDTH)
-        own, valid = Replay(np.zeros(shape, np.uint8), np.zeros((shape[0] - 1, *shape[1:], 2), np.float32)), 0.0
+        masks, flow, valid = np.zeros(shape, np.uint8), np.zeros((shape[0] - 1, *shape[1:], 2), np.float32), 0.0
     instances = int(reference.masks.max(initial=0)) if reference.scene is None else len(reference.scene.objects)
-    counts = count(own.masks, reference.masks, len(scene.objects), instances)
+    counts = count(masks, reference.masks, len(scene.objects), instances)
     pairs = assign(pair_iou(counts))
-    difference = np.linalg.norm(own.flow[reference.pair_frames] - reference.flow, axis=-1)  # (P, H, W)
-    front = (own.masks[reference.pair_frames] > 0) | (reference.masks[reference.pair_frames] > 0)
+    difference = np.linalg.norm(flow[reference.pair_frames] - reference.flow, axis=-1)  # (P, H, W)
+    front = (masks[reference.pair_frames] > 0) | (reference.masks[reference.pair_frames] > 0)
     out = {
         "iou_initial": float(sequence_iou(first_frame(counts), pairs)),
         "iou": float(sequence_iou(counts, pairs)),

@@ -3,7 +3,7 @@
 Thresholds are physical (m/s, s, px of 480x320). Regimes of contact with the ground, at every step: an object on
 it rests where nothing moves, slides where the contact points move faster than `slip_speed`, rolls (round bodies,
 cylinders on their side) where they do not but the centre moves, and else tumbles; off the ground it flies. What
-happens out of view is not told.
+happens out of view is left out.
 """
 
 from __future__ import annotations
@@ -53,17 +53,30 @@ class Event:
 
 @dataclass(frozen=True)
 class Thresholds:
-    """impact_speed: approach along the normal, m/s, below which a touch is no hit. separation: s without contact
-    before a touch counts as new and the body as having flown. slip_speed, moving_speed: m/s. duration: s that a regime
-    has to last. visible_px: area, px of 480x320, from which an object is in view. most: events kept, the first ones."""
+    """From which values on something is an event.
 
-    impact_speed: float = 0.2
-    separation: float = 0.1
-    slip_speed: float = 0.05
-    moving_speed: float = 0.03
-    duration: float = 0.1
-    visible_px: float = 32.0
-    most: int = 12
+    Attributes:
+        impact_speed: Approach along the normal, m/s, below which a touch is no hit.
+        separation: s without contact before a touch counts as new and the body as having flown.
+        slip_speed: Of a contact point, m/s, above which a body slides.
+        moving_speed: m/s, below which a body rests.
+        duration: s that a regime has to last.
+        visible_px: Area, px of 480x320, from which an object is in view.
+        most: Events kept, the first ones.
+    """
+
+    impact_speed: float
+    separation: float
+    slip_speed: float
+    moving_speed: float
+    duration: float
+    visible_px: float
+    most: int
+
+
+#: Outside the graph, which has its own in params.yaml (`events`, `sample.filters.visible_px`; a test compares them).
+DEFAULT_THRESHOLDS = Thresholds(impact_speed=0.2, separation=0.1, slip_speed=0.05, moving_speed=0.03, duration=0.1,
+                                visible_px=32.0, most=12)  # fmt: skip
 
 
 def find_events(
@@ -229,7 +242,8 @@ def _borne_out(trace: Trace, index: int, kind: str, step: int, thresholds: Thres
 
 
 def _without_repeats(events: list[Event]) -> list[Event]:
-    """Without starts of what an object was last told to do, and stops of what it was not, unless it was hit since."""
+    """Without the start of a motion that an object is in already, and the stop of one that it is not in, unless a hit
+    came between."""
     doing: dict[int, str] = {}
     kept = []
     for event in events:
@@ -248,10 +262,10 @@ def _without_repeats(events: list[Event]) -> list[Event]:
 
 def _latched(on: np.ndarray, off: np.ndarray) -> np.ndarray:
     """(T,) True from `on` to `off`; what comes before either is True unless `off` comes first."""
-    told = np.flatnonzero(on | off)
-    if not len(told):
+    switches = np.flatnonzero(on | off)
+    if not len(switches):
         return np.ones(len(on), bool)
-    return on[told][np.maximum(np.searchsorted(told, np.arange(len(on)), "right") - 1, 0)]
+    return on[switches][np.maximum(np.searchsorted(switches, np.arange(len(on)), "right") - 1, 0)]
 
 
 @dataclass

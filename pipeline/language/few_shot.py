@@ -1,4 +1,4 @@
-"""What a model that was not fine-tuned is told before its worked examples: the text of few_shot.jinja."""
+"""The instructions for a model that was not fine-tuned, before its worked examples: the text of few_shot.jinja."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 A grammar is a generator of `Element`s: fixed text, a choice, or a number. It is sent the text that stands in
 each place, and may let that decide what comes next (the number of objects, the earliest time of an event). The
 same generator writes a text (`spell`), splits a finished text into segments (`split`), and steers a model token by
-token (`pipeline.model.walker`).
+token (`pipeline.model.constrained_decoding`).
 """
 
 from __future__ import annotations

@@ -97,3 +97,32 @@ def foreground_iou(counts: Counts) -> float:
     both, either = counts.foreground[:, 0], counts.foreground[:, 1]
     seen = either > 0
     return float((both[seen] / either[seen]).mean()) if seen.any() else 0.0
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """How well the masks of a sequence agree.
+
+    Attributes:
+        sequence: IoU of the instances over all frames.
+        initial: IoU of the instances in the first frame.
+        foreground: IoU of the unions of all objects.
+        pairs: (P, 2) Which predicted instance was assigned to which true one, once for the sequence.
+    """
+
+    sequence: float
+    initial: float
+    foreground: float
+    pairs: np.ndarray
+
+
+def overlap(masks: np.ndarray, targets: np.ndarray, objects: int, target_objects: int) -> Overlap:
+    """Compare predicted masks (F, H, W) of so many objects with true ones of the same size."""
+    counts = count(masks, targets, objects, target_objects)
+    pairs = assign(pair_iou(counts))
+    return Overlap(
+        float(sequence_iou(counts, pairs)),
+        float(sequence_iou(first_frame(counts), pairs)),
+        foreground_iou(counts),
+        pairs,
+    )

@@ -1,4 +1,7 @@
-"""What stands beside the weights of a checkpoint: tokenizer and clip layout, by folder or name in the local cache."""
+"""What a checkpoint has beside its weights: tokenizer and clip layout.
+
+A checkpoint is a folder, or a name in the local hub cache; nothing is downloaded here.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +19,12 @@ LAYOUT_FILE = "clip_layout.json"
 
 
 def unavailable(name: str, error: Exception) -> ModelError:
-    """The one sentence for a checkpoint that cannot be had; nothing is downloaded here."""
+    """The one sentence for a checkpoint that cannot be loaded."""
     fetch = name if "/" in name and not Path(name).exists() else "Qwen/Qwen2.5-VL-3B-Instruct"
     return ModelError(
-        f"model.base: {name!r} is neither a folder with a Qwen2.5-VL checkpoint (config.json, model.safetensors, "
-        f"tokenizer.json) nor in the local hub cache. Valid: models/tiny, or fetch it first on a machine with a "
-        f"network: hf download {fetch}. ({str(error).splitlines()[0]})"
+        f"{name!r} is neither a folder with a Qwen2.5-VL checkpoint (config.json, model.safetensors, tokenizer.json) "
+        f"nor in the local hub cache. Valid: models/tiny, or fetch it first on a machine with a network: hf download "
+        f"{fetch}. ({str(error).splitlines()[0]})"
     )
 
 
@@ -48,14 +51,15 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
             vision = AutoConfig.from_pretrained(name, local_files_only=True).vision_config
             unit = vision.patch_size * vision.spatial_merge_size
             if width % unit or height % unit:
-                size = f"{width} x {height}"
-                raise ModelError(f"model.width, model.height: {size}; valid for {name}: multiples of {unit} px")
+                raise ModelError(
+                    f"{name!r} takes frames whose sides are multiples of {unit} px, not {width} x {height}"
+                )
             layout = PatchLayout(width, height, frames, vision.patch_size, vision.temporal_patch_size,
                                  vision.spatial_merge_size)  # fmt: skip
     except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
         raise unavailable(name, error) from None
     if layout.frames != frames:
-        raise ModelError(f"clip.model_frames is {frames}; valid: {layout.frames}, on which {name} was trained")
+        raise ModelError(f"{name!r} was trained on {layout.frames} frames a clip; {frames} cannot be shown to it")
     return layout
 
 

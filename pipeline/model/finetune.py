@@ -1,20 +1,54 @@
-"""Fine-tuning on tokenized clips."""
+"""Fine-tuning on tokenized clips: cross-entropy on the tokens of a completion that the grammar leaves free."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
+from torch.nn import functional
 
 from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
-from pipeline.model.clip_dataset import ClipDataset
-from pipeline.model.loss import Batch, batch_loss, make_batch
-from pipeline.model.trainer import Report, TrainingPlan, train
+from pipeline.model.forward import hidden_states, right_padded
+from pipeline.model.trainer import ClipDataset, Report, TrainingPlan, train
 
 Example = tuple[Tokens, np.ndarray]  # with pictures (T, H, W, 3) uint8
+
+
+@dataclass
+class Batch:
+    """ids (B, L), labels (B, L) with -100 where nothing is learned, clips (B, T, H, W, 3) uint8."""
+
+    ids: torch.Tensor
+    labels: torch.Tensor
+    clips: torch.Tensor
+
+
+def make_batch(base: Base, tokens: list[Tokens], clips: np.ndarray) -> Batch:
+    """Tokens of completions with their clips, as one batch; only what the grammar leaves free carries a label."""
+    ids = right_padded([t.ids for t in tokens], base.codec.pad_id)
+    labels = torch.full_like(ids, -100)
+    for i, t in enumerate(tokens):
+        labels[i, : len(t.ids)][torch.as_tensor(t.free)] = torch.as_tensor(t.ids[t.free], dtype=torch.long)
+    return Batch(ids, labels, torch.as_tensor(clips))
+
+
+def completion_logits(base: Base, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+    """Logits (B, L - P, V) and labels (B, L - P) of the tokens after the prompt; of the prompt's none are computed."""
+    prompt = len(base.codec.prompt_ids)
+    hidden = hidden_states(base, batch.ids, batch.clips)
+    return base.model.lm_head(hidden[:, prompt - 1 : -1]).float(), batch.labels.to(base.model.device)[:, prompt:]
+
+
+def batch_loss(base: Base, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+    """Mean loss of a batch and the loss of every token (B, L - P), nats, 0 where there is no label."""
+    logits, targets = completion_logits(base, batch)
+    each = functional.cross_entropy(logits.flatten(0, 1), targets.flatten(), ignore_index=-100, reduction="none")
+    each = each.view_as(targets)
+    return each.sum() / (targets != -100).sum(), each.detach()
 
 
 def finetune(

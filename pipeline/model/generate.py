@@ -4,13 +4,13 @@ Words are chosen token by token. Of a number, a greedy answer has the median of 
 quantile from its middle part, the same for all of its tokens: the likeliest first token is a poor guess at a number
 where the model is not sure, and tokens drawn one by one are often far out (docs/decisions.md).
 
-The prompt of a clip is run once; its samples share the cache. Rows advance together: what the grammar forces is
-fed in one go, as far as it reaches in every row, so that most forward passes end in a choice.
+The prompt of a clip is run once; its samples share the cache. Rows advance together: tokens that the grammar forces are
+fed in one pass, as far as they reach in every row, so that most forward passes end in a choice.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,15 +19,24 @@ from transformers import DynamicCache
 
 from pipeline.language.completion import completion_grammar
 from pipeline.model.base import Base
-from pipeline.model.inputs import prompt_positions, video_inputs
-from pipeline.model.prompt import Prompt, bare_prompt
-from pipeline.model.walker import Tries, Walker
+from pipeline.model.constrained_decoding import GrammarState
+from pipeline.model.forward import prompt_positions, video_inputs
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """samples a clip; temperature 0 is greedy (one sample); top_p: nucleus; reasoning; seconds of the clip; numbers: by
-    "quantiles", in samples from the `middle` share of the distribution, or by "tokens", as words."""
+    """How completions are drawn.
+
+    Attributes:
+        samples: Of each clip.
+        temperature: Of words; 0 is greedy, with one sample.
+        top_p: Share of the distribution that words are drawn from (nucleus sampling).
+        reasoning: Whether `<think>` comes before `<answer>`.
+        seconds: Length of the clip.
+        numbers: "quantiles", or "tokens": as words.
+        middle: Share of a number's distribution, about its median, from which samples draw its quantile.
+        most_tokens: An upper limit, more than the longest text has letters, whatever the tokenizer.
+    """
 
     samples: int = 1
     temperature: float = 0.0
@@ -36,7 +45,7 @@ class Sampling:
     seconds: float = 1.0
     numbers: str = "quantiles"
     middle: float = 0.4
-    most_tokens: int = 4000  # more than the longest text has letters, whatever the tokenizer
+    most_tokens: int = 4000
 
 
 @dataclass(frozen=True)
@@ -47,17 +56,46 @@ class Completed:
     log_probability: float
 
 
+@dataclass(frozen=True)
+class Prompt:
+    """ids (P,); videos (S, T, H, W, 3) uint8 of the worked examples in order, behind which the clip's own comes."""
+
+    ids: tuple[int, ...]
+    videos: np.ndarray
+
+
+def bare_prompt(base: Base) -> Prompt:
+    """The question alone, on which models are fine-tuned."""
+    layout = base.layout
+    return Prompt(tuple(base.codec.prompt_ids), np.zeros((0, layout.frames, layout.height, layout.width, 3), np.uint8))
+
+
+def few_shot_prompt(
+    base: Base, instructions: str, videos: np.ndarray, completions: Sequence[str], reasoning: bool, seconds: float
+) -> Prompt:
+    """Instructions, then for each of the examples its video (S, T, H, W, 3) uint8 and its completion, then the
+    question. Raises `GrammarError` for a completion that the grammar does not generate."""
+    assert len(videos) == len(completions)
+    return Prompt(tuple(base.codec.few_shot_ids(instructions, completions, reasoning, seconds)), videos)
+
+
 @torch.no_grad()
 def generate(
-    base: Base, clips: np.ndarray, sampling: Sampling, seeds: list[int], tries: Tries | None = None,
-    prompt: Prompt | None = None,
-) -> list[list[Completed]]:  # fmt: skip
-    """`sampling.samples` completions of each clip (B, T, H, W, 3) uint8; one seed a clip makes them repeatable.
+    base: Base, clips: np.ndarray, sampling: Sampling, seeds: list[int], prompt: Prompt | None = None
+) -> list[list[Completed]]:
+    """Completions of clips.
 
-    prompt: with worked examples; left out, the question alone.
+    Args:
+        base: The model.
+        clips: (B, T, H, W, 3) uint8, in the model's layout.
+        sampling: How many of each clip, and how they are drawn.
+        seeds: (B,) One a clip, which makes its completions repeatable.
+        prompt: With worked examples; left out, the question alone.
+
+    Returns:
+        For each clip its `sampling.samples` completions.
     """
     model, device = base.model.eval(), base.model.device
-    tries = tries or Tries(base.codec)
     each = sampling.samples
     rows = len(clips) * each
     prompt = prompt or bare_prompt(base)
@@ -65,26 +103,27 @@ def generate(
     cache, logits = _prefill(base, prompt, where, clips)
     cache.batch_repeat_interleave(each)
     logits = logits.repeat_interleave(each, 0)
-    walkers = [Walker(completion_grammar(sampling.reasoning, sampling.seconds), base.codec, tries) for _ in range(rows)]
+    states = [GrammarState(completion_grammar(sampling.reasoning, sampling.seconds), base.codec, base.tries)
+              for _ in range(rows)]  # fmt: skip
     rngs = [np.random.default_rng((seeds[i // each], i % each)) for i in range(rows)]
     log_probability = np.zeros(rows)
-    waiting: list[list[int]] = [w.forced() for w in walkers]  # tokens that are settled but not yet fed
+    waiting: list[list[int]] = [s.forced() for s in states]  # tokens that are settled but not yet fed
     next_position = int(where.max()) + 1
     fed = 0
     while True:
-        for i, walker in enumerate(walkers):
-            if not waiting[i] and not walker.finished:
-                log_p = _log_softmax(logits[i][walker.allowed])
-                if walker.numeric and sampling.numbers == "quantiles":
-                    if walker.quantile is None:
-                        walker.quantile = _any_quantile(sampling, rngs[i])
-                    pick, walker.quantile = at_quantile(np.exp(log_p), walker.quantile)
+        for i, state in enumerate(states):
+            if not waiting[i] and not state.finished:
+                log_p = _log_softmax(logits[i][state.allowed])
+                if state.numeric and sampling.numbers == "quantiles":
+                    if state.quantile is None:
+                        state.quantile = _any_quantile(sampling, rngs[i])
+                    pick, state.quantile = at_quantile(np.exp(log_p), state.quantile)
                 else:
                     pick = _drawn(log_p, sampling, rngs[i]) if sampling.temperature else int(np.argmax(log_p))
                 log_probability[i] += log_p[pick]
-                token = walker.allowed[pick]
-                walker.take(token)
-                waiting[i] = [token, *walker.forced()]
+                token = state.allowed[pick]
+                state.take(token)
+                waiting[i] = [token, *state.forced()]
         if not any(waiting):
             break
         # rows that are done are fed padding, which nothing of theirs looks at again
@@ -97,7 +136,7 @@ def generate(
         logits = out.logits[:, -1].float().cpu()
         fed += step
         assert fed < sampling.most_tokens, "the grammar's texts are finite"
-    done = [Completed(w.text, float(p)) for w, p in zip(walkers, log_probability, strict=True)]
+    done = [Completed(s.text, float(p)) for s, p in zip(states, log_probability, strict=True)]
     return [done[i * each : (i + 1) * each] for i in range(len(clips))]
 
 

@@ -15,9 +15,20 @@ import torch
 
 @dataclass(frozen=True)
 class PatchLayout:
-    """How clips are cut: frames of width x height px, patches of `patch` px and `temporal` frames, of which merge x
-    merge make one token. mean, std: per colour channel, of values in 0..1. places: how strongly the third channel tells
-    each patch where it is, in place of blue (`places`); 0: not at all, as in published models."""
+    """How clips are cut into patches and tokens.
+
+    Attributes:
+        width: Of the frames, px.
+        height: Of the frames, px.
+        frames: Of a clip.
+        patch: Side of a patch, px.
+        temporal: Frames of a patch.
+        merge: merge x merge patches make one token.
+        mean: Per colour channel, of values in 0..1.
+        std: Per colour channel, of values in 0..1.
+        places: Strength of the position signal that replaces the third channel (`places`); 0: none, as in published
+            models.
+    """
 
     width: int
     height: int
@@ -56,8 +67,8 @@ def places(layout: PatchLayout) -> torch.Tensor:
     across = [(2 * (torch.arange(n) + 0.5) / n - 1).reshape(shape)
               for n, shape in zip(layout.grid, ((-1, 1, 1), (1, -1, 1), (1, 1, -1)), strict=True)]  # fmt: skip
     time, row, column = torch.broadcast_tensors(*across)
-    told = torch.stack([column, row, time], -1)[..., stripe]  # t, h, w, p
-    return layout.places * told[:, None, :, None].expand(-1, 1, -1, layout.patch, -1, -1)
+    values = torch.stack([column, row, time], -1)[..., stripe]  # t, h, w, p
+    return layout.places * values[:, None, :, None].expand(-1, 1, -1, layout.patch, -1, -1)
 
 
 def resize_frames(frames: np.ndarray, width: int, height: int) -> np.ndarray:
@@ -67,6 +78,11 @@ def resize_frames(frames: np.ndarray, width: int, height: int) -> np.ndarray:
     shrinks = frames.shape[2] > width
     return np.stack([cv2.resize(f, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
                      for f in frames])  # fmt: skip
+
+
+def fit_layout(pictures: np.ndarray, layout: PatchLayout) -> np.ndarray:
+    """Pictures (P, h, w, 3) uint8 in the layout's size."""
+    return resize_frames(pictures, layout.width, layout.height)
 
 
 def pack_video(frames: torch.Tensor, layout: PatchLayout) -> torch.Tensor:

@@ -18,10 +18,9 @@ from torch.utils.data import Dataset
 
 from pipeline.language.completion import read_completion
 from pipeline.model.base import Base
-from pipeline.model.choices import Choices, choices_in, log_probabilities
 from pipeline.model.generate import Sampling, batches, generate
+from pipeline.model.likelihood import ConstrainedTokens, constrained_tokens, log_probabilities
 from pipeline.model.trainer import Report, TrainingPlan, train
-from pipeline.model.walker import Tries
 from pipeline.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ def pairs_of(clip: int, completions: Sequence[str], rewards: Sequence[float], ma
 
     An answer that was given several times counts once. Rewards in a pair differ, by `margin` at least.
     """
-    distinct = sorted(dict(zip(completions, rewards, strict=True)).items(), key=lambda told: (-told[1], told[0]))
+    distinct = sorted(dict(zip(completions, rewards, strict=True)).items(), key=lambda item: (-item[1], item[0]))
     half = len(distinct) // 2
     facing = zip(distinct[:half], reversed(distinct), strict=False)
     pairs = [Pair(clip, better, worse, high - low) for (better, high), (worse, low) in facing]
@@ -53,16 +52,15 @@ def pairs_of(clip: int, completions: Sequence[str], rewards: Sequence[float], ma
 
 
 def draw_answers(
-    base: Base, pictures: Mapping[int, np.ndarray], sampling: Sampling, seeds: Mapping[int, int], batch_size: int,
-    tries: Tries,
-) -> dict[int, list[str]]:  # fmt: skip
+    base: Base, pictures: Mapping[int, np.ndarray], sampling: Sampling, seeds: Mapping[int, int], batch_size: int
+) -> dict[int, list[str]]:
     """Sampled completions of each clip (T, H, W, 3) uint8, about `batch_size` of them at a time."""
     clips = list(pictures)
     written: dict[int, list[str]] = {}
     for part in batches(len(clips), sampling.samples, batch_size):
         members = [clips[i] for i in part]
         shown = np.stack([pictures[clip] for clip in members])
-        answers = generate(base, shown, sampling, [seeds[clip] for clip in members], tries)
+        answers = generate(base, shown, sampling, [seeds[clip] for clip in members])
         written |= {clip: [a.text for a in each] for clip, each in zip(members, answers, strict=True)}
     return written
 
@@ -99,8 +97,8 @@ def dpo_loss(margin: torch.Tensor) -> torch.Tensor:
 class _Example:
     """A pair as it is trained on, with the log-probabilities that the frozen reference gives."""
 
-    better: Choices
-    worse: Choices
+    better: ConstrainedTokens
+    worse: ConstrainedTokens
     reference_better: float
     reference_worse: float
     picture: np.ndarray
@@ -108,31 +106,30 @@ class _Example:
 
 def prefer(
     base: Base, pairs: Sequence[Pair], pictures: Mapping[int, np.ndarray], beta: float, sampling: Sampling,
-    plan: TrainingPlan, work: Path, report: Report, tries: Tries,
+    plan: TrainingPlan, work: Path, report: Report,
 ) -> None:  # fmt: skip
     """Train `base` in place on the pairs of clips (T, H, W, 3) uint8, with itself as it is now as the reference.
 
     work, report: as `train`; rows have loss, accuracy (share of pairs whose better completion has the higher implied
     reward) and margin (mean of the implied rewards' differences).
     """
-    examples = _examples(base, pairs, pictures, sampling, plan.batch_size, tries)
+    examples = _examples(base, pairs, pictures, sampling, plan.batch_size)
 
     def objective(batch: Sequence[_Example]) -> tuple[torch.Tensor, Mapping[str, float]]:
         better, worse = _both(base, batch)
         known = torch.tensor([(e.reference_better, e.reference_worse) for e in batch], device=better.device)
         margin = implicit_margin(better, worse, known[:, 0], known[:, 1], beta)
-        told = margin.detach()
-        return dpo_loss(margin), {"accuracy": (told > 0).float().mean().item(), "margin": told.mean().item()}
+        implied = margin.detach()
+        return dpo_loss(margin), {"accuracy": (implied > 0).float().mean().item(), "margin": implied.mean().item()}
 
     train(base, cast(Dataset, examples), list, objective, plan, work, report)
 
 
 def _examples(
-    base: Base, pairs: Sequence[Pair], pictures: Mapping[int, np.ndarray], sampling: Sampling, batch_size: int,
-    tries: Tries,
-) -> list[_Example]:  # fmt: skip
-    def written(text: str) -> Choices:
-        return choices_in(base, text, sampling.reasoning, sampling.seconds, tries)
+    base: Base, pairs: Sequence[Pair], pictures: Mapping[int, np.ndarray], sampling: Sampling, batch_size: int
+) -> list[_Example]:
+    def written(text: str) -> ConstrainedTokens:
+        return constrained_tokens(base, text, sampling.reasoning, sampling.seconds)
 
     bare = [_Example(written(p.better), written(p.worse), 0.0, 0.0, pictures[p.clip]) for p in pairs]
     out: list[_Example] = []
@@ -148,6 +145,6 @@ def _examples(
 def _both(base: Base, batch: Sequence[_Example]) -> tuple[torch.Tensor, torch.Tensor]:
     """Log-probabilities (B,) of the better and of the worse completions, in one pass."""
     clips = torch.as_tensor(np.stack([e.picture for e in batch]))
-    told = log_probabilities(base, [e.better for e in batch] + [e.worse for e in batch], clips.repeat(2, 1, 1, 1, 1))
-    better, worse = told.chunk(2)
+    both = log_probabilities(base, [e.better for e in batch] + [e.worse for e in batch], clips.repeat(2, 1, 1, 1, 1))
+    better, worse = both.chunk(2)
     return better, worse

@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -21,9 +21,23 @@ from transformers import Trainer, TrainerCallback, TrainingArguments
 STATE_FILE = "trainer_state.json"  # the Trainer writes it into a checkpoint last
 LORA_TARGETS = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj", "qkv", "proj")
 
+Row = TypeVar("Row")
 Collate = Callable[[Sequence[Any]], Any]
 Objective = Callable[[Any], tuple[torch.Tensor, Mapping[str, float]]]
 Report = Callable[[dict[str, Any]], None]
+
+
+class ClipDataset(Dataset, Generic[Row]):
+    """So many clips, each as what `read` gives for its index."""
+
+    def __init__(self, length: int, read: Callable[[int], Row]) -> None:
+        self._length, self._read = length, read
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __getitem__(self, index: int) -> Row:
+        return self._read(index)
 
 
 class HasModel(Protocol):

@@ -15,9 +15,8 @@ from torch import nn
 from torch.nn import functional
 from transformers import VivitConfig, VivitModel, VivitPreTrainedModel
 
-from pipeline.model.clip_dataset import ClipDataset
 from pipeline.model.scene_vector import CLASSES, HEAD, SLOT, SLOTS, Scale, SceneVector, decode, likeliest_shapes
-from pipeline.model.trainer import Report, TrainingPlan, train
+from pipeline.model.trainer import ClipDataset, Report, TrainingPlan, train
 from pipeline.scene.scene import Scene
 
 TUBELET = (2, 16, 16)  # frames, rows, columns of a token, as in the published ViViT-B/16x2
@@ -90,16 +89,16 @@ def picture_size(regressor: Regressor) -> tuple[int, int]:
     return width, height
 
 
-def regression_loss(told: Regressed, truth: Sequence[SceneVector]) -> tuple[torch.Tensor, dict[str, float]]:
+def regression_loss(predicted: Regressed, truth: Sequence[SceneVector]) -> tuple[torch.Tensor, dict[str, float]]:
     """Cross-entropy of the slots, nats, plus the mean absolute error of the head and of the numbers that the objects
     have; and the two parts by name."""
-    device = told.head.device
+    device = predicted.head.device
     shapes = torch.as_tensor(np.stack([v.shapes for v in truth]), device=device)
-    head = torch.as_tensor(np.stack([v.head for v in truth]), dtype=told.head.dtype, device=device)
-    numbers = torch.as_tensor(np.stack([v.numbers for v in truth]), dtype=told.head.dtype, device=device)
+    head = torch.as_tensor(np.stack([v.head for v in truth]), dtype=predicted.head.dtype, device=device)
+    numbers = torch.as_tensor(np.stack([v.numbers for v in truth]), dtype=predicted.head.dtype, device=device)
     present = torch.as_tensor(np.stack([v.present for v in truth]), device=device)
-    slots = functional.cross_entropy(told.logits.flatten(0, 1), shapes.flatten())
-    error = torch.cat([(told.head - head).flatten(), (told.numbers - numbers)[present]]).abs().mean()
+    slots = functional.cross_entropy(predicted.logits.flatten(0, 1), shapes.flatten())
+    error = torch.cat([(predicted.head - head).flatten(), (predicted.numbers - numbers)[present]]).abs().mean()
     return slots + error, {"slots": slots.item(), "numbers": error.item()}
 
 
@@ -119,6 +118,6 @@ def regress(
 @torch.no_grad()
 def answer(regressor: Regressor, clips: np.ndarray, scale: Scale) -> list[Scene]:
     """The scenes of clips (B, T, H, W, 3) uint8."""
-    told = regressor.model.eval()(torch.as_tensor(clips))
-    head, logits, numbers = (t.double().cpu().numpy() for t in (told.head, told.logits, told.numbers))
+    predicted = regressor.model.eval()(torch.as_tensor(clips))
+    head, logits, numbers = (t.double().cpu().numpy() for t in (predicted.head, predicted.logits, predicted.numbers))
     return [decode(h, likeliest_shapes(k), n, scale) for h, k, n in zip(head, logits, numbers, strict=True)]

@@ -1,10 +1,21 @@
-"""Which pictures of a clip the model is shown."""
+"""Which pictures of a clip the model is shown, and whether they are those that a checkpoint was trained with."""
 
 from typing import Protocol
 
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
+from pipeline.model.model_input import ModelInput, missing_input, read_input
+
+#: The parameters behind the fields of a checkpoint's record.
+PARAMETERS = {
+    "input": "model.input",
+    "picture": "flow.picture",
+    "flow_source": "flow.source",
+    "flow_size": "flow.width, flow.height",
+    "flow_iterations": "flow.iterations",
+    "reasoning": "model.reasoning",
+}
 
 
 class HasArrays(Protocol):
@@ -23,3 +34,20 @@ def pictures(clip: HasArrays, kind: str, schedule: Schedule) -> np.ndarray:
     if kind == "flow":
         return clip.array("picture")
     return clip.array("rgb")[schedule.pairs[:, 0]]
+
+
+def check_input(checkpoint: str, shown: ModelInput, required: bool) -> None:
+    """Raise ModelError where a checkpoint was trained with another input than the parameters make.
+
+    Args:
+        checkpoint: A folder, or a hub name.
+        shown: What the parameters make of a clip where the model answers.
+        required: Whether the checkpoint must have recorded its input.
+    """
+    trained = read_input(checkpoint)
+    if trained is None:
+        if required:
+            raise missing_input(checkpoint)
+        return
+    for field, parameter in PARAMETERS.items():
+        trained.check(field, getattr(shown, field), parameter, checkpoint)

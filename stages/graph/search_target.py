@@ -1,30 +1,29 @@
-"""What a clip's search has to match, from its `render` and `flow` shards, and what it starts from."""
+"""A clip's search from its shards: what it has to match, and what it starts from."""
 
 from pipeline.clips.schedule import Schedule
+from pipeline.inference.scene_search import clip_evaluator, distinct_starts
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
-from pipeline.search.target import Target, make_target
+from pipeline.search.evaluator import Evaluator
 from pipeline.shards.opened_shard import OpenShard
 
 
-def search_target(rendered: OpenShard, flow: OpenShard, clip: int, schedule: Schedule, size: tuple[int, int]) -> Target:
-    """What the search of a clip has to match.
+def shard_evaluator(
+    rendered: OpenShard, flow: OpenShard, clip: int, schedule: Schedule, size: tuple[int, int]
+) -> Evaluator:
+    """The rewards of scenes for a clip.
 
     Args:
         rendered: The `render` shard of the clip, which has its masks.
         flow: The `flow` shard of the clip.
         clip: The clip's index in its suite.
-        schedule: The frames of the clip.
+        schedule: The frames of the clip, or of its first part.
         size: Width and height at which the search compares, px.
-
-    Returns:
-        The masks and the measured flow of the model's frames, at that size.
     """
-    masks = rendered.array(clip, "mask")[schedule.pairs[:, 0]]
-    return make_target(masks, flow.array(clip, "flow"), *size)
+    return clip_evaluator(rendered.array(clip, "mask"), flow.array(clip, "flow"), schedule, size, threads=1)
 
 
-def distinct_starts(ranked: OpenShard, clip: int, count: int) -> list[Scene]:
+def ranked_starts(ranked: OpenShard, clip: int, count: int) -> list[Scene]:
     """The best samples of a clip that differ, from its `best_of_k` shard."""
-    texts = [row["scene"] for row in ranked.rows(clip)]
-    return [read_scene(text) for text in list(dict.fromkeys(texts))[:count]]
+    rows = ranked.rows(clip)
+    return distinct_starts([read_scene(row["scene"]) for row in rows], [row["valid"] for row in rows], count)

@@ -14,6 +14,9 @@ from pipeline.errors import ParamsError, did_you_mean
 from stages.graph.params import PARAMS_FILE, ExecutorSettings, Params
 from stages.graph.params_file import read_params_file
 
+SHOWN = ("flow.picture", "flow.width", "flow.height", "flow.iterations")
+"""With the flow's source, what a checkpoint records of its input."""
+
 READS: dict[str, tuple[str, ...]] = {
     "sample": ("seed", "sample", "clip", "suites.{suite}"),
     "compile": (),
@@ -23,10 +26,12 @@ READS: dict[str, tuple[str, ...]] = {
     "flow": ("seed", "clip", "flow"),
     "events": ("clip", "events", "sample.filters.visible_px"),
     "tokenize": ("clip", "model.base", "model.reasoning", "model.width", "model.height"),
-    "finetune": ("seed", "clip", "model", "finetune", "infer.shots"),
+    "finetune": ("seed", "clip", *SHOWN, "flow.train_source", "model", "finetune", "infer.shots"),
     "prefer": (
         "seed",
         "clip",
+        *SHOWN,
+        "flow.source",
         "model.input",
         "model.reasoning",
         "model.dtype",
@@ -36,7 +41,7 @@ READS: dict[str, tuple[str, ...]] = {
         "infer.shots",
     ),
     "regress": ("seed", "clip", "model.input", "sample.distribution", "regress"),
-    "infer": ("seed", "clip", "flow.picture", "model", "infer"),
+    "infer": ("seed", "clip", *SHOWN, "flow.source", "model", "infer"),
     "best_of_k": ("clip", "search"),
     "cmaes": ("seed", "clip", "search", "cmaes"),
     "fit": ("seed", "clip", "search", "fit"),

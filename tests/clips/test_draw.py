@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from sampled_scenes import COUNTS, SCHEDULE, distribution, draw, filters
 
-from pipeline.clips.areas import areas_px
 from pipeline.clips.draw import draw_clips
-from pipeline.clips.view import frame_masks
+from pipeline.clips.view import areas_px, frame_masks
 from pipeline.errors import DynamicsError
 from pipeline.physics.overlap import penetration
 from pipeline.physics.simulate import simulate

@@ -7,14 +7,14 @@ import pytest
 import small_clip
 from command_run import Ran, Run
 
-from pipeline.commands import infer_outputs, what_if
+from pipeline.api import infer_files, simulate
 from pipeline.commands.main import main
 
 
 @pytest.fixture(autouse=True)
 def _our_own_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """As on a machine without OpenGL, whose probe takes seconds."""
-    for module in (infer_outputs, what_if):
+    for module in (infer_files, simulate):
         monkeypatch.setattr(module, "choose_backend", lambda choice: ("raycast", "our own ray caster"))
 
 

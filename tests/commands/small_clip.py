@@ -7,18 +7,17 @@ from pathlib import Path
 import av
 import numpy as np
 
+from pipeline.clips.replay import Replay, replay
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import frame_masks
-from pipeline.physics.simulate import simulate
+from pipeline.model.model_input import ModelInput
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
 from pipeline.vision.recordings.video import write_video
-from pipeline.vision.rendering.appearance import plain_appearance
-from pipeline.vision.rendering.render import render_rgb
 
 WIDTH, HEIGHT = 240, 160
 SCHEDULE = Schedule()
+INPUT = ModelInput("flow", "channels", "exact", (240, 160), 4, True)
 TEXT = """\
 camera: {position: [0.0, -2.0, 0.7], pitch: -18.0, fov: 38.0}
 gravity: 9.81
@@ -58,22 +57,25 @@ def scene() -> Scene:
 
 
 @cache
+def run() -> Replay:
+    return replay(scene(), SCHEDULE, WIDTH, HEIGHT)
+
+
 def trace() -> Trace:
-    return simulate(scene(), SCHEDULE.seconds)
+    made = run().trace
+    assert made is not None
+    return made
 
 
 @cache
 def frames() -> np.ndarray:
     """(30, H, W, 3) uint8."""
-    steps = SCHEDULE.frame_steps
-    look = plain_appearance(len(scene().objects))
-    poses = trace().position[steps], trace().quaternion[steps]
-    return render_rgb(scene(), *poses, look, WIDTH, HEIGHT, "raycast")
+    return run().pictures("raycast")
 
 
 def masks() -> np.ndarray:
     """(30, H, W) uint8."""
-    return frame_masks(scene(), trace(), SCHEDULE, WIDTH, HEIGHT)
+    return run().masks
 
 
 def write(path: Path, pictures: np.ndarray | None = None) -> Path:
@@ -96,7 +98,7 @@ def write_uneven(path: Path) -> Path:
     return path
 
 
-def write_model(folder: Path) -> Path:
+def write_model(folder: Path, model_input: ModelInput | None = None) -> Path:
     """A Qwen2.5-VL of some thousand parameters with random weights."""
     from pipeline.language.codec import Codec
     from pipeline.language.tokenizer import build_tokenizer
@@ -108,5 +110,6 @@ def write_model(folder: Path) -> Path:
     size = TinySize(hidden=24, layers=1, heads=2, intermediate=32, vision_hidden=32, vision_depth=1, vision_heads=2,
                     vision_intermediate=32)  # fmt: skip
     layout = PatchLayout(96, 64, SCHEDULE.model_frames, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
-    Base(build_tiny(tokenizer, size, 1), tokenizer, layout, Codec(tokenizer, layout.tokens)).save(folder)
+    codec = Codec(tokenizer, layout.tokens)
+    Base(build_tiny(tokenizer, size, 1), tokenizer, layout, codec, model_input or INPUT).save(folder)
     return folder

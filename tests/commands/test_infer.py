@@ -2,6 +2,8 @@
 
 import json
 import os
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,14 +14,17 @@ from command_run import Run, files_no_larger_than
 from PIL import Image
 from rerun.chunk import RrdReader
 
-from pipeline.commands.clip_input import check_motion, doubts, read_input
-from pipeline.commands.progress import Progress
-from pipeline.commands.replay import replay, run_scene
-from pipeline.commands.scene_edits import edited
-from pipeline.commands.scoring import evaluator_of, overlap, ranked, relabelled
+from pipeline.api.infer import SEARCH_SIZE
+from pipeline.api.infer_files import relabelled
+from pipeline.api.scene_source import edited
+from pipeline.clips.replay import replay
 from pipeline.errors import VideoError
+from pipeline.inference.measured_clip import check_motion, doubts, measure_clip
+from pipeline.inference.scene_search import clip_evaluator
+from pipeline.metrics.overlap import overlap
 from pipeline.physics.simulate import simulate
 from pipeline.scene.text import load_scene
+from pipeline.search.best_of_k import rank
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.measured_flow import recorded_pairs
 from pipeline.vision.flow.raft import RAFT
@@ -82,13 +87,11 @@ def test_a_folder_brings_its_masks_and_the_same_seed_gives_the_same_scene(
     assert (tmp_path / "again" / "scene.yaml").read_text() == (out / "scene.yaml").read_text()
 
 
-def test_a_portrait_clip_with_raft_and_masks_from_motion(
-    run: Run, shelf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pipeline.commands.clip_input.FLOW_ITERATIONS", 1)
+def test_a_portrait_clip_with_raft_and_masks_from_motion(run: Run, shelf: Path, tmp_path: Path) -> None:
     RAFT("small").save(tmp_path / "raft")
     small_clip.write(tmp_path / "portrait.mp4", np.ascontiguousarray(small_clip.frames().swapaxes(1, 2)))
-    done = run("infer", tmp_path / "portrait.mp4", "-o", tmp_path / "out", "--model", shelf / "model", "--raft",
+    model = small_clip.write_model(tmp_path / "model", replace(small_clip.INPUT, flow_iterations=1))
+    done = run("infer", tmp_path / "portrait.mp4", "-o", tmp_path / "out", "--model", model, "--raft",
                tmp_path / "raft", "--samples", 0)  # fmt: skip
     assert done.code == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text())
@@ -101,8 +104,7 @@ def test_at_a_variable_frame_rate_masks_of_the_recordings_frames_are_those_of_th
     clip, masks = small_clip.write_uneven(tmp_path / "uneven.mp4"), small_clip.masks()
     recorded = [k for k in range(len(masks)) if k % 3 != 1]
     np.savez(tmp_path / "masks.npz", masks=masks[recorded])
-    with Progress(2) as progress:
-        found = read_input(clip, 0, 1.0, None, tmp_path / "masks.npz", DIS(), progress)
+    found = measure_clip(clip, DIS(), (240, 160), 1, masks=tmp_path / "masks.npz")
     assert any("variable frame rate" in note for note in found.notes)
     half = found.taken.masks[:, 1::2, 1::2]
     for k in recorded:
@@ -124,13 +126,12 @@ def test_flow_is_measured_over_recorded_times_and_told_per_frame_interval() -> N
 def test_the_scene_that_was_filmed_is_the_one_that_fits_its_clip(shelf: Path) -> None:
     truth = small_clip.scene()
     moved = edited(truth, ["objects[ball].velocity=[-0.6, 0, 0]", "objects[crate].position[0]=0.6"])
-    with Progress(2) as progress:
-        clip = read_input(shelf / "clip.mp4", 0, 1.0, None, shelf / "masks.npz", DIS(), progress)
-    ranking = ranked(evaluator_of(clip), [moved, truth])
+    clip = measure_clip(shelf / "clip.mp4", DIS(), (240, 160), 1, masks=shelf / "masks.npz")
+    ranking = rank(clip_evaluator(clip.taken.masks, clip.flow, clip.schedule, SEARCH_SIZE, 1), [moved, truth])
     assert ranking.order.tolist() == [1, 0]
     assert ranking.rewards.iou[1] > 0.92  # at 120x80
     assert ranking.rewards.epe_frame[1] < ranking.rewards.epe_frame[0]
-    seen = overlap(replay(truth, run_scene(truth, clip.schedule), clip.schedule).masks, 2, clip)
+    seen = overlap(replay(truth, clip.schedule).masks, clip.taken.masks, 2, clip.objects)
     assert min(seen.sequence, seen.initial, seen.foreground) > 0.95
     assert seen.pairs.tolist() == [[0, 0], [1, 1]]
 
@@ -154,6 +155,17 @@ def broken(shelf: Path, tmp_path: Path) -> Path:
     np.savez(folder / "blank.npz", masks=np.zeros((30, 160, 240), np.uint8))
     np.savez(folder / "still.npz", masks=np.repeat(small_clip.masks()[:1], 30, 0))
     (folder / "weights").mkdir()
+    for name, model_input in (
+        ("unrecorded", None),
+        ("other", {"picture": "wheels"}),
+        ("raft", {"flow_source": "raft"}),
+    ):
+        shutil.copytree(shelf / "model", folder / name)
+        record = folder / name / "model_input.json"
+        if model_input is None:
+            record.unlink()
+        else:
+            record.write_text(json.dumps(json.loads(record.read_text()) | model_input))
     return folder
 
 
@@ -177,12 +189,23 @@ def broken(shelf: Path, tmp_path: Path) -> Path:
         ("../clip.mp4", ("--masks", "broken/few.npz"), "has 7 masks; valid: 30"),
         ("../clip.mp4", ("--masks", "broken/blank.npz"), "masks are empty"),
         ("../clip.mp4", ("--masks", "broken/text.mp4"), "is no mask file"),
-        ("../clip.mp4", ("--model", "broken/none"), "neither a folder"),
+        ("../clip.mp4", ("--model", "broken/none"), "error: --model: 'broken/none' is neither a folder"),
         ("../clip.mp4", ("--model", "broken/weights"), "neither a folder"),
         ("../clip.mp4", ("--model", "Qwen/Qwen2.5-VL-3B-Instruct"), "hf download Qwen/Qwen2.5-VL-3B-Instruct"),
         ("../clip.mp4", ("--flow", "raft", "--raft", "broken/none"), "no RAFT weights"),
         ("../clip.mp4", ("--flow", "raft", "--raft", "broken/weights"), "has no model.safetensors"),
         ("../clip.mp4", ("--search", 7), "at least 200"),
+        ("../clip.mp4", ("--model", "broken/unrecorded"), "has no model_input.json"),
+        (
+            "../clip.mp4",
+            ("--model", "broken/other"),
+            'model_input.json: `picture` is "wheels"; valid: "channels", "wheel"',
+        ),
+        (
+            "../clip.mp4",
+            ("--model", "broken/raft", "--flow", "dis"),
+            'flow is "dis", but broken/raft was trained with flow_source "raft" (model_input.json); valid: "raft"',
+        ),
     ],
 )
 def test_bad_input_is_one_error_and_nothing_is_written(

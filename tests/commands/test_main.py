@@ -3,24 +3,22 @@
 import os
 import subprocess
 import sys
-import time
 
 import pytest
 from command_run import Run
 
-from pipeline.commands import verbs
-from pipeline.commands.main import verb_names
+from pipeline.commands.main import VERBS
 from pipeline.errors import SceneError
 
 
-def test_every_module_of_verbs_is_a_subcommand_and_explains_itself(run: Run) -> None:
+def test_every_subcommand_explains_itself(run: Run) -> None:
     overview = run("--help").out
-    for name in verb_names():
+    for name in VERBS:
         assert f"\n    {name}" in overview
         help_text = run(name, "--help").out
         assert "examples:" in help_text
         assert f"dynamics {name}" in help_text
-    assert {"infer", "simulate", "view"} <= set(verb_names())
+    assert {"discover", "infer", "simulate", "view"} <= set(VERBS)
 
 
 def test_the_help_comes_without_loading_anything_heavy() -> None:
@@ -29,10 +27,8 @@ def test_the_help_comes_without_loading_anything_heavy() -> None:
 from pipeline.commands.main import parser
 parser().format_help()
 print({heavy} & set(sys.modules))"""
-    began = time.perf_counter()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
     assert done.stdout.strip() == "set()"
-    assert time.perf_counter() - began < 5  # 0.2 s on an idle machine
 
 
 @pytest.mark.parametrize("words", [(), ("guess",), ("infer",), ("infer", "a.mp4"), ("simulate", "a", "--seconds", "-1"),
@@ -47,7 +43,7 @@ def test_an_error_of_the_user_is_one_line(run: Run, monkeypatch: pytest.MonkeyPa
     def refuse(_: object) -> None:
         raise SceneError("objects[0].mass:\n  must be greater than 0")
 
-    monkeypatch.setattr(f"{verbs.__name__}.view.run", refuse)
+    monkeypatch.setattr("pipeline.commands.view.run", refuse)
     done = run("view", "scene.yaml")
     assert (done.code, done.err) == (2, "error: objects[0].mass: must be greater than 0\n")
 
@@ -59,10 +55,10 @@ def test_ctrl_c_is_exit_code_130_and_a_defect_shows_itself(run: Run, monkeypatch
     def fail(_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(f"{verbs.__name__}.view.run", interrupt)
+    monkeypatch.setattr("pipeline.commands.view.run", interrupt)
     done = run("view", "scene.yaml")
     assert done.code == 130
     assert "interrupted" in done.err
-    monkeypatch.setattr(f"{verbs.__name__}.view.run", fail)
+    monkeypatch.setattr("pipeline.commands.view.run", fail)
     with pytest.raises(ZeroDivisionError):
         run("view", "scene.yaml")

@@ -7,7 +7,7 @@ from typing import Any
 import small_clip
 
 from pipeline.clips.schedule import Schedule
-from pipeline.language.events import Thresholds
+from pipeline.language.events import DEFAULT_THRESHOLDS
 from pipeline.scene.text import write_scene
 from pipeline.shards.map_shards import Compute, map_shards
 from pipeline.shards.opened_shard import OpenShard
@@ -62,6 +62,6 @@ def make_suite(root: Path) -> None:
     stage("compile", compile_stage.compute, None, "sample")
     stage("simulate", simulate.compute, simulate.Parameters(SCHEDULE), "compile")
     stage("render", render.compute, render.Parameters(SCHEDULE, SIZE, PICTURES), "sample", "simulate")
-    stage("events", events.compute, events.Parameters(SCHEDULE, Thresholds()), "sample", "simulate")
+    stage("events", events.compute, events.Parameters(SCHEDULE, DEFAULT_THRESHOLDS), "sample", "simulate")
     stage("flow", flow.compute, flow.Parameters(SCHEDULE, "channels", DIS, None), "render")
     stage("infer", given_answers, None, "flow")

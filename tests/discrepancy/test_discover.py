@@ -176,7 +176,7 @@ def test_a_doubtful_verdict_says_so_and_a_sure_one_does_not(
     ("words", "said"),
     [
         (["--effects", "telepathy"], "unknown effect 'telepathy'; valid: all"),
-        (["--held-out", "1.5"], "--held-out 1.5: valid"),
+        (["--held-out", "1.5"], "held_out is 1.5; valid"),
     ],
 )
 def test_bad_words_are_said_in_one_line_and_nothing_is_written(
@@ -200,7 +200,7 @@ def test_a_bad_file_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture
 
 KILLED = """
 import os, signal, sys
-import pipeline.commands.discover_tracks as command
+import pipeline.api.discover as command
 from pipeline.commands.main import main
 command.html_page = lambda *_: os.kill(os.getpid(), signal.SIGKILL)  # some files are written by then
 main(sys.argv[1:])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sampled_scenes import SCHEDULE, draw
 
+from pipeline.clips.replay import replay_poses
 from pipeline.evaluation.prediction import at_constant_velocity, forecast_scores, moved_with_replay
-from pipeline.evaluation.scene_scores import replay
 from pipeline.scene.scene import SceneObject
 
 
@@ -41,7 +41,7 @@ def test_the_true_scene_of_a_rolling_ball_moves_its_mask_along(rng: np.random.Ge
     scene = draw(int(rng.integers(2**31)), [0], {1: 1.0}).scenes[0]
     ball = SceneObject("sphere", (0.15,), 1.0, position=(-0.2, 0.2, 0.15), velocity=(0.4, 0, 0))
     scene = replace(scene, objects=(ball,))
-    found = forecast_scores(scene, replay(scene, SCHEDULE).masks, 15, SCHEDULE)
+    found = forecast_scores(scene, replay_poses(scene, SCHEDULE).masks, 15, SCHEDULE)
     assert found.moved_with_replay > 0.85 > found.frozen
 
 
@@ -54,6 +54,6 @@ def test_a_mask_that_was_hidden_at_the_end_keeps_its_velocity() -> None:
 def test_the_true_scene_forecasts_its_own_clip_exactly(rng: np.random.Generator) -> None:
     scene = draw(int(rng.integers(2**31)), [0], {2: 1.0}).scenes[0]
     scene = replace(scene, objects=tuple(replace(o, velocity=(0.6, 0.0, 0.0)) for o in scene.objects))
-    masks = replay(scene, SCHEDULE).masks
+    masks = replay_poses(scene, SCHEDULE).masks
     found = forecast_scores(scene, masks, 15, SCHEDULE)
     assert found.search == pytest.approx(1) and found.seen == pytest.approx(1)

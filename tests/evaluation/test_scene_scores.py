@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.clips.replay import replay_poses
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.scene_scores import METRICS, Reference, replay, score, true_reference
+from pipeline.evaluation.scene_scores import METRICS, Reference, score, true_reference
 from pipeline.scene.scene import Camera, Scene, SceneObject
 
 CAMERA = Camera((0.0, -2.0, 0.8), fov=42.0, pitch=-20.0)
@@ -59,7 +60,7 @@ def test_a_replay_that_goes_bad_scores_as_an_empty_view() -> None:
 
 
 def test_a_real_clip_is_compared_in_the_pairs_that_have_flow() -> None:
-    own = replay(SCENE, SCHEDULE)
+    own = replay_poses(SCENE, SCHEDULE)
     pairs = SCHEDULE.pairs[:, 0]
-    got = score(SCENE, Reference(own.masks, own.flow[pairs], pairs), SCHEDULE)
+    got = score(SCENE, Reference(own.masks, own.frame_flow[pairs], pairs), SCHEDULE)
     assert got["iou"] == 1 and got["epe"] == 0 and "composition" not in got

@@ -5,7 +5,7 @@ import pytest
 from contradictions import contradictions
 from sampled_scenes import SCHEDULE, Clip, clips, thresholds
 
-from pipeline.clips.areas import areas_px
+from pipeline.clips.view import areas_px
 from pipeline.language.completion import think_text
 from pipeline.language.events import find_events
 

@@ -5,10 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.clips.areas import areas_px
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import frame_masks
-from pipeline.language.events import KINDS, ROLL, SLIDE, Event, Thresholds, find_events, regimes, visibility
+from pipeline.clips.view import areas_px, frame_masks
+from pipeline.language.events import (
+    DEFAULT_THRESHOLDS,
+    KINDS,
+    ROLL,
+    SLIDE,
+    Event,
+    Thresholds,
+    find_events,
+    regimes,
+    visibility,
+)
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Camera, Scene, SceneObject
@@ -16,7 +25,7 @@ from pipeline.scene.scene import Camera, Scene, SceneObject
 G = 9.81
 STEP = 1 / 240
 SCHEDULE = Schedule()
-THRESHOLDS = Thresholds()
+THRESHOLDS = DEFAULT_THRESHOLDS
 
 
 def sphere(**values: object) -> SceneObject:

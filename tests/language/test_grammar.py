@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from random_walk import random_walk
 from sampled_scenes import clips, draw, thresholds
 
-from pipeline.clips.areas import areas_px
 from pipeline.clips.schedule import Schedule
+from pipeline.clips.view import areas_px
 from pipeline.language.completion import (
     EVENT_PHRASES,
     MATERIAL,

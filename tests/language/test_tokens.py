@@ -12,7 +12,7 @@ from pipeline.language.completion import PROMPT, completion_grammar, read_comple
 from pipeline.language.events import Event
 from pipeline.language.grammar import GrammarError, Literal, Number, split
 from pipeline.language.tokenizer import CHAT_TEMPLATE, SPECIAL_TOKENS, build_tokenizer
-from pipeline.model.walker import Tries, Walker
+from pipeline.model.constrained_decoding import GrammarState, TrieCache
 
 SMALL = build_tokenizer()
 
@@ -132,49 +132,49 @@ def test_a_text_of_another_grammar_is_not_encoded(codec: Codec) -> None:
 
 
 @pytest.mark.parametrize("reasoning", [True, False])
-def test_a_walker_on_random_choices_writes_what_encode_cuts_alike(
+def test_random_choices_under_the_grammar_write_what_encode_splits_alike(
     rng: np.random.Generator, codec: Codec, reasoning: bool
 ) -> None:
-    tries = Tries(codec)
+    tries = TrieCache(codec)
     for _ in range(8):
-        walker = Walker(completion_grammar(reasoning, 1.0), codec, tries)
-        ids, options = walker.forced(), 0
-        while not walker.finished:
-            allowed = walker.allowed
+        state = GrammarState(completion_grammar(reasoning, 1.0), codec, tries)
+        ids, options = state.forced(), 0
+        while not state.finished:
+            allowed = state.allowed
             assert len(allowed) > 1
             ends = [t for t in allowed if "</" in codec.decode([t])]  # else random events go on for long
             token = ends[0] if ends and rng.random() < 0.3 else int(rng.choice(allowed))
             options += len(allowed)
-            walker.take(token)
-            ids += [token, *walker.forced()]
-        read_completion(walker.text)
-        assert codec.decode(ids) == walker.text
-        tokens = codec.encode(walker.text, reasoning, 1.0)
+            state.take(token)
+            ids += [token, *state.forced()]
+        read_completion(state.text)
+        assert codec.decode(ids) == state.text
+        tokens = codec.encode(state.text, reasoning, 1.0)
         assert ids == tokens.ids[tokens.prompt_length : -1].tolist()
 
 
 def test_a_numbers_tokens_stand_in_ascending_order(codec: Codec) -> None:
-    walker = Walker(completion_grammar(False, 1.0), codec, Tries(codec))
-    walker.forced()
-    assert walker.numeric  # the camera's height, below 10
-    begun = [float(text) for text in map(codec.decode, ([t] for t in walker.allowed)) if text.strip(".").isdigit()]
+    state = GrammarState(completion_grammar(False, 1.0), codec, TrieCache(codec))
+    state.forced()
+    assert state.numeric  # the camera's height, below 10
+    begun = [float(text) for text in map(codec.decode, ([t] for t in state.allowed)) if text.strip(".").isdigit()]
     assert begun == sorted(begun)
     assert len(begun) > 9
 
 
-def test_a_walker_can_write_every_completion(rng: np.random.Generator, codec: Codec) -> None:
-    tries = Tries(codec)
+def test_constrained_decoding_can_write_every_completion(rng: np.random.Generator, codec: Codec) -> None:
+    tries = TrieCache(codec)
     for _ in range(5):
         text, _ = random_walk(rng, completion_grammar(True, 1.0))
         tokens = codec.encode(text, True, 1.0)
-        walker = Walker(completion_grammar(True, 1.0), codec, tries)
+        state = GrammarState(completion_grammar(True, 1.0), codec, tries)
         wanted = tokens.ids[tokens.prompt_length : -1].tolist()
-        done = len(walker.forced())
-        while not walker.finished:
-            assert wanted[done] in walker.allowed
-            walker.take(wanted[done])
-            done += 1 + len(walker.forced())
-        assert walker.text == text
+        done = len(state.forced())
+        while not state.finished:
+            assert wanted[done] in state.allowed
+            state.take(wanted[done])
+            done += 1 + len(state.forced())
+        assert state.text == text
 
 
 def test_the_tokenizer_is_saved_and_loaded_the_same(tmp_path: object, rng: np.random.Generator) -> None:

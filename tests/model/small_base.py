@@ -1,5 +1,7 @@
 """Models so small that a test can train them, and made-up clips for them."""
 
+from functools import cache
+
 import numpy as np
 
 from pipeline.language.codec import Codec, Tokens
@@ -7,6 +9,8 @@ from pipeline.language.completion import write_completion
 from pipeline.language.events import Event
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import Base
+from pipeline.model.constrained_decoding import TrieCache
+from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout
 from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.scene.scene import Camera, Scene, SceneObject
@@ -16,10 +20,20 @@ SIZE = TinySize(hidden=48, layers=2, heads=2, intermediate=64, vision_hidden=32,
                 vision_intermediate=64, patch=16)  # fmt: skip
 
 
+INPUT = ModelInput("flow", "channels", "exact", (240, 160), 4, True)
+
+
+@cache
+def tries() -> TrieCache:
+    return TrieCache(Codec(build_tokenizer(), LAYOUT.tokens))
+
+
 def small_base(seed: int = 0) -> Base:
     tokenizer = build_tokenizer()
     model = build_tiny(tokenizer, SIZE, seed).eval()
-    return Base(model, tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens))
+    base = Base(model, tokenizer, LAYOUT, Codec(tokenizer, LAYOUT.tokens), INPUT)
+    base.tries = tries()  # which takes seconds to build
+    return base
 
 
 def exact_base() -> Base:

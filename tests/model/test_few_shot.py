@@ -10,15 +10,12 @@ from pipeline.language.completion import completion_grammar, read_completion
 from pipeline.language.few_shot import PICTURES, TEMPLATE, instructions
 from pipeline.language.grammar import GrammarError
 from pipeline.model.base import Base
-from pipeline.model.generate import Sampling, generate
-from pipeline.model.inputs import prompt_positions
+from pipeline.model.forward import prompt_positions
+from pipeline.model.generate import Prompt, Sampling, bare_prompt, few_shot_prompt, generate
 from pipeline.model.patches import pack_video
-from pipeline.model.prompt import Prompt, bare_prompt, few_shot_prompt
-from pipeline.model.walker import Tries
 from pipeline.vision.flow.flow_picture import KINDS
 
 BASE = small_base()
-TRIES = Tries(BASE.codec)
 
 
 def random_prompt(rng: np.random.Generator, base: Base, shots: int, reasoning: bool = True) -> tuple[Prompt, list[str]]:
@@ -67,7 +64,7 @@ def test_a_prompt_is_a_chat_of_examples_each_video_before_its_text_and_then_the_
 
 def test_the_bare_prompt_is_that_of_training(rng: np.random.Generator) -> None:
     clips = random_clips(rng, 1)
-    told = [generate(BASE, clips, Sampling(), [1], TRIES, prompt) for prompt in (None, bare_prompt(BASE))]
+    told = [generate(BASE, clips, Sampling(), [1], prompt) for prompt in (None, bare_prompt(BASE))]
     assert told[0] == told[1]
 
 
@@ -105,14 +102,12 @@ def test_answers_to_a_prompt_with_examples_parse_and_depend_on_clip_and_examples
     prompt, _ = random_prompt(rng, base, 2)
     clips = random_clips(rng, 2)
     sampling = Sampling(1 if not temperature else 2, temperature, top_p=1.0)
-    told = generate(base, clips, sampling, [5, 5], TRIES, prompt)
+    told = generate(base, clips, sampling, [5, 5], prompt)
     for answer in (a for answers in told for a in answers):
         assert read_completion(answer.text).scene.objects
     others = Prompt(prompt.ids, random_clips(rng, 2))
     swapped = Prompt(prompt.ids, prompt.videos[::-1].copy())
-    first = [
-        generate(base, clips[:1], sampling, [5], TRIES, p)[0][0].log_probability for p in (prompt, others, swapped)
-    ]
+    first = [generate(base, clips[:1], sampling, [5], p)[0][0].log_probability for p in (prompt, others, swapped)]
     seen = [told[1][0].log_probability, *first]
     assert told[0][0].log_probability == pytest.approx(first[0], abs=0.02), "whatever else is in the batch"
     assert len({round(v, 4) for v in seen}) == 4

@@ -7,10 +7,8 @@ from small_base import random_clips, random_tokens, small_base
 
 from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
-from pipeline.model.clip_dataset import ClipDataset
-from pipeline.model.finetune import finetune
-from pipeline.model.loss import batch_loss, make_batch
-from pipeline.model.trainer import TrainingPlan, last_checkpoint
+from pipeline.model.finetune import batch_loss, finetune, make_batch
+from pipeline.model.trainer import ClipDataset, TrainingPlan, last_checkpoint
 
 
 def plan(**values: object) -> TrainingPlan:

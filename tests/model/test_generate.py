@@ -10,14 +10,13 @@ from small_base import LAYOUT, SIZE, exact_base, random_clips, small_base
 from pipeline.language.completion import completion_grammar, read_completion
 from pipeline.language.grammar import GrammarError, Number, split
 from pipeline.model.base import Base
+from pipeline.model.constrained_decoding import GrammarState, Trie
+from pipeline.model.forward import positions
 from pipeline.model.generate import Completed, Sampling, at_quantile, batches, generate
-from pipeline.model.inputs import positions
 from pipeline.model.patches import pack_video
-from pipeline.model.walker import Trie, Tries, Walker
 
 BASE = small_base()
 EXACT = exact_base()
-TRIES = Tries(BASE.codec)
 
 
 @torch.no_grad()
@@ -36,16 +35,16 @@ def logits_of(base: Base, clip: np.ndarray, ids: np.ndarray) -> np.ndarray:
 def told(text: str, reasoning: bool, logits: np.ndarray) -> list[tuple[list[int], int, np.ndarray]]:
     """Each choice of a completion: the allowed tokens, which was taken, and their log-probabilities."""
     tokens = BASE.codec.encode(text, reasoning, 1.0)
-    walker = Walker(completion_grammar(reasoning, 1.0), BASE.codec, TRIES)
-    at = tokens.prompt_length + len(walker.forced())
+    state = GrammarState(completion_grammar(reasoning, 1.0), BASE.codec, BASE.tries)
+    at = tokens.prompt_length + len(state.forced())
     choices = []
-    while not walker.finished:
-        scores = logits[at - 1][walker.allowed]
+    while not state.finished:
+        scores = logits[at - 1][state.allowed]
         log_p = scores - np.log(np.exp(scores - scores.max()).sum()) - scores.max()
         token = int(tokens.ids[at])
-        choices.append((walker.allowed, walker.allowed.index(token), log_p))
-        walker.take(token)
-        at += 1 + len(walker.forced())
+        choices.append((state.allowed, state.allowed.index(token), log_p))
+        state.take(token)
+        at += 1 + len(state.forced())
     return choices
 
 
@@ -57,7 +56,7 @@ def recomputed(clip: np.ndarray, answer: Completed, reasoning: bool) -> list[tup
 @pytest.mark.parametrize("reasoning", [True, False])
 def test_greedy_takes_the_likeliest_allowed_token_as_without_a_cache(rng: np.random.Generator, reasoning: bool) -> None:
     clips = random_clips(rng, 2)
-    answers = generate(BASE, clips, Sampling(reasoning=reasoning, numbers="tokens"), [1, 2], TRIES)
+    answers = generate(BASE, clips, Sampling(reasoning=reasoning, numbers="tokens"), [1, 2])
     for clip, (answer,) in zip(clips, answers, strict=True):
         for _, taken, log_p in recomputed(clip, answer, reasoning):
             assert log_p[taken] >= log_p.max() - 1e-4
@@ -67,18 +66,18 @@ def quantiles_of_numbers(clip: np.ndarray, text: str) -> Iterator[tuple[float, f
     """For each number of a completion, the probabilities of less and of no more than it, without a cache."""
     tokens = EXACT.codec.encode(text, True, 1.0)
     logits = logits_of(EXACT, clip, tokens.ids)
-    walker = Walker(completion_grammar(True, 1.0), EXACT.codec, TRIES)
-    at = tokens.prompt_length + len(walker.forced())
+    state = GrammarState(completion_grammar(True, 1.0), EXACT.codec, EXACT.tries)
+    at = tokens.prompt_length + len(state.forced())
     below, share = 0.0, 1.0  # of what is less than the tokens so far, and of what they begin
-    while not walker.finished:
-        p = softmax(logits[at - 1][walker.allowed])
-        token, numeric, written = int(tokens.ids[at]), walker.numeric, walker.text
-        taken = walker.allowed.index(token)
-        walker.take(token)
-        at += 1 + len(walker.forced())
+    while not state.finished:
+        p = softmax(logits[at - 1][state.allowed])
+        token, numeric, written = int(tokens.ids[at]), state.numeric, state.text
+        taken = state.allowed.index(token)
+        state.take(token)
+        at += 1 + len(state.forced())
         if numeric:
             below, share = below + share * p[:taken].sum(), share * p[taken]
-            if walker.text != written:  # the number is whole
+            if state.text != written:  # the number is whole
                 yield below, below + share
                 below, share = 0.0, 1.0
 
@@ -90,7 +89,7 @@ def test_numbers_are_medians_or_in_the_middle(
     rng: np.random.Generator, sampling: Sampling, low: float, high: float
 ) -> None:
     clips, found = random_clips(rng, 2), []
-    for clip, answers in zip(clips, generate(EXACT, clips, sampling, [1, 2], TRIES), strict=True):
+    for clip, answers in zip(clips, generate(EXACT, clips, sampling, [1, 2]), strict=True):
         found += [numbers for answer in answers for numbers in quantiles_of_numbers(clip, answer.text)]
     below, up_to = np.array(found).T
     assert len(found) > 20
@@ -119,7 +118,7 @@ def leaves(tree: Weighed, p: float = 1.0) -> list[tuple[float, float]]:
 @pytest.mark.parametrize("number", [Number(3, -9.999, 9.999), Number(2, 0.05, 9.99), Number(2, -89, 89)])
 def test_a_quantile_token_by_token_is_that_of_the_number(rng: np.random.Generator, number: Number) -> None:
     for wanted in rng.uniform(0, 1, 10):
-        tree = weighed(TRIES.of(number), rng)
+        tree = weighed(BASE.tries.of(number), rng)
         numbers, p = np.array(leaves(tree)).T
         assert (np.diff(numbers) > 0).all()
         node: Weighed | float = tree
@@ -136,7 +135,7 @@ def test_the_log_probability_is_that_of_its_choices_without_a_cache(
 ) -> None:
     clips = random_clips(rng, 2)
     sampling = Sampling(samples=1 if temperature == 0 else 3, temperature=temperature, top_p=0.95)
-    for clip, answers in zip(clips, generate(BASE, clips, sampling, [1, 2], TRIES), strict=True):
+    for clip, answers in zip(clips, generate(BASE, clips, sampling, [1, 2]), strict=True):
         for answer in answers:
             expected = sum(log_p[taken] for _, taken, log_p in recomputed(clip, answer, True))
             assert answer.log_probability == pytest.approx(expected, abs=0.02)
@@ -145,7 +144,7 @@ def test_the_log_probability_is_that_of_its_choices_without_a_cache(
 def test_samples_are_among_the_nucleus(rng: np.random.Generator) -> None:
     clips = random_clips(rng, 1)
     sampling = Sampling(samples=4, temperature=1.0, top_p=0.5, reasoning=False, numbers="tokens")
-    for answer in generate(BASE, clips, sampling, [7], TRIES)[0]:
+    for answer in generate(BASE, clips, sampling, [7])[0]:
         for _, taken, log_p in recomputed(clips[0], answer, False):
             p = np.exp(log_p)
             assert p[p > p[taken] + 1e-6].sum() <= 0.5 + 1e-4
@@ -154,20 +153,20 @@ def test_samples_are_among_the_nucleus(rng: np.random.Generator) -> None:
 def test_samples_repeat_by_their_seed_whatever_else_is_in_the_batch(rng: np.random.Generator) -> None:
     clips = random_clips(rng, 3)
     sampling = Sampling(samples=3, temperature=1.0, top_p=0.9, reasoning=False)
-    together = generate(EXACT, clips, sampling, [5, 6, 7], TRIES)
-    again = generate(EXACT, clips[1:2], sampling, [6], TRIES)
+    together = generate(EXACT, clips, sampling, [5, 6, 7])
+    again = generate(EXACT, clips[1:2], sampling, [6])
     assert [a.text for a in again[0]] == [a.text for a in together[1]]
     np.testing.assert_allclose(
         [a.log_probability for a in again[0]], [a.log_probability for a in together[1]], atol=0.02
     )
     assert len({a.text for answers in together for a in answers}) > 3
-    other = generate(EXACT, clips[1:2], sampling, [8], TRIES)
+    other = generate(EXACT, clips[1:2], sampling, [8])
     assert [a.text for a in other[0]] != [a.text for a in together[1]]
 
 
 def test_fewer_samples_are_the_first_of_more(rng: np.random.Generator) -> None:
     clips = random_clips(rng, 1)
-    few, many = (generate(EXACT, clips, Sampling(n, 1.0, reasoning=False), [3], TRIES)[0] for n in (2, 4))
+    few, many = (generate(EXACT, clips, Sampling(n, 1.0, reasoning=False), [3])[0] for n in (2, 4))
     assert [a.text for a in few] == [a.text for a in many[:2]]
 
 
@@ -175,7 +174,7 @@ def test_fewer_samples_are_the_first_of_more(rng: np.random.Generator) -> None:
 def test_every_answer_of_an_untrained_model_parses(rng: np.random.Generator, reasoning: bool) -> None:
     base = small_base(int(rng.integers(1000)))
     sampling = Sampling(samples=4, temperature=3.0, top_p=1.0, reasoning=reasoning)
-    for answers in generate(base, random_clips(rng, 2), sampling, [1, 2], TRIES):
+    for answers in generate(base, random_clips(rng, 2), sampling, [1, 2]):
         for answer in answers:
             completion = read_completion(answer.text)
             assert bool(completion.think) == reasoning
@@ -184,7 +183,7 @@ def test_every_answer_of_an_untrained_model_parses(rng: np.random.Generator, rea
 
 
 def test_the_clip_changes_the_answer(rng: np.random.Generator) -> None:
-    answers = generate(BASE, random_clips(rng, 4), Sampling(reasoning=False), [0] * 4, TRIES)
+    answers = generate(BASE, random_clips(rng, 4), Sampling(reasoning=False), [0] * 4)
     assert len({a[0].log_probability for a in answers}) > 1
 
 
@@ -201,7 +200,7 @@ def test_the_longest_answer_fits_even_letter_by_letter(rng: np.random.Generator)
     assert len(BASE.codec.encode(longest, True, 1.0).ids) < Sampling().most_tokens
 
 
-def test_the_walker_knows_only_the_grammars_texts() -> None:
+def test_the_state_knows_only_the_grammars_texts() -> None:
     with pytest.raises(GrammarError):
         BASE.codec.encode("<think>\nno", True, 1.0)
     assert LAYOUT.tokens == BASE.codec.prompt_ids.count(BASE.codec.video_token_id)

@@ -9,8 +9,8 @@ from small_base import exact_base, random_clips, small_base
 from pipeline.language.completion import read_completion
 from pipeline.language.grammar import GrammarError
 from pipeline.model.base import Base
-from pipeline.model.choices import choices_in, log_probabilities
 from pipeline.model.generate import Sampling, generate
+from pipeline.model.likelihood import constrained_tokens, log_probabilities
 from pipeline.model.preference import (
     Pair,
     dpo_loss,
@@ -21,16 +21,14 @@ from pipeline.model.preference import (
     rank_pairs,
 )
 from pipeline.model.trainer import TrainingPlan
-from pipeline.model.walker import Tries
 
 BASE = small_base()
-TRIES = Tries(BASE.codec)
 DRAWN = Sampling(4, 1.0, 1.0, reasoning=True, numbers="tokens")
 
 
 def log_p(base: Base, text: str, clip: np.ndarray, reasoning: bool = True) -> float:
     with torch.no_grad():
-        written = choices_in(base, text, reasoning, 1.0, TRIES)
+        written = constrained_tokens(base, text, reasoning, 1.0)
         return log_probabilities(base, [written], torch.as_tensor(clip[None]))[0].item()
 
 
@@ -43,29 +41,29 @@ def test_the_probability_of_an_answer_is_that_with_which_it_was_drawn(
 ) -> None:
     clips = random_clips(rng, 2)
     drawn = Sampling(2, 1.0, 1.0, reasoning, numbers="tokens")
-    for clip, answers in zip(clips, generate(BASE, clips, drawn, [1, 2], TRIES), strict=True):
+    for clip, answers in zip(clips, generate(BASE, clips, drawn, [1, 2]), strict=True):
         for answer in answers:
             assert log_p(BASE, answer.text, clip, reasoning) == pytest.approx(answer.log_probability, abs=0.02)
 
 
 def test_an_answer_has_the_same_probability_beside_longer_ones(rng: np.random.Generator) -> None:
     clips = random_clips(rng, 3)
-    texts = [answers[0].text for answers in generate(BASE, clips, DRAWN, [1, 2, 3], TRIES)]
+    texts = [answers[0].text for answers in generate(BASE, clips, DRAWN, [1, 2, 3])]
     with torch.no_grad():
-        written = [choices_in(BASE, text, True, 1.0, TRIES) for text in texts]
+        written = [constrained_tokens(BASE, text, True, 1.0) for text in texts]
         together = log_probabilities(BASE, written, torch.as_tensor(clips))
     alone = [log_p(BASE, text, clip) for text, clip in zip(texts, clips, strict=True)]
     np.testing.assert_allclose(together.numpy(), alone, atol=0.02)
 
 
 def test_what_the_grammar_forces_is_no_choice(rng: np.random.Generator) -> None:
-    (answers,) = generate(BASE, random_clips(rng, 1), DRAWN, [5], TRIES)
+    (answers,) = generate(BASE, random_clips(rng, 1), DRAWN, [5])
     for answer in answers:
-        written = choices_in(BASE, answer.text, True, 1.0, TRIES)
+        written = constrained_tokens(BASE, answer.text, True, 1.0)
         assert all(len(allowed) > 1 for allowed in written.allowed)
-        assert all(int(written.ids[at]) in allowed for at, allowed in zip(written.at, written.allowed, strict=True))
+        assert all(int(written.ids[at]) in allowed for at, allowed in zip(written.free, written.allowed, strict=True))
     with pytest.raises(GrammarError):
-        choices_in(BASE, "<think>\nno", True, 1.0, TRIES)
+        constrained_tokens(BASE, "<think>\nno", True, 1.0)
 
 
 # ---- the loss
@@ -136,7 +134,7 @@ def test_the_same_seed_gives_the_same_pairs_however_many_are_decoded_at_a_time(r
     seeds, base = {4: 1, 7: 2, 9: 3}, exact_base()
 
     def drawn(batch_size: int) -> list[Pair]:
-        answers = draw_answers(base, pictures, DRAWN, seeds, batch_size, TRIES)
+        answers = draw_answers(base, pictures, DRAWN, seeds, batch_size)
         return rank_pairs(answers, lambda clip, scenes: np.array([s.objects[0].mass for s in scenes]), 0.0, 9)
 
     pairs = drawn(64)
@@ -159,7 +157,7 @@ def plan(**values: object) -> TrainingPlan:
 
 
 def toy_pairs(rng: np.random.Generator, clips: np.ndarray) -> list[Pair]:
-    answers = generate(small_base(), clips, DRAWN, list(range(len(clips))), TRIES)
+    answers = generate(small_base(), clips, DRAWN, list(range(len(clips))))
     return [Pair(c, each[0].text, each[1].text, 1.0) for c, each in enumerate(answers)]
 
 
@@ -171,7 +169,7 @@ def test_a_few_steps_raise_the_margin(rng: np.random.Generator, tmp_path: Path, 
     rows: list[dict] = []
     rate = 1e-3 if not lora_rank else 1e-2
     prefer(base, pairs, dict(enumerate(clips)), 0.1, DRAWN, plan(learning_rate=rate, lora_rank=lora_rank), tmp_path,
-           rows.append, TRIES)  # fmt: skip
+           rows.append)  # fmt: skip
     curve = [row for row in rows if "loss" in row]
     assert [row["step"] for row in curve] == list(range(1, 9))
     assert curve[0]["loss"] == pytest.approx(np.log(2), abs=1e-3), "policy and reference are the same at first"
@@ -194,15 +192,15 @@ def test_an_interrupted_run_goes_on_with_the_same_reference(rng: np.random.Gener
     pairs, pictures = toy_pairs(rng, clips), dict(enumerate(clips))
     whole, again = [], []
     base, resumed = small_base(), small_base()
-    prefer(base, pairs, pictures, 0.1, DRAWN, plan(), tmp_path / "whole", whole.append, TRIES)
+    prefer(base, pairs, pictures, 0.1, DRAWN, plan(), tmp_path / "whole", whole.append)
 
     def fail_at_six(row: dict) -> None:
         if row["step"] == 6:
             raise PowerCut
 
     with pytest.raises(PowerCut):
-        prefer(small_base(), pairs, pictures, 0.1, DRAWN, plan(), tmp_path / "cut", fail_at_six, TRIES)
-    prefer(resumed, pairs, pictures, 0.1, DRAWN, plan(), tmp_path / "cut", again.append, TRIES)
+        prefer(small_base(), pairs, pictures, 0.1, DRAWN, plan(), tmp_path / "cut", fail_at_six)
+    prefer(resumed, pairs, pictures, 0.1, DRAWN, plan(), tmp_path / "cut", again.append)
     for key in ("loss", "accuracy", "margin"):
         told = [[(row["step"], row[key]) for row in rows if key in row] for rows in (whole, again)]
         np.testing.assert_allclose(told[1], told[0], rtol=1e-2, atol=1e-3)

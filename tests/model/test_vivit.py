@@ -7,9 +7,8 @@ import pytest
 import torch
 from sampled_scenes import distribution
 
-from pipeline.model.clip_dataset import ClipDataset
 from pipeline.model.scene_vector import CLASSES, SLOT, SLOTS, SceneVector, encode, scale_of
-from pipeline.model.trainer import TrainingPlan
+from pipeline.model.trainer import ClipDataset, TrainingPlan
 from pipeline.model.vivit import (
     Regressed,
     VivitSize,

@@ -115,6 +115,7 @@ def train(args: argparse.Namespace) -> None:
             trainer.save(checkpoint)
     log(0.0)
     trainer.save(checkpoint)
+    trainer.base.input = kind.model_input(params)
     trainer.base.save(args.out)
     shutil.copy(args.work / LOG, args.out / LOG)
     print(f"saved to {args.out}", flush=True)
@@ -122,9 +123,11 @@ def train(args: argparse.Namespace) -> None:
         worker.terminate()
 
 
-def export(work: Path, out: Path) -> None:
-    """Write the model of the last checkpoint, and the log."""
-    read_checkpoint(work / CHECKPOINT)[0].save(out)
+def export(work: Path, out: Path, kind: ExampleKind) -> None:
+    """Write the model of the last checkpoint, trained on examples of this kind, and the log."""
+    base, _ = read_checkpoint(work / CHECKPOINT)
+    base.input = kind.model_input(read_params_file(PARAMS_FILE, Params))
+    base.save(out)
     shutil.copy(work / LOG, out / LOG)
     print(f"saved to {out}", flush=True)
 
@@ -166,7 +169,7 @@ def main() -> None:
     parser.add_argument("--export", action="store_true", help="write the last checkpoint to --out and train nothing")
     args = parser.parse_args()
     if args.export:
-        export(args.work, args.out)
+        export(args.work, args.out, ExampleKind(args.input, args.without_reasoning))
     else:
         train(args)
 

@@ -26,7 +26,6 @@ from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling, generate
-from pipeline.model.walker import Tries
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
 from stages.graph.params import PARAMS_FILE, Params
@@ -59,14 +58,13 @@ def picture_of_clip(params: Params, index: int, scene: Scene) -> np.ndarray:
 def measure(base: Base, params: Params, clips: int) -> list[dict[str, float]]:
     """Scores of the greedy answers on the first `clips` clips of `SUITE`, of 1 to 3 objects."""
     schedule = Schedule(**params.clip.model_dump())
-    tries = Tries(base.codec)
     rows = []
     for start in tqdm(range(0, clips, BATCH), desc="clips", unit=f"{BATCH} clips", disable=None):
         indices = range(start, min(start + BATCH, clips))
         scenes = drawn_scenes(params, params.seed, SUITE, indices, params.suites.id.objects)
         pictures = np.stack([picture_of_clip(params, i, s) for i, s in zip(indices, scenes, strict=True)])
         greedy = Sampling(reasoning=True, seconds=schedule.seconds)
-        for scene, (answer,) in zip(scenes, generate(base, pictures, greedy, list(indices), tries), strict=True):
+        for scene, (answer,) in zip(scenes, generate(base, pictures, greedy, list(indices)), strict=True):
             rows.append(score(read_completion(answer.text).scene, true_reference(scene, schedule), schedule))
     return rows
 

@@ -11,14 +11,14 @@ import numpy as np
 import torch
 from torch import multiprocessing
 
-from pipeline.clips.areas import areas_px
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import View, frame_masks, pair_view, trace_pairs
+from pipeline.clips.view import View, event_areas, pair_view, trace_pairs
 from pipeline.language.codec import Codec, Tokens
 from pipeline.language.completion import MAX_OBJECTS, completion_grammar, write_completion
 from pipeline.language.events import Thresholds, find_events
 from pipeline.language.grammar import split
 from pipeline.language.tokenizer import build_tokenizer
+from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout, resize_frames
 from pipeline.physics.batch import scene_model
 from pipeline.physics.simulate import simulate_model
@@ -73,6 +73,12 @@ class ExampleKind:
 
     input: str = "flow"
     without_reasoning: float = 0.25
+
+    def model_input(self, params: Params) -> ModelInput:
+        """How the input of a model of such examples is made."""
+        source, f = "raft" if self.input == "raft" else "exact", params.flow
+        return ModelInput.of("rgb" if self.input == "rgb" else "flow", f.picture, source, (f.width, f.height),
+                             f.iterations, self.without_reasoning < 1)  # fmt: skip
 
     def reasons(self, chunk: int) -> bool:
         """Whether the completions of a chunk are with reasoning."""
@@ -148,7 +154,7 @@ def make_examples(
         trace = simulate_model(scene_model(scene), schedule.seconds)
         events = None
         if reasoning:
-            areas = areas_px(frame_masks(scene, trace, schedule, 120, 80), len(scene.objects))
+            areas = event_areas(scene, trace, schedule)
             events = find_events(trace, scene.shapes, areas, schedule.frame_steps, thresholds)
         view = pair_view(scene, *trace_pairs(trace, schedule), LAYOUT.width, LAYOUT.height)
         completion = write_completion(scene, events, schedule.seconds)

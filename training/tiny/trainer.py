@@ -14,8 +14,8 @@ import torch
 from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import Base, load_base
-from pipeline.model.inputs import video_inputs
-from pipeline.model.loss import batch_loss, completion_logits, make_batch
+from pipeline.model.finetune import batch_loss, completion_logits, make_batch
+from pipeline.model.forward import video_inputs
 from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.scene.scene import BASIC_SHAPES
 from training.muon import Muon

@@ -1,0 +1,166 @@
+"""`pipeline.discover`: which physics a scene lacks, from measured motion."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pipeline.api.result_folder import result_folder, write_result
+from pipeline.discrepancy.discover import discover as find_missing_physics
+from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.report.html_page import html_page, sentence
+from pipeline.discrepancy.report.report_dict import report_dict
+from pipeline.discrepancy.report.residual_table import residual_table
+from pipeline.discrepancy.selection.testable import names_of
+from pipeline.discrepancy.tracks.known_scene import KnownScene, load_known_scene
+from pipeline.discrepancy.tracks.track import Track, read_tracks
+from pipeline.errors import ParamsError
+from pipeline.inference.progress import Progress
+from pipeline.scene.mjcf import scene_xml
+from pipeline.scene.scene import Scene
+from pipeline.scene.text import write_scene
+from pipeline.viewer.measured import save_measured
+
+REPORT = "report.json"
+_VERSIONS = ("dynamics-pipeline", "mujoco", "numpy")
+
+
+@dataclass(frozen=True)
+class DiscoveryResult:
+    """What `discover` found.
+
+    Attributes:
+        measured: Where the motion is from.
+        known: Where the scene is from.
+        clips: How many recordings there are.
+        held_out: Share of them that was not fitted.
+        effects: Which might be named.
+        seed: That chose the clips held out.
+        found: Everything that was computed.
+        seconds: The time that each step took.
+    """
+
+    measured: str
+    known: str
+    clips: int
+    held_out: float
+    effects: str
+    seed: int
+    found: Discovery
+    seconds: dict[str, float]
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """The content of report.json (docs/formats.md)."""
+        return report_dict(self.found)
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """The effects that the scene lacks: none, their names, or "unknown"."""
+        return tuple(self.report["verdict"]["effects"])
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        return sentence(self.report)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with what it lacked."""
+        return self.found.scene
+
+    @cached_property
+    def residuals(self) -> pa.Table:
+        """Every sample, and what the models before and after make of it."""
+        return residual_table(self.found)
+
+    def save(self, out: str | Path, force: bool = False) -> None:
+        """Write a folder with report.html, report.json, augmented.yaml, augmented.xml, residuals.parquet,
+        recording.rrd and result.json.
+
+        Args:
+            out: The folder, which must not exist yet.
+            force: Replace it where `dynamics` wrote it and nothing else is in it.
+
+        Raises:
+            OutputError: Where it cannot be written; nothing is left then.
+        """
+        with result_folder(Path(out), force) as folder:
+            self.write(folder)
+
+    def write(self, folder: Path) -> None:
+        """Write everything into a folder, report.json and result.json last."""
+        facts = {
+            "measured": self.measured, "scene": self.known, "clips": str(self.clips),
+            "held out": ", ".join(self.report["clips"]["held_out"]) or "none",
+            "noise": f"{1e3 * self.found.problem.sigma:.3g} mm", "seed": str(self.seed),
+        }  # fmt: skip
+        pq.write_table(self.residuals, folder / "residuals.parquet", compression="zstd")
+        (folder / "augmented.yaml").write_text(write_scene(self.scene), encoding="utf-8")
+        (folder / "augmented.xml").write_text(scene_xml(self.scene), encoding="utf-8")
+        save_measured(self.residuals, Path(self.measured).stem, self.sentence, folder / "recording.rrd")
+        page = html_page(self.found, self.report, self.residuals, facts)
+        (folder / "report.html").write_text(page, encoding="utf-8")
+        text = json.dumps(self.report, indent=1, ensure_ascii=False, allow_nan=False)
+        (folder / REPORT).write_text(text + "\n", encoding="utf-8")
+        write_result(folder, "discover", {
+            "measured": self.measured, "scene": self.known, "held_out": self.held_out, "effects": self.effects,
+            "seed": self.seed, "verdict": self.report["verdict"], "seconds": self.seconds,
+            "versions": {n: version(n) for n in _VERSIONS},
+        })  # fmt: skip
+
+
+def discover(
+    measured: str | Path | Sequence[Track],
+    scene: str | Path | KnownScene,
+    *,
+    held_out: float = 0.3,
+    effects: str = "all",
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> DiscoveryResult:
+    """Find out which physical effects a scene lacks.
+
+    Args:
+        measured: Measured motion, a Parquet or CSV file (docs/formats.md) or tracks that were read.
+        scene: What is known of the scene, a file or a scene that was read.
+        held_out: Share of the clips that is not fitted, for judging.
+        effects: Which may be named: "all", or names with commas between.
+        seed: Chooses the clips that are held out.
+        progress: Told of each step; None: nothing is printed.
+
+    Returns:
+        The verdict with its reasons, and the scene with what it lacked.
+
+    Raises:
+        MeasurementError: For measurements that cannot be used, or do not fit the scene.
+        SceneError: For a scene that cannot be read.
+        ParamsError: For another argument that is not valid.
+    """
+    progress = progress or Progress()
+    if not 0 <= held_out < 1:
+        raise ParamsError(f"held_out is {held_out:g}; valid: a share of the clips, from 0 to less than 1")
+    try:
+        names = names_of(effects)
+    except ValueError as error:
+        raise ParamsError(f"effects: {error}") from None
+    known = load_known_scene(Path(scene)) if isinstance(scene, str | Path) else scene
+    tracks = read_tracks(Path(measured)) if isinstance(measured, str | Path) else list(measured)
+    with progress.step("discover"):
+        rng = np.random.default_rng(seed)
+        found = find_missing_physics(tracks, known, held_out, names, rng, progress=progress.detail)
+    return DiscoveryResult(
+        measured=str(measured) if isinstance(measured, str | Path) else "tracks",
+        known=str(scene) if isinstance(scene, str | Path) else "scene",
+        clips=len({t.clip for t in tracks}), held_out=held_out, effects=effects, seed=seed, found=found,
+        seconds=progress.seconds,
+    )  # fmt: skip

@@ -1,0 +1,153 @@
+"""The files that `Inference.save` and `dynamics infer` write."""
+
+from __future__ import annotations
+
+import time
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from pipeline.api.infer import Inference, Method
+from pipeline.api.overlay import Row, Sheet, draw, markdown, side_by_side
+from pipeline.api.result_folder import write_result
+from pipeline.clips.replay import Replay
+from pipeline.inference.progress import Progress
+from pipeline.scene.mjcf import scene_xml
+from pipeline.scene.text import write_scene
+from pipeline.shards.content_hash import hash_path
+from pipeline.viewer.footage import Footage, MotionLayer, Pictures, event_text
+from pipeline.viewer.recording import save
+from pipeline.vision.recordings.video import write_video
+from pipeline.vision.rendering.render_backend import choose_backend
+
+_VERSIONS = ("dynamics-pipeline", "mujoco", "numpy", "opencv-python-headless", "rerun-sdk", "torch", "transformers")
+SCALE = (
+    "one camera cannot tell how large things are: lengths are such that the camera stands 2 m before the middle; "
+    "masses of bodies that hit nothing movable are guesses"
+)
+
+
+def write_files(folder: Path, found: Inference, progress: Progress) -> None:
+    """Write everything into a folder, result.json last."""
+    run = found.replay()
+    with progress.step("pictures"):
+        renderer = _write_pictures(folder, found, run)
+    progress.say("pictures", f"of the replay: {renderer}")
+    result = _result(found, run, renderer, found.seconds | progress.seconds)
+    write_result(folder, "infer", result)
+
+
+def method_table(methods: tuple[Method, ...]) -> list[Row]:
+    """Cells, a heading first."""
+    rows: list[Row] = [("method", "objects", "IoU", "reward", "flow error", "simulations")]
+    for m in methods:
+        numbers = (f"{m.overlap.sequence:.2f}", f"{m.reward:.2f}", f"{m.epe_frame:.2f} px", str(m.simulations))
+        rows.append((m.name, m.scene.composition, *numbers))
+    return rows
+
+
+def relabelled(masks: np.ndarray, pairs: np.ndarray, objects: int) -> np.ndarray:
+    """The clip's masks with each instance's id that of the object it is paired with; others come after the objects'."""
+    table = np.zeros(256, np.uint8)
+    table[pairs[:, 1] + 1] = pairs[:, 0] + 1
+    alone = [j for j in range(1, int(masks.max(initial=0)) + 1) if not table[j]]
+    for k, j in enumerate(alone):
+        table[j] = min(objects + 1 + k, 255)
+    return table[masks]
+
+
+def _write_pictures(folder: Path, found: Inference, run: Replay) -> str:
+    """Write scene.yaml, scene.xml, replay.mp4, overlay.png, recording.rrd; returns which renderer made the pictures."""
+    clip, best = found.clip, found.best
+    (folder / "scene.yaml").write_text(write_scene(run.scene), encoding="utf-8")
+    (folder / "scene.xml").write_text(scene_xml(run.scene), encoding="utf-8")
+    backend, reason = choose_backend("auto")
+    drawn = run.pictures(backend)
+    frames, first, fps = clip.taken.clip.frames, clip.schedule.pairs[:, 0], clip.schedule.fps
+    write_video(folder / "replay.mp4", side_by_side(frames, drawn, ("input", "replay")), fps)
+    masks = relabelled(clip.taken.masks, best.overlap.pairs, len(run.scene.objects))
+    place, rows = Path(found.name), method_table(found.methods)
+    title = f"{place.name}: {best.scene.composition} ({best.name})"
+    sheet = Sheet(
+        frames=first, fps=fps, start=float(clip.taken.clip.source_times[0]), rgb=frames, replay_rgb=drawn, masks=masks,
+        replay_masks=run.masks, flow=clip.flow, replay_flow=run.flow, names=tuple(o.name for o in run.scene.objects),
+        title=title, rows=tuple(rows),
+    )  # fmt: skip
+    Image.fromarray(draw(sheet)).save(folder / "overlay.png")
+    seen = Pictures(frames, masks, flow=clip.flow, flow_frames=first)
+    replayed = Pictures(drawn, run.masks, run.depth, first, run.flow, first)
+    notes = "\n".join([f"### {title}", "", *markdown(rows), "", *(f"- {n}" for n in (*clip.notes, *found.doubts)), "",
+                       "**The model's words**", "", *best.answer.completion.think.splitlines()])  # fmt: skip
+    assert run.trace is not None
+    motion = MotionLayer("replay", run.scene, run.trace, True, run.events)
+    save(Footage(place.stem, notes, (motion,), seen, replayed, fps), folder / "recording.rrd")
+    return reason
+
+
+def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, float]) -> dict[str, Any]:
+    """The content of result.json."""
+    taken, settings, best, base = found.clip.taken.clip, found.settings, found.best, found.base
+    sampling, shown = settings.sampling, found.base.input
+    assert shown is not None
+    search = None if found.searched is None else found.searched.result
+    return {
+        "clip": found.name,
+        "assumed": {
+            "start_s": settings.start,
+            "seconds": settings.seconds,
+            "recorded_fps": round(taken.source_fps, 4),
+            "fps_from": "the file" if settings.fps is None else "--fps",
+            "resampled_fps": found.clip.schedule.fps,
+            "source_size_px": list(taken.source_size),
+            "cropped_to_px": list(taken.letterbox.window),
+            "size_px": list(taken.letterbox.size),
+            "masks_from": found.clip.taken.masks_from,
+            "instances": found.clip.objects,
+            "camera": "at rest, at (0, -2, h) m, looking along +y; square pixels, no distortion",
+            "incline": settings.incline,
+            "scale": SCALE,
+            "notes": list(found.clip.notes),
+        },
+        "flow": {"by": settings.flow, "weights": str(settings.raft) if settings.flow == "raft" else None,
+                 "size_px": list(found.flow_size)},
+        "model": {"name": base.name, "sha256": hash_path(Path(base.name)) if Path(base.name).is_dir() else None,
+                  "shown": shown.input, "picture": shown.picture, "reasoning": sampling.reasoning,
+                  "samples": sampling.samples, "temperature": sampling.temperature, "top_p": sampling.top_p,
+                  "middle": sampling.middle, "seed": settings.seed},
+        "answer": {"from": best.name, "composition": best.scene.composition, "think": best.answer.completion.think,
+                   "events_of_replay": [f"t={e.time:.2f}s: {event_text(e, run.scene)}" for e in run.events],
+                   "doubts": found.doubts},
+        "methods": [
+            {"method": m.name, "composition": m.scene.composition, "reward": _number(m.reward), "iou": _number(m.iou),
+             "epe_frame_px": _number(m.epe_frame), "sequence_iou": _number(m.overlap.sequence),
+             "initial_iou": _number(m.overlap.initial), "foreground_iou": _number(m.overlap.foreground),
+             "sample": m.answer.sample, "simulations": m.simulations}
+            for m in found.methods
+        ],
+        "samples": [
+            {"sample": a.sample, "composition": a.scene.composition, "reward": _number(found.rewards.reward[i]),
+             "log_probability": _number(a.log_probability)}
+            for i, a in enumerate(found.answers)
+        ],
+        "search": None if search is None else {
+            "simulations": search.simulations, "invalid": search.invalid, "seconds": round(search.seconds, 2),
+            "spent": search.spent.tolist(),
+            "history": [_number(v) for v in search.history],
+        },
+        "certainty": [
+            {"place": c.place, "value": _number(c.value), "spread": _number(c.spread), "unit": c.unit,
+             "determined": c.determined}
+            for c in found.certainties
+        ],
+        "renderer": renderer,
+        "seconds": seconds,
+        "made": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        "versions": {name: version(name) for name in _VERSIONS},
+    }  # fmt: skip
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 4) if np.isfinite(value) else None

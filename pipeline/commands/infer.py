@@ -1,0 +1,83 @@
+"""`dynamics infer`: from a video to a scene."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from pipeline.commands.arguments import count, positive, share
+
+SUMMARY = "find the scene that a clip shows: shapes, sizes, masses, frictions, motion, camera"
+DESCRIPTION = """\
+Find the scene that a clip shows.
+
+The clip is brought to 30 FPS and 480x320 and its optical flow is measured. The model is shown what its checkpoint says
+that it was trained with (model_input.json; models/tiny: the flow) and writes scenes, each is simulated and compared
+with the clip, and --search refines the best ones. OUT then has
+
+  overlay.png     the clip with the outlines of the replay over it, and both flows: look at this first
+  replay.mp4      clip and replay beside each other
+  scene.yaml      the scene, to edit and to run:  dynamics simulate OUT --set objects[0].mass=2
+  scene.xml       the same as MJCF, for MuJoCo
+  recording.rrd   for the rerun viewer:  rerun OUT/recording.rrd
+  result.json     what was assumed, what every step reached, and the time it took
+
+The camera has to rest, and what moves should be rigid. Slow motion: say with --fps at how many frames a second it
+was shot; --start and --seconds count in that time.
+
+examples:
+  dynamics infer clip.mp4 -o out
+  dynamics infer clip.mp4 -o out --start 2.5 --search 3000
+  dynamics infer slow.mp4 -o out --fps 240 --masks masks.npz
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("clip", type=Path, metavar="CLIP", help="a video, or a folder with one and masks (masks.npz or masks/*.png)")
+    add("-o", "--out", type=Path, required=True, metavar="OUT", help="folder for the results; it must not exist yet")
+    add("--start", type=float, default=0.0, metavar="S", help="where the clip begins in the video, s (0)")
+    add("--seconds", type=positive, default=1.0, metavar="S", help="its length, s (1: what the models learned from)")
+    add("--fps", type=positive, metavar="F", help="frames a second at which it was shot, where the file's header lies")
+    masks = "instance masks, one for each frame of the recording, or of the clip at 30 FPS: NPZ with `masks`, or a "
+    add("--masks", type=Path, metavar="PATH", help=masks + "folder of PNGs (default: from motion)")
+    add("--samples", type=count, default=8, metavar="K", help="answers sampled beside the greedy one (8)")
+    add("--search", type=count, default=0, metavar="N", help="refine the best answers with N simulations (0: do not)")
+    add("--incline", action="store_true", help="the ground may slope in the picture: the search may roll the camera")
+    add("--model", default="models/tiny", metavar="NAME", help="a folder or hub name (models/tiny)")
+    add("--raft", type=Path, default=Path("models/raft-small"), metavar="PATH", help="RAFT weights (models/raft-small)")
+    add(
+        "--flow",
+        choices=("raft", "dis"),
+        help="flow by RAFT, or by OpenCV's DIS (as in the model's training, else raft)",
+    )
+    add("--temperature", type=positive, default=1.0, help="of sampling words (1)")
+    add("--top-p", type=share, default=0.9, help="of sampling words (0.9)")
+    add("--middle", type=share, default=0.4, help="share of what the model thinks of a number, about its median, from "
+        "which samples are drawn (0.4)")  # fmt: skip
+    add("--seed", type=count, default=0, help="of sampling and search (0)")
+    add("--force", action="store_true", help="replace OUT where `dynamics` wrote it and nothing else is in it")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    from pipeline.api.infer import infer, load_model, uncertain
+    from pipeline.api.infer_files import method_table, write_files
+    from pipeline.api.overlay import aligned
+    from pipeline.api.result_folder import result_folder
+    from pipeline.inference.progress import Progress
+
+    a = arguments
+    with result_folder(a.out, a.force) as folder, Progress(5 + bool(a.search), shown=True) as progress:
+        found = infer(
+            a.clip, start=a.start, seconds=a.seconds, fps=a.fps, masks=a.masks, model=load_model(a.model, "--model"),
+            samples=a.samples, temperature=a.temperature, top_p=a.top_p, middle=a.middle, search=a.search,
+            incline=a.incline, flow=a.flow, raft=a.raft, seed=a.seed, progress=progress,
+        )  # fmt: skip
+        for line in aligned(method_table(found.methods)):
+            progress.say("", line)
+        if found.certainties:
+            progress.say("note", f"hardly determined by this clip: {uncertain(found.certainties)}")
+        for line in found.doubts:
+            progress.say("note", line)
+        write_files(folder, found, progress)
+    print(f"{'written':<11}{a.out}: look at overlay.png first")

@@ -1,0 +1,74 @@
+"""The model's answers to clips: one greedy and K sampled each, under the grammar, so that all of them parse."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from pipeline.language.completion import Completion, read_completion
+from pipeline.model.base import Base
+from pipeline.model.generate import Prompt, Sampling, batches, generate
+from pipeline.scene.scene import Scene
+
+GREEDY = -1  # the number of the greedy answer among the samples
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the model wrote.
+
+    Attributes:
+        sample: GREEDY, or 0 to K - 1.
+        text: The completion.
+        log_probability: nats, that the model gave to its free choices.
+    """
+
+    sample: int
+    text: str
+    log_probability: float
+
+    @cached_property
+    def completion(self) -> Completion:
+        """The text, parsed."""
+        return read_completion(self.text)
+
+    @property
+    def scene(self) -> Scene:
+        return self.completion.scene
+
+
+def answer_seed(*labels: object) -> int:
+    """The seed of a clip's samples, from what the clip is called."""
+    return zlib.crc32(" ".join(map(str, labels)).encode())
+
+
+def ask(
+    base: Base, show: Callable[[int], np.ndarray], seeds: Sequence[int], sampling: Sampling, batch_size: int,
+    prompt: Prompt | None = None,
+) -> list[list[Answer]]:  # fmt: skip
+    """Ask the model about clips.
+
+    Args:
+        base: The model.
+        show: The pictures (T, H, W, 3) uint8 of clip i, in the model's layout; called when they are needed.
+        seeds: (B,) Of each clip's samples.
+        sampling: Of the samples, K of each clip, which may be 0.
+        batch_size: Sequences decoded at a time.
+        prompt: With worked examples; None for the question alone.
+
+    Returns:
+        For each clip the greedy answer, then the samples in their order.
+    """
+    answers: list[list[Answer]] = [[] for _ in seeds]
+    greedy = replace(sampling, samples=1, temperature=0.0)
+    for first, asked in ((GREEDY, greedy), (0, sampling)):
+        for part in batches(len(seeds), asked.samples, batch_size) if asked.samples else ():
+            shown = np.stack([show(i) for i in part])
+            written = generate(base, shown, asked, [seeds[i] for i in part], prompt)
+            for i, completions in zip(part, written, strict=True):
+                answers[i] += [Answer(first + k, c.text, c.log_probability) for k, c in enumerate(completions)]
+    return answers

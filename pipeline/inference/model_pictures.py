@@ -1,0 +1,31 @@
+"""What the model is shown of a clip."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.model.model_input import ModelInput
+from pipeline.model.patches import PatchLayout, fit_layout
+from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
+
+
+def model_pictures(
+    model_input: ModelInput, layout: PatchLayout, flow: np.ndarray, frames: np.ndarray, interval: float
+) -> np.ndarray:
+    """The pictures that a model takes, as it was trained.
+
+    Args:
+        model_input: How the checkpoint's input is made.
+        layout: The checkpoint's.
+        flow: (P, h, w, 2), px per interval, of the model's pairs of frames.
+        frames: (P, h, w, 3) uint8, the first frame of each pair.
+        interval: s between the two frames of a pair.
+
+    Returns:
+        (P, H, W, 3) uint8 in the layout's size.
+    """
+    if model_input.input == "rgb":
+        return fit_layout(frames, layout)
+    assert model_input.picture is not None
+    shown = flow_picture(flow, model_input.picture, scaled_max_px(flow.shape[2], interval))
+    return fit_layout(shown, layout)

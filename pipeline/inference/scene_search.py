@@ -1,0 +1,95 @@
+"""From answers to a scene: what the search has to match, where it starts, and what it finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from pipeline.clips.schedule import Schedule
+from pipeline.scene.scene import Scene
+from pipeline.search.certainty import Certainty, certainties
+from pipeline.search.evaluator import Evaluator
+from pipeline.search.search_result import SearchResult
+from pipeline.search.search_scene import search_scene
+from pipeline.search.target import make_target
+
+
+def clip_evaluator(
+    masks: np.ndarray, flow: np.ndarray, schedule: Schedule, size: tuple[int, int], threads: int
+) -> Evaluator:
+    """The rewards of scenes for a clip.
+
+    Args:
+        masks: (F, H, W) uint8 of every frame, 0 background, j + 1 instance j.
+        flow: (P, h, w, 2), px of its own size per frame interval, of the model's pairs of frames; more of them than
+            the schedule has are left out.
+        schedule: Of the clip, or of its first part.
+        size: px, width and height, of masks and flow in the reward.
+        threads: For simulation and rasterising.
+    """
+    target = make_target(masks[schedule.pairs[:, 0]], flow[: schedule.model_frames], *size)
+    return Evaluator(target, schedule, threads)
+
+
+def distinct_starts(ranked: Sequence[Scene], valid: Sequence[bool], count: int) -> list[Scene]:
+    """The best scenes that differ, at most `count`.
+
+    Args:
+        ranked: Best first.
+        valid: Whether each can be simulated; where none can, all count.
+        count: How many.
+    """
+    sound = [scene for scene, ok in zip(ranked, valid, strict=True) if ok] or ranked
+    return list(dict.fromkeys(sound))[:count]
+
+
+@dataclass(frozen=True)
+class ClipSearch:
+    """What a search found for a clip.
+
+    Attributes:
+        result: The best scene, its reward, and the cost.
+        guess: The classical guess; None where the budget or the clip has no room for one.
+        guess_simulations: That the guess took.
+        pairs: (P, 2) Which object of the scene found is which instance of the clip.
+        certainties: How far the clip determines each number of that scene.
+    """
+
+    result: SearchResult
+    guess: Scene | None
+    guess_simulations: int
+    pairs: np.ndarray
+    certainties: tuple[Certainty, ...]
+
+
+def search_clip(
+    evaluator: Evaluator,
+    starts: Sequence[Scene],
+    simulations: int,
+    rng: np.random.Generator,
+    progress: Callable[[int, float], None] = lambda spent, reward: None,
+    incline: bool = False,
+) -> ClipSearch:
+    """The search of choice (`pipeline.search.search_scene`), and how sure its result is.
+
+    Args:
+        evaluator: Of the clip.
+        starts: Scenes to start from, beside the classical guess.
+        simulations: At most so many.
+        rng: Of the search.
+        progress: Called with the simulations spent and the best reward so far.
+        incline: Whether the ground may slope in the picture.
+    """
+    with threadpool_limits(1, "blas"):  # with two threads, sums of small matrices have other last digits
+        found = search_scene(evaluator, starts, simulations, rng, progress, incline)
+        pairs, known = scene_certainties(evaluator, found.result.scene)
+    return ClipSearch(found.result, found.guess, found.guess_simulations, pairs, known)
+
+
+def scene_certainties(evaluator: Evaluator, scene: Scene) -> tuple[np.ndarray, tuple[Certainty, ...]]:
+    """Pairs (P, 2) of object and instance for a scene, and how far the clip determines each of its numbers."""
+    pairs = evaluator.pairs(scene)
+    return pairs, tuple(certainties(evaluator, scene, pairs))

@@ -1,0 +1,118 @@
+"""How the pictures are made that a model is shown: the record in its checkpoint, model_input.json."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from pipeline.errors import ModelError
+
+INPUT_FILE = "model_input.json"
+
+
+@dataclass(frozen=True)
+class ModelInput:
+    """How a model's input is made, as it was trained: model_input.json. The pictures' size and number are in
+    clip_layout.json.
+
+    Attributes:
+        input: What the pictures show: "flow", or the frames themselves ("rgb").
+        picture: How flow becomes a picture: "channels" or "wheel"; None for "rgb".
+        flow_source: Where the flow in training came from: "exact" (with noise like RAFT's), "raft" or "dis"; None for
+            "rgb". A model of exact flow may be shown measured flow; one of measured flow is shown that alone.
+        flow_size: px, width and height, at which flow is estimated from frames; None for "rgb".
+        flow_iterations: Of RAFT; None for "rgb".
+        reasoning: Whether the model writes `<think>` before `<answer>`.
+    """
+
+    input: str
+    picture: str | None
+    flow_source: str | None
+    flow_size: tuple[int, int] | None
+    flow_iterations: int | None
+    reasoning: bool
+
+    def __post_init__(self) -> None:
+        _check_value("input", self.input, tuple(_VALID["input"]))
+        shows_flow = self.input == "flow"
+        for name in ("picture", "flow_source"):
+            _check_value(name, getattr(self, name), _VALID[name] if shows_flow else (None,))
+        numbers = [*(self.flow_size or ()), self.flow_iterations]
+        if shows_flow and not (len(numbers) == 3 and all(isinstance(n, int) and n > 0 for n in numbers)):
+            raise ModelError(
+                f"`flow_size` is {self.flow_size} and `flow_iterations` {self.flow_iterations}; valid: [width, height] "
+                "in px and a number of iterations"
+            )
+        _check_value("reasoning", self.reasoning, (True, False))
+
+    @classmethod
+    def of(
+        cls, input: str, picture: str, flow_source: str, flow_size: tuple[int, int], flow_iterations: int,
+        reasoning: bool,
+    ) -> ModelInput:  # fmt: skip
+        """From settings in which those of flow are given whatever the input is."""
+        if input == "rgb":
+            return cls(input, None, None, None, None, reasoning)
+        return cls(input, picture, flow_source, flow_size, flow_iterations, reasoning)
+
+    def check(self, name: str, given: object, parameter: str, checkpoint: str) -> None:
+        """Raise ModelError where a setting contradicts what the checkpoint was trained with.
+
+        Args:
+            name: Of the field.
+            given: The setting's value.
+            parameter: What the user calls it: `flow.picture`, `--flow`.
+            checkpoint: Its name or folder.
+        """
+        own = getattr(self, name)
+        if name == "flow_source" and own == "exact":
+            return
+        if given != own:
+            raise ModelError(
+                f"{parameter} is {_shown(given)}, but {checkpoint} was trained with {name} {_shown(own)} "
+                f"({INPUT_FILE}); valid: {_shown(own)}"
+            )
+
+
+_VALID: dict[str, tuple[str, ...]] = {
+    "input": ("flow", "rgb"), "picture": ("channels", "wheel"), "flow_source": ("exact", "raft", "dis"),
+}  # fmt: skip
+
+
+def _shown(value: object) -> str:
+    return json.dumps(value)
+
+
+def _check_value(name: str, value: object, valid: tuple[object, ...]) -> None:
+    if value not in valid:
+        raise ModelError(f"`{name}` is {_shown(value)}; valid: {', '.join(map(_shown, valid))}")
+
+
+def read_input(name: str) -> ModelInput | None:
+    """How the checkpoint's input is made; None where it has not recorded that. Raises `ModelError` for a bad record."""
+    file = Path(name) / INPUT_FILE
+    if not file.is_file():
+        return None
+    try:
+        stored = json.loads(file.read_text())
+        size = stored["flow_size"]
+        return ModelInput(**stored | {"flow_size": None if size is None else tuple(size)})
+    except ModelError as error:
+        raise ModelError(f"{file}: {error}") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        keys = ", ".join(f.name for f in fields(ModelInput))
+        raise ModelError(f"{file} cannot be used ({error}); valid: an object with {keys}") from None
+
+
+def write_input(folder: Path, model_input: ModelInput) -> None:
+    (folder / INPUT_FILE).write_text(json.dumps(asdict(model_input), indent=1) + "\n")
+
+
+def missing_input(name: str) -> ModelError:
+    """The error for a checkpoint whose model has to be shown something, and that has not recorded what."""
+    example = ModelInput("flow", "channels", "exact", (240, 160), 4, True)
+    return ModelError(
+        f"{name!r} has no {INPUT_FILE}, so it is not known what it was trained to see. Write into that file how its "
+        f"input was made, as {json.dumps(asdict(example))}, or tune it again: the stage `finetune` writes it"
+    )
