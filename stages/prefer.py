@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pipeline.model.preference import Pair
     from pipeline.scene.scene import Scene
 
-COLUMNS = ("loss", "accuracy", "margin")
+COLUMNS = ("step", "loss", "accuracy", "margin")
 
 
 @dataclass(frozen=True)

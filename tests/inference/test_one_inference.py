@@ -155,8 +155,8 @@ def test_the_same_clip_becomes_the_same_scene(project: Path, monkeypatch: pytest
     assert ranked[0]["reward"] == pytest.approx(max(found.rewards.reward[1:]), abs=1e-9)
     searched = open_shards(project / "data/fit/real")[0].row()
     assert found.searched is not None
-    assert searched["scene"] == write_scene(found.searched.found.scene)
-    assert searched["reward"] == pytest.approx(found.searched.found.reward, abs=1e-9)
+    assert searched["scene"] == write_scene(found.searched.result.scene)
+    assert searched["reward"] == pytest.approx(found.searched.result.reward, abs=1e-9)
 
     found.save(project / "out")
     assert write_scene(load_scene(project / "out" / "scene.yaml")) == write_scene(found.scene)
