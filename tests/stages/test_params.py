@@ -59,7 +59,7 @@ def test_every_stage_that_declares_parameters_is_a_module() -> None:
         ("simulate", ["id"], {"clip": {"model_frames": 30}}, "`clip` is .*`model_frames` must be less than the 30"),
         ("predict", ["id"], {"predict": {"seconds": 1.5}}, r"predict\.seconds: 1\.5 s; valid: multiples of 0\.1 s"),
         ("import_clips", [], {"clip": {"seconds": 2.0}}, r"suites\.real\.seconds is 1\.0, clip\.seconds is 2\.0"),
-        ("discover", [], {"discover": {"effects": "air_drga"}}, r"discover\.effects: unknown effect 'air_drga'.* valid"),
+        ("discover", [], {"discover": {"effects": "air_drga"}}, r"discover\.effects: unknown effect 'air_drga'.*valid"),
         ("flow", ["id"], {"flow": {"raft": "models/nowhere"}}, r"flow\.raft: models/nowhere is missing"),
     ],
 )  # fmt: skip
