@@ -83,7 +83,9 @@ def report(name: str, clips: Iterator[MaskClip], finders: dict[str, Finder], eac
         for label, finder in finders.items():
             results[label].append(measure(clip, finder))
         if each:
-            shown = "   ".join(f"{k} {np.mean(v[-1].iou) if len(v[-1].iou) else np.nan:.3f} +{v[-1].extra}" for k, v in results.items())
+            shown = "   ".join(
+                f"{k} {np.mean(v[-1].iou) if len(v[-1].iou) else np.nan:.3f} +{v[-1].extra}" for k, v in results.items()
+            )
             print(f"  {clip.name:45} {len(clip.moving)} moving   {shown}", flush=True)
     if not total:
         print(f"\n{name}: skipped, no clips")

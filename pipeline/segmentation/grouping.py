@@ -21,6 +21,8 @@ PALETTE, FRESH = 48, 8  # colours that a track remembers, and of which so many a
 MARGIN = 60  # px beyond the picture where a centre may be
 RADIUS = (1.5, 60.0)  # px; what the network may say
 MOST_STARTS = 14  # in one frame
+LOST = 2  # frames after which a lost track is not looked for far away
+LEAP = 7.0  # radii between two frames that a body may move whose velocity is not known
 
 
 @dataclass
@@ -124,16 +126,53 @@ def follow(prediction: Prediction, probability: np.ndarray, frames: np.ndarray) 
                 continue
             _extend(track, t, pixels, mine, rng)
         free = (owner < 0) & (pixels.probability > BEGIN)
-        for mine in clusters(pixels, free, frames.shape[1:3]):
-            piece = piece_of(pixels, mine)
-            host = _host(live, piece, t)
-            if host is not None:
-                whole = host.pieces[t]
-                host.pieces[t] = Piece(np.concatenate([whole.pixels, piece.pixels]), whole.centre, whole.radius, whole.colour)
-                continue
-            palette = pixels.colour[mine][rng.integers(0, mine.sum(), PALETTE)]
-            tracks.append(Track(piece.centre, piece.radius, palette, pieces={t: piece}))
+        _adopt(tracks, live, pixels, clusters(pixels, free, frames.shape[1:3]), t, rng)
     return tracks
+
+
+def _adopt(
+    tracks: list[Track], live: list[Track], pixels: Pixels, groups: list[np.ndarray], t: int, rng: np.random.Generator
+) -> None:
+    """Give each group of pixels (M,) bool of frame t to the body of which it is a part, to a live track that was lost
+    because it moves fast, or to a new track."""
+    pieces = [piece_of(pixels, mine) for mine in groups]
+    hosts = [_host(live, piece, t) for piece in pieces]
+    for piece, host in zip(pieces, hosts, strict=True):
+        if host is not None:
+            whole = host.pieces[t]
+            host.pieces[t] = Piece(
+                np.concatenate([whole.pixels, piece.pixels]), whole.centre, whole.radius, whole.colour
+            )
+    rest = [k for k, host in enumerate(hosts) if host is None]
+    lost = [k for k in live if t - k.last <= LOST]
+    costs = sorted(
+        (cost, i, k) for i, track in enumerate(lost) for k in rest if (cost := leap_cost(track, pieces[k], t)) < 1
+    )
+    taken: set[int] = set()
+    for _, i, k in costs:
+        if k not in taken and lost[i].last < t:
+            taken.add(k)
+            _extend(lost[i], t, pixels, groups[k], rng)
+    for k in rest:
+        if k not in taken:
+            palette = pixels.colour[groups[k]][rng.integers(0, groups[k].sum(), PALETTE)]
+            tracks.append(Track(pieces[k].centre, pieces[k].radius, palette, pieces={t: pieces[k]}))
+
+
+def leap_cost(track: Track, piece: Piece, t: int) -> float:
+    """What it costs to take a piece of frame t for a track's next, 1 or more where it cannot be.
+
+    A track of one or two pieces may leap by LEAP radii, since its velocity is not known; an older one, as at a bounce,
+    by 1.5 times its last step.
+    """
+    gap = t - track.last
+    radius = max(track.radius, piece.radius) + 2
+    expected = track.centre + track.velocity * gap
+    reach = LEAP * radius if len(track.pieces) < 3 else 2.5 * radius + 1.5 * float(np.linalg.norm(track.velocity))
+    colour = np.abs(np.median(track.palette, axis=0) - piece.colour).max()
+    size = abs(np.log(max(track.radius, 1.0) / max(piece.radius, 1.0)))
+    apart = float(np.linalg.norm(expected - piece.centre)) / (reach * gap)
+    return 0.5 * apart + float(colour) / 0.4 + 0.5 * float(size) if apart < 1 else 1.0
 
 
 def _owners(live: list[Track], pixels: Pixels, t: int) -> np.ndarray:

@@ -11,7 +11,19 @@ from pipeline.segmentation.inference import Prediction
 from pipeline.segmentation.joining import typical_radius
 
 #: Names of the figures, in the order in which `track_figures` gives them.
-FIGURES = ("moving", "strongest", "body", "other", "length", "log_radius", "fill", "spread", "shift", "shift_radii", "edge")
+FIGURES = (
+    "moving",
+    "strongest",
+    "body",
+    "other",
+    "length",
+    "log_radius",
+    "fill",
+    "spread",
+    "shift",
+    "shift_radii",
+    "edge",
+)
 #: Used where the weights' folder has no regression: the mean probability, less what looks like a hand.
 PLAIN = {"constant": -3.0, "moving": 6.0, "other": -4.0}
 

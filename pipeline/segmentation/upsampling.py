@@ -23,7 +23,9 @@ def guided_filter(guide: np.ndarray, source: np.ndarray, radius: int, smoothness
     middle, level = mean(guide), mean(source)
     cross = mean(guide * source[..., None]) - middle * level[..., None]
     products = np.stack([guide[..., i] * guide[..., j] for i, j in _PAIRS], -1)
-    spread = np.stack([mean(np.ascontiguousarray(products[..., :3])), mean(np.ascontiguousarray(products[..., 3:]))], -2)
+    spread = np.stack(
+        [mean(np.ascontiguousarray(products[..., :3])), mean(np.ascontiguousarray(products[..., 3:]))], -2
+    )
     spread = spread.reshape(*source.shape, 6) - np.stack([middle[..., i] * middle[..., j] for i, j in _PAIRS], -1)
     rr, rg, rb, gg, gb, bb = (spread[..., k] for k in range(6))
     rr, gg, bb = rr + smoothness, gg + smoothness, bb + smoothness

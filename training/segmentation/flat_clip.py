@@ -59,7 +59,9 @@ def draw_carriers(rng: np.random.Generator, picture: np.ndarray, motion: FlatMot
                 wide = log_uniform(rng, 0.008, 0.1) * height
                 ink = tuple(float(c) for c in sample_colour(rng))
                 x, y = round(float(foot[0])), round(float(foot[1] + thick))
-                cv2.rectangle(picture, (int(x - wide / 2), y), (int(x + wide / 2), int(height * rng.uniform(0.8, 1.3))), ink, -1)
+                cv2.rectangle(
+                    picture, (int(x - wide / 2), y), (int(x + wide / 2), int(height * rng.uniform(0.8, 1.3))), ink, -1
+                )
 
 
 def shadow_offsets(rng: np.random.Generator, kind: str) -> list[tuple[np.ndarray, float, float, float]]:
@@ -160,7 +162,9 @@ def draw_flat_clip(rng: np.random.Generator, width: int, height: int) -> DrawnCl
         release = (motion.release[held] - first) / (count * interval)
         palm = float(np.clip(radius[held] * log_uniform(rng, 0.5, 2.5), 0.03 * big_h, 0.25 * big_h))
         grip = radius[held] * rng.uniform(0.3, 1.0) * np.array([math.cos(a := rng.uniform(0, 6.3)), math.sin(a)])
-        movers.append((sample_hand(rng, big_w, big_h, centre[:, held] + grip, palm, times, release), rng.random() < 0.5))
+        movers.append(
+            (sample_hand(rng, big_w, big_h, centre[:, held] + grip, palm, times, release), rng.random() < 0.5)
+        )
     if rng.random() < 0.2:
         target = np.zeros((count, 2))
         hand = sample_hand(rng, big_w, big_h, target, log_uniform(rng, 0.03, 0.2) * big_h, times, None)
@@ -190,7 +194,9 @@ def draw_flat_clip(rng: np.random.Generator, width: int, height: int) -> DrawnCl
             for i, sprite in enumerate(sprites):
                 before, _ = state_at(max(begin[t] - interval, 0.0))
                 shear = (position[i] - before[i]) * readout * 2 * radius[i] / big_h
-                found = placed(sprite, position[i], radius[i], angles[i], big_w, big_h, (float(shear[0]), float(shear[1])))
+                found = placed(
+                    sprite, position[i], radius[i], angles[i], big_w, big_h, (float(shear[0]), float(shear[1]))
+                )
                 if found is None:
                     continue
                 layer, where = found
@@ -203,7 +209,11 @@ def draw_flat_clip(rng: np.random.Generator, width: int, height: int) -> DrawnCl
             if not over:
                 moved |= (layer[..., 3] > 0.5) & (owner == 0)
         tops = [front] if front is not None else []
-        for layer in [*tops, *(layer for layer, over in hands if over), *(draw_cloth(c, t, big_w, big_h) for c in cloths)]:
+        for layer in [
+            *tops,
+            *(layer for layer, over in hands if over),
+            *(draw_cloth(c, t, big_w, big_h) for c in cloths),
+        ]:
             layer_over(frame, layer, (slice(None), slice(None)))
             covered = layer[..., 3] > 0.5
             owner[covered] = 0
@@ -215,7 +225,9 @@ def draw_flat_clip(rng: np.random.Generator, width: int, height: int) -> DrawnCl
     seen = np.stack([(mask == i + 1).sum((1, 2)) for i in range(bodies)], 1)
     if not ((moves == 1) & ((seen >= 4).sum(0) >= 3)).any():
         return None
-    return DrawnClip(frames, mask, other, centre / TWICE, np.broadcast_to(radius / TWICE, (count, bodies)).copy(), moves)
+    return DrawnClip(
+        frames, mask, other, centre / TWICE, np.broadcast_to(radius / TWICE, (count, bodies)).copy(), moves
+    )
 
 
 def _resampled(sprite: Sprite, radius: float) -> Sprite:
@@ -236,11 +248,17 @@ def _front(rng: np.random.Generator, width: int, height: int) -> np.ndarray:
         x, y = float(rng.uniform(0, width)), float(rng.uniform(0, height))
         if rng.random() < 0.6:
             wide, lean = int(log_uniform(rng, 3, 30)), float(rng.normal(0, 0.1 * height))
-            ends = [(int(x), -5), (int(x + lean), height + 5)] if rng.random() < 0.6 else [(-5, int(y)), (width + 5, int(y + lean))]
+            ends = (
+                [(int(x), -5), (int(x + lean), height + 5)]
+                if rng.random() < 0.6
+                else [(-5, int(y)), (width + 5, int(y + lean))]
+            )
             cv2.line(alpha, ends[0], ends[1], 1.0, wide, cv2.LINE_AA)
         else:
             w, h = log_uniform(rng, 8, 120), log_uniform(rng, 8, 120)
-            cv2.fillPoly(alpha, [cv2.boxPoints(((x, y), (w, h), float(rng.uniform(0, 90)))).astype(np.int32)], 1.0, cv2.LINE_AA)
+            cv2.fillPoly(
+                alpha, [cv2.boxPoints(((x, y), (w, h), float(rng.uniform(0, 90)))).astype(np.int32)], 1.0, cv2.LINE_AA
+            )
     return np.concatenate([sample_background(rng, width, height), alpha[..., None]], -1)
 
 

@@ -137,7 +137,9 @@ def draw_hand(hand: Hand, t: int, width: int, height: int) -> np.ndarray:
     shift = np.round(wrist).astype(int)
     pick = ((rows - shift[1]) % 128, (cols - shift[0]) % 128)
     picture = np.where((sleeve > 127)[..., None], hand.sleeve[pick], hand.skin[pick])
-    solid = cv2.GaussianBlur(cv2.distanceTransform((alpha > 0.5).astype(np.uint8), cv2.DIST_L2, 3), (0, 0), 0.15 * palm + 0.5)
+    solid = cv2.GaussianBlur(
+        cv2.distanceTransform((alpha > 0.5).astype(np.uint8), cv2.DIST_L2, 3), (0, 0), 0.15 * palm + 0.5
+    )
     dx, dy = cv2.Sobel(solid, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(solid, cv2.CV_32F, 0, 1) / 8
     lit = np.clip(0.85 - 0.35 * (dx * hand.light[0] + dy * hand.light[1]), 0.3, 1.3)
     return np.concatenate([picture * lit[..., None], alpha[..., None]], -1).astype(np.float32)

@@ -50,7 +50,9 @@ def exposure(rng: np.random.Generator, count: int, height: int) -> np.ndarray:
 
 def add_noise(rng: np.random.Generator, frames: np.ndarray) -> np.ndarray:
     """Float32 frames (T, H, W, 3), 0 to 255, with shot and read noise, some of it coloured, coarse or striped."""
-    level = 255 * float(rng.choice([rng.uniform(0, 0.006), rng.uniform(0.005, 0.02), rng.uniform(0.015, 0.05)], p=[0.4, 0.4, 0.2]))
+    level = 255 * float(
+        rng.choice([rng.uniform(0, 0.006), rng.uniform(0.005, 0.02), rng.uniform(0.015, 0.05)], p=[0.4, 0.4, 0.2])
+    )
     shot, grey = rng.uniform(0, 1), rng.random() < 0.3
     coarse = float(rng.choice([0.0, rng.uniform(0.5, 1.2)], p=[0.6, 0.4]))
     out = np.empty_like(frames)
@@ -87,7 +89,13 @@ def captioned(rng: np.random.Generator, frames: np.ndarray) -> np.ndarray:
     if rng.random() < 0.5:
         x, y = int(rng.uniform(0, 0.6) * width), int(rng.uniform(0, 0.7) * height)
         colour = tuple(float(c) for c in rng.uniform(0, 1, 3))
-        cv2.rectangle(panel, (x, y), (x + int(rng.uniform(0.1, 0.6) * width), y + int(rng.uniform(0.05, 0.3) * height)), colour, -1)
+        cv2.rectangle(
+            panel,
+            (x, y),
+            (x + int(rng.uniform(0.1, 0.6) * width), y + int(rng.uniform(0.05, 0.3) * height)),
+            colour,
+            -1,
+        )
     put_text(rng, panel)
     drawn = np.abs(panel - frames[0].astype(np.float32) / 255).max(-1) > 0.02
     for t in which:
@@ -126,7 +134,9 @@ def recorded(rng: np.random.Generator, frames: np.ndarray) -> np.ndarray:
         tone = grey + float(rng.choice([0.0, rng.uniform(0.2, 0.8), rng.uniform(1.1, 1.6)])) * (tone - grey)
     y, x = np.mgrid[:height, :width]
     corner = ((x / width - 0.5) ** 2 + (y / height - 0.5) ** 2)[..., None]
-    frames = 255 * tone * (1 - float(rng.uniform(0, 0.8) * (rng.random() < 0.5)) * corner) * exposure(rng, count, height)
+    frames = (
+        255 * tone * (1 - float(rng.uniform(0, 0.8) * (rng.random() < 0.5)) * corner) * exposure(rng, count, height)
+    )
     if rng.random() < 0.15:
         frames = shaken(rng, frames.astype(np.float32))
     out = np.clip(add_noise(rng, frames.astype(np.float32)) + 0.5, 0, 255).astype(np.uint8)

@@ -45,7 +45,9 @@ def tone_table(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """A table (256, 3) of display values in [0, 1], and an order of the channels (3,)."""
     steps = np.arange(256) / 255
     gamma, shift, contrast = math.exp(rng.normal(0, 0.2)), rng.normal(0, 0.04), math.exp(rng.normal(0, 0.15))
-    columns = [np.clip(contrast * math.exp(rng.normal(0, 0.06)) * (steps**gamma - 0.5) + 0.5 + shift, 0, 1) for _ in range(3)]
+    columns = [
+        np.clip(contrast * math.exp(rng.normal(0, 0.06)) * (steps**gamma - 0.5) + 0.5 + shift, 0, 1) for _ in range(3)
+    ]
     return np.stack(columns, 1).astype(np.float32), rng.permutation(3) if rng.random() < 0.5 else np.arange(3)
 
 
@@ -81,7 +83,9 @@ def draw_sample(
     scale = np.array([size[0] / w, size[1] / h], np.float32)
     window = (slice(top, top + h), slice(left, left + w))
     half = (slice(top // 2, (top + h) // 2), slice(left // 2, (left + w) // 2))
-    table, order = tone_table(rng) if augment else (np.repeat(np.arange(256, dtype=np.float32)[:, None] / 255, 3, 1), np.arange(3))
+    table, order = (
+        tone_table(rng) if augment else (np.repeat(np.arange(256, dtype=np.float32)[:, None] / 255, 3, 1), np.arange(3))
+    )
 
     def picture(source: np.ndarray) -> np.ndarray:
         cut = source[window]

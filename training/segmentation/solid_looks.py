@@ -36,7 +36,9 @@ def sample_looks(rng: np.random.Generator, count: int) -> Appearance:
     if rng.random() < 0.3:
         grey = rng.uniform(0.02, 0.95)
         backdrop = replace(backdrop, horizon=(grey,) * 3, zenith=(grey,) * 3, clouds=0.0)
-    return replace(look, materials=materials, lights=tuple(_light(rng, li, widen) for li in look.lights), backdrop=backdrop)
+    return replace(
+        look, materials=materials, lights=tuple(_light(rng, li, widen) for li in look.lights), backdrop=backdrop
+    )
 
 
 def _light(rng: np.random.Generator, light: Light, widen: float) -> Light:

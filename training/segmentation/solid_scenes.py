@@ -102,12 +102,16 @@ def sample_camera(rng: np.random.Generator, scene: Scene, position: np.ndarray, 
     reach = np.quantile(np.linalg.norm(near - target, axis=1), 0.85) + 0.15
     fov = rng.uniform(20, 58)
     distance = np.clip(reach / math.tan(math.radians(fov / 2)) * rng.uniform(0.6, 1.7), 0.8, 9)
-    elevation = math.radians(float(rng.choice([rng.uniform(3, 55), rng.uniform(55, 89.5), rng.uniform(2, 12)], p=[0.7, 0.12, 0.18])))
+    elevation = math.radians(
+        float(rng.choice([rng.uniform(3, 55), rng.uniform(55, 89.5), rng.uniform(2, 12)], p=[0.7, 0.12, 0.18]))
+    )
     azimuth = rng.uniform(-math.pi, math.pi)
     roll = math.radians(rng.normal(0, 2.0))
     if tilt:  # along y, so that what is level in the picture is level
         elevation, azimuth, roll = math.radians(rng.uniform(2, 20)), -math.pi / 2 + rng.normal(0, 0.1), roll - tilt
-    back = np.array([math.cos(azimuth) * math.cos(elevation), math.sin(azimuth) * math.cos(elevation), math.sin(elevation)])
+    back = np.array(
+        [math.cos(azimuth) * math.cos(elevation), math.sin(azimuth) * math.cos(elevation), math.sin(elevation)]
+    )
     right = np.cross([0, 0, 1.0], back)
     right /= np.linalg.norm(right)
     up = np.cross(back, right)

@@ -73,7 +73,9 @@ def sample_sprite(rng: np.random.Generator, unit: float, behind: np.ndarray) -> 
     y, x = (np.mgrid[:size, :size].astype(np.float32) + 0.5 - half) / unit
     soft = 1.0 / unit
     radius = np.hypot(x, y)
-    kind = rng.choice(["ball", "disc", "ring", "box", "cart", "polygon", "blob"], p=[0.3, 0.22, 0.06, 0.18, 0.1, 0.08, 0.06])
+    kind = rng.choice(
+        ["ball", "disc", "ring", "box", "cart", "polygon", "blob"], p=[0.3, 0.22, 0.06, 0.18, 0.1, 0.08, 0.06]
+    )
     shading, reach = np.ones((size, size), np.float32), 1.0
     if kind in ("ball", "disc", "ring"):
         away = radius - 1

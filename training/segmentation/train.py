@@ -71,7 +71,9 @@ def average_weights(average: dict[str, torch.Tensor], network: SegmentationNetwo
                 average[name].lerp_(value, 1 - keep)
 
 
-def write_weights(folder: Path, average: dict[str, torch.Tensor], channels: tuple[int, ...], config: dict[str, Any]) -> None:
+def write_weights(
+    folder: Path, average: dict[str, torch.Tensor], channels: tuple[int, ...], config: dict[str, Any]
+) -> None:
     shadow = SegmentationNetwork(channels)  # type: ignore[arg-type]
     shadow.load_state_dict(average)
     save_network(shadow, folder, config)
@@ -105,7 +107,9 @@ def main() -> None:
     rng = np.random.default_rng(np.random.SeedSequence((arguments.seed, step)))
     clips = Clips(arguments.data, rng)
     clips.renew(min(POOL, len(list(arguments.data.glob("*.npz")))))
-    print(f"{len(clips.paths)} clips, {sum(p.numel() for p in network.parameters())} parameters, step {step}", flush=True)
+    print(
+        f"{len(clips.paths)} clips, {sum(p.numel() for p in network.parameters())} parameters, step {step}", flush=True
+    )
     mean: torch.Tensor | None = None
     before, total = time.monotonic(), 60 * arguments.minutes
     log = arguments.work / "log.csv"
