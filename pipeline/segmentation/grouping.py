@@ -1,4 +1,4 @@
-"""Pixels to tracks: each frame's pixels go to the live track that their votes and colours fit; the rest start tracks."""
+"""Pixels to tracks: each frame's pixels go to the live track that votes and colours fit; the rest start tracks."""
 
 from __future__ import annotations
 
@@ -233,8 +233,8 @@ def clusters(pixels: Pixels, free: np.ndarray, shape: tuple[int, int]) -> list[n
         across, down = col[free].max() + 7 - left, row[free].max() + 7 - top
         cells = (row[free] - top) * across + col[free] - left
         heap = np.bincount(cells, mass[free], across * down).reshape(down, across).astype(np.float32)
-        heap = cv2.GaussianBlur(heap, (0, 0), 1.5)
-        y, x = np.unravel_index(int(np.argmax(heap)), heap.shape)
+        smooth = cv2.GaussianBlur(heap, (0, 0), 1.5)
+        y, x = np.unravel_index(int(np.argmax(smooth)), heap.shape)
         centre = np.array([x + left + 0.5 - MARGIN, y + top + 0.5 - MARGIN])
         for _ in range(2):
             near = free & (np.linalg.norm(votes - centre, axis=1) < np.maximum(3.0, 0.45 * pixels.radius))

@@ -36,9 +36,9 @@ def predict(network: SegmentationNetwork, frames: np.ndarray, features: ClipFeat
     """The answers for a clip (T, H, W, 3) uint8, H and W multiples of `network.STRIDE`, and its features."""
     count, height, width = frames.shape[:3]
     pictures = torch.from_numpy(frames).permute(0, 3, 1, 2)
-    still = [_picture(features.background), _picture(features.low), _picture(features.high)]
+    background, low, high = (_picture(p) for p in (features.background, features.low, features.high))
     flicker = torch.from_numpy(features.flicker)[None, None].float() / 255
-    network = network.to(memory_format=torch.channels_last)
+    network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     probability = np.empty((3, count, height, width), np.float32)
     vote = np.empty((count, height, width, 2), np.float32)
     radius = np.empty((count, height, width), np.float32)
@@ -48,8 +48,8 @@ def predict(network: SegmentationNetwork, frames: np.ndarray, features: ClipFeat
         others = torch.stack([pictures[list(neighbours(t, count))] for t in at]).float() / 255
         flow = torch.stack([torch.from_numpy(np.concatenate(flows_at(features, t), -1)) for t in at])
         frame = pictures[first : at.stop].float() / 255
-        full, half = network_input(frame, *still, flicker.expand(len(at), -1, height, width), others,
-                                   flow.permute(0, 3, 1, 2))  # fmt: skip
+        level = flicker.expand(len(at), -1, height, width)
+        full, half = network_input(frame, background, low, high, level, others, flow.permute(0, 3, 1, 2))
         logits, votes = network(*(x.contiguous(memory_format=torch.channels_last) for x in (full, half)))
         probability[:, first : at.stop] = torch.sigmoid(logits).permute(1, 0, 2, 3).numpy()
         for t, answer in zip(at, votes.permute(0, 2, 3, 1).numpy(), strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import cv2
@@ -53,7 +54,7 @@ def clip_features(frames: np.ndarray) -> ClipFeatures:
     assert count >= 2 and height % 2 == 0 and width % 2 == 0
     order = np.sort(frames, axis=0)
     edge = min(1, (count - 1) // 2)
-    steps = np.stack([cv2.absdiff(a, b).max(-1) for a, b in zip(frames[:-1], frames[1:], strict=True)])
+    steps = np.stack([cv2.absdiff(a, b).max(-1) for a, b in itertools.pairwise(frames)])
     search = cv2.DISOpticalFlow.create(FLOW_PRESET)
     grey = [cv2.cvtColor(f, cv2.COLOR_RGB2GRAY) for f in frames]
     size = (width // 2, height // 2)
@@ -67,8 +68,8 @@ def clip_features(frames: np.ndarray) -> ClipFeatures:
         low=order[edge],
         high=order[-1 - edge],
         flicker=np.sort(steps, axis=0)[len(steps) // 2],
-        forward=np.stack([flow(a, b) for a, b in zip(grey[:-1], grey[1:], strict=True)]),
-        backward=np.stack([flow(b, a) for a, b in zip(grey[:-1], grey[1:], strict=True)]),
+        forward=np.stack([flow(a, b) for a, b in itertools.pairwise(grey)]),
+        backward=np.stack([flow(b, a) for a, b in itertools.pairwise(grey)]),
     )
 
 

@@ -68,8 +68,9 @@ class SegmentationNetwork(nn.Module):
         self.vote = nn.Sequential(Conv(a, 16), nn.Conv2d(16, 3, 1))
         self.fine = Conv(FULL_CHANNELS, 8)
         self.coarse = nn.Conv2d(a, 40, 1)
-        self.logits = nn.Sequential(Conv(18, 12), nn.Conv2d(12, 3, 1))
-        nn.init.constant_(self.logits[1].bias, -2.0)
+        last = nn.Conv2d(12, 3, 1)
+        nn.init.constant_(last.bias, -2.0)  # type: ignore[arg-type]
+        self.logits = nn.Sequential(Conv(18, 12), last)
 
     def forward(self, full: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
         """full (B, FULL_CHANNELS, H, W), half (B, HALF_CHANNELS, H / 2, W / 2) of `inputs.network_input` to logits

@@ -32,9 +32,9 @@ def track_figures(track: Track, prediction: Prediction) -> np.ndarray:
     """(len(FIGURES),) of one track.
 
     Means over its pixels of the three probabilities, and the 90th percentile of `moving`; the share of the clip's
-    frames in which it is seen; log of its radius, px; its area over that of a disc of the radius; the median distance of
-    a vote from its centre, in radii; how far it shifts, px as a logarithm, and in radii; the share of frames in which
-    it touches the picture's border.
+    frames in which it is seen; log of its radius, px; its area over that of a disc of the radius; the median distance
+    of a vote from its centre, in radii; how far it shifts, px as a logarithm, and in radii; the share of frames in
+    which it touches the picture's border.
     """
     count, height, width = prediction.moving.shape
     flat = [a.reshape(count, -1) for a in (prediction.moving, prediction.body, prediction.other)]
@@ -54,7 +54,8 @@ def track_figures(track: Track, prediction: Prediction) -> np.ndarray:
     area = np.mean([len(p.pixels) for p in track.pieces.values()])
     return np.array([
         moving, strongest, body, other, len(track.pieces) / count, np.log(radius),
-        min(area / (np.pi * radius**2), 3.0), np.mean(spread), np.log1p(shift), min(shift / radius, 10.0), np.mean(edge),
+        min(area / (np.pi * radius**2), 3.0), np.mean(spread), np.log1p(shift), min(shift / radius, 10.0),
+        np.mean(edge),
     ])  # fmt: skip
 
 

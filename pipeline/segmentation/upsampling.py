@@ -14,7 +14,7 @@ SMOOTHNESS = 1e-4  # of colours in [0, 1], squared
 
 
 def guided_filter(guide: np.ndarray, source: np.ndarray, radius: int, smoothness: float) -> np.ndarray:
-    """source (H, W) float32, filtered along the edges of guide (H, W, 3) float32 in [0, 1]. radius: of the windows, px."""
+    """source (H, W) float32, filtered along the edges of guide (H, W, 3) float32 in [0, 1]. radius: of windows, px."""
     size = (2 * radius + 1, 2 * radius + 1)
 
     def mean(x: np.ndarray) -> np.ndarray:

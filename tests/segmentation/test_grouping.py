@@ -104,7 +104,7 @@ def test_a_hand_scores_less_than_a_body():
 
 
 def test_masks_at_twice_the_size_follow_the_edge_in_the_frame():
-    frames, prediction, mask = answers([line((30, 40), (90, 40), 3)], radius=10)
+    frames, prediction, _mask = answers([line((30, 40), (90, 40), 3)], radius=10)
     y, x = np.mgrid[: 2 * HEIGHT, : 2 * WIDTH] + 0.5
     large = np.full((3, 2 * HEIGHT, 2 * WIDTH, 3), 120, np.uint8)
     true = np.zeros((3, 2 * HEIGHT, 2 * WIDTH), bool)

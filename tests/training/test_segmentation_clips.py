@@ -83,8 +83,9 @@ def test_backgrounds_are_in_range():
 def fall(segments, position, velocity, rolls, seconds=0.5, gravity=9.81, bounce=0.0):
     steps = round(seconds * STEPS_PER_SECOND)
     positions, angles = np.empty((steps, 1, 2)), np.empty((steps, 1))
-    integrate(np.array([position], float), np.array([velocity], float), np.zeros(1), np.array([0.1]), np.array([rolls]),
-              np.zeros(1), np.array(segments, float), gravity, 0.0, bounce, 1 / STEPS_PER_SECOND, positions, angles)  # fmt: skip
+    start, speed, lines = (np.array(v, float) for v in ([position], [velocity], segments))
+    integrate(start, speed, np.zeros(1), np.array([0.1]), np.array([rolls]), np.zeros(1), lines,
+              gravity, 0.0, bounce, 1 / STEPS_PER_SECOND, positions, angles)  # fmt: skip
     return positions[:, 0], angles[:, 0]
 
 
@@ -125,7 +126,7 @@ def test_a_sprite_is_drawn_about_its_centre():
     )
     layer, (rows, cols) = placed(disc, np.array([40.0, 30.0]), 12.0, 0.7, 100, 80, (0.0, 0.0))
     inside = np.argwhere(layer[..., 3] > 0.5)
-    centre = inside.mean(0) + [rows.start + 0.5, cols.start + 0.5]
+    centre = inside.mean(0) + np.array([rows.start + 0.5, cols.start + 0.5])
     np.testing.assert_allclose(centre, [30, 40], atol=0.3)
     assert len(inside) == pytest.approx(np.pi * 12**2, rel=0.06)
     assert placed(disc, np.array([-90.0, 30.0]), 12.0, 0.0, 100, 80, (0.0, 0.0)) is None

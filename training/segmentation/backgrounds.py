@@ -118,8 +118,8 @@ def room(rng: np.random.Generator, width: int, height: int) -> np.ndarray:
     picture += below * (floor - picture)
     if rng.random() < 0.4:
         board = height * rng.uniform(0.01, 0.06)
-        cv2.fillPoly(picture, [np.array([[0, left - board], [width, right - board], [width, right], [0, left]], np.int32)],
-                     tuple(float(c) for c in sample_colour(rng)), cv2.LINE_AA)  # fmt: skip
+        corners = np.array([[0, left - board], [width, right - board], [width, right], [0, left]], np.int32)
+        cv2.fillPoly(picture, [corners], tuple(float(c) for c in sample_colour(rng)), cv2.LINE_AA)
     for _ in range(int(rng.integers(0, 7))):
         draw_shape(rng, picture, log_uniform(rng, 5, 90), sample_colour(rng))
     return picture

@@ -108,7 +108,7 @@ def draw_hand(hand: Hand, t: int, width: int, height: int) -> np.ndarray:
     skin, sleeve = np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)
 
     def capsule(canvas: np.ndarray, a: np.ndarray, b: np.ndarray, radius: float) -> None:
-        ends = [tuple(int(round(float(v) * 16)) for v in p) for p in (a, b)]
+        ends = [tuple(round(float(v) * 16) for v in p) for p in (a, b)]
         cv2.line(canvas, ends[0], ends[1], 255, max(int(2 * radius), 1), cv2.LINE_AA, 4)
         for end in ends:
             cv2.circle(canvas, end, max(int(radius * 16), 8), 255, -1, cv2.LINE_AA, 4)
@@ -199,6 +199,6 @@ def sample_passing_shadow(rng: np.random.Generator, width: int, height: int, tim
     for t, (x, y) in enumerate(path):
         canvas = np.zeros((small[1], small[0]), np.float32)
         cv2.ellipse(canvas, ((x / 4, y / 4), (size / 2, size * shape / 2), angle), 1.0, -1)
-        canvas = cv2.GaussianBlur(canvas, (0, 0), max(soft / 4, 0.5))
-        out[t, ..., 0] = 1 - depth * cv2.resize(canvas, (width, height), interpolation=cv2.INTER_LINEAR)
+        blurred = cv2.GaussianBlur(canvas, (0, 0), max(soft / 4, 0.5))
+        out[t, ..., 0] = 1 - depth * cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR)
     return out

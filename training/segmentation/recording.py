@@ -26,8 +26,8 @@ def compressed(frames: np.ndarray, crf: int, preset: str = "veryfast") -> np.nda
             container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
         container.mux(stream.encode())
     buffer.seek(0)
-    with av.open(buffer) as container:
-        return np.stack([f.to_ndarray(format="rgb24") for f in container.decode(video=0)])
+    with av.open(buffer, "r") as coded:
+        return np.stack([f.to_ndarray(format="rgb24") for f in coded.decode(video=0)])
 
 
 def exposure(rng: np.random.Generator, count: int, height: int) -> np.ndarray:
@@ -106,7 +106,7 @@ def captioned(rng: np.random.Generator, frames: np.ndarray) -> np.ndarray:
 def letterboxed(rng: np.random.Generator, pictures: list[np.ndarray], share: float) -> list[np.ndarray]:
     """Each (T, H, W, ...) uint8 cut to the middle `share` of its width, with bars as `pipeline.vision.video` adds them
     (the border's median colour for pictures of 3 channels, else 0), or black ones."""
-    height, width = pictures[0].shape[1:3]
+    width = pictures[0].shape[2]
     left = round(width * (1 - share) / 2)
     black = rng.random() < 0.3
     out = []

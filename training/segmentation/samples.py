@@ -20,7 +20,7 @@ LEAST_RADIUS_PX = 0.5
 @dataclass(frozen=True)
 class Sample:
     """Inputs as `network_input` takes them, without the batch: frame, background, low, high (3, h, w), flicker
-    (1, h, w), others (4, 3, h, w), flow (4, h / 2, w / 2). Targets: moving, body, other (h, w) in 0 and 1; known (h, w),
+    (1, h, w), others (4, 3, h, w), flow (4, h / 2, w / 2). Targets: moving, body, other (h, w), 0 or 1; known (h, w),
     0 where `moving` does not count; visible (h, w), 0 where `body` does not; offset (2, h / 2, w / 2) in VOTE_SCALE_PX,
     log_radius and weight (h / 2, w / 2)."""
 
@@ -54,7 +54,7 @@ def tone_table(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 def sample_window(
     rng: np.random.Generator, clip: TrainingClip, t: int, size: tuple[int, int], zoom: float
 ) -> tuple[int, int, int, int]:
-    """(left, top, width, height) of a window that becomes `size` (width, height) px when zoomed; most are near a body."""
+    """(left, top, width, height) of a window that is zoomed to `size` (width, height) px; most are near a body."""
     height, width = clip.mask.shape[1:]
     w, h = min(round(size[0] / zoom / 2) * 2, width), min(round(size[1] / zoom / 2) * 2, height)
     left, top = int(rng.integers(0, width - w + 1)), int(rng.integers(0, height - h + 1))

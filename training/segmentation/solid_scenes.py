@@ -46,7 +46,7 @@ SIZES = {"sphere_radius": (0.07, 0.24), "cylinder_radius": (0.06, 0.2), "cylinde
 def sample_distribution(rng: np.random.Generator) -> Distribution:
     """Ranges with one scale of bodies for the whole scene."""
     scale = log_uniform(rng, 0.4, 1.25)
-    sizes = {name: (max(0.03, scale * low), scale * high) for name, (low, high) in SIZES.items()}
+    sizes: dict[str, Any] = {name: (max(0.03, scale * low), scale * high) for name, (low, high) in SIZES.items()}
     return Distribution(**RANGES, **sizes, airborne=float(rng.choice([0.05, 0.3, 0.6])))
 
 

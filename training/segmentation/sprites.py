@@ -65,7 +65,7 @@ def surface(rng: np.random.Generator, size: int) -> tuple[np.ndarray, bool]:
 def sample_sprite(rng: np.random.Generator, unit: float, behind: np.ndarray) -> Sprite:
     """A body whose radius is `unit` px of its picture. behind: (3,) colour of what is behind it, which it sometimes
     nearly has."""
-    half = int(math.ceil(max(2.6 * unit, 4))) + 2
+    half = math.ceil(max(2.6 * unit, 4)) + 2
     size = 2 * half
     picture, visible = surface(rng, size)
     if rng.random() < 0.12:

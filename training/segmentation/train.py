@@ -94,7 +94,7 @@ def main() -> None:
     torch.manual_seed(arguments.seed)
     arguments.work.mkdir(parents=True, exist_ok=True)
     network = load_network(arguments.start) if arguments.start else SegmentationNetwork()
-    network = network.train().to(memory_format=torch.channels_last)
+    network.train().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimiser = torch.optim.AdamW(network.parameters(), arguments.rate, weight_decay=1e-2)
     step, spent, shown = 0, 0.0, 0
     average = {k: v.detach().clone() for k, v in network.state_dict().items()}
