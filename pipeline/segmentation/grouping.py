@@ -144,7 +144,7 @@ def _adopt(
                 np.concatenate([whole.pixels, piece.pixels]), whole.centre, whole.radius, whole.colour
             )
     rest = [k for k, host in enumerate(hosts) if host is None]
-    lost = [k for k in live if t - k.last <= LOST]
+    lost = [k for k in live if 0 < t - k.last <= LOST]
     costs = sorted(
         (cost, i, k) for i, track in enumerate(lost) for k in rest if (cost := leap_cost(track, pieces[k], t)) < 1
     )

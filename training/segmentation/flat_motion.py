@@ -96,6 +96,11 @@ def integrate(
                     velocity[j, 1] += kick * (1 - share) * ny
 
 
+def lowered(segment: np.ndarray, by: float) -> np.ndarray:
+    """A segment (2, 2) moved down."""
+    return segment + np.array([0.0, by])
+
+
 def sample_motion(rng: np.random.Generator, aspect: float, rolls: np.ndarray, seconds: float) -> FlatMotion:
     """A random motion of len(rolls) bodies. aspect: the picture's width over its height. rolls: (N,) bool, round
     bodies. seconds: its length."""
@@ -109,7 +114,7 @@ def sample_motion(rng: np.random.Generator, aspect: float, rolls: np.ndarray, se
     position, velocity = rng.uniform(0.1, 0.9, (count, 2)) * [aspect, 1.0], rng.normal(0, 0.02, (count, 2))
     spin, release = rng.normal(0, 8, count) * (rng.random(count) < 0.8), np.zeros(count)
     floor = np.array([[-3.0, y := rng.uniform(0.75, 1.2)], [aspect + 3.0, y + rng.normal(0, 0.01)]])
-    segments: list[np.ndarray | list[np.ndarray]] = [floor]
+    segments = [floor]
     rolls = rolls & (rng.random() < 0.9)
     top = floor[0, 1]
     if kind in ("throw", "carried"):
@@ -123,7 +128,7 @@ def sample_motion(rng: np.random.Generator, aspect: float, rolls: np.ndarray, se
         if rng.random() < 0.5:
             release[:] = rng.uniform(0, 0.4) * seconds
         if rng.random() < 0.4:
-            segments = [[*floor, 0.0, 2.0]]
+            segments = [lowered(floor, 2.0)]
     elif kind == "drop":
         position[:, 1] = rng.uniform(-0.3, 0.4, count)
         release[:] = rng.uniform(0, 0.3, count) * seconds * (rng.random() < 0.6)
@@ -132,7 +137,7 @@ def sample_motion(rng: np.random.Generator, aspect: float, rolls: np.ndarray, se
         middle = np.array([aspect * rng.uniform(0.3, 0.7), rng.uniform(0.35, 0.75)])
         along = np.array([math.cos(tilt), math.sin(tilt)])
         ends = np.array([-rng.uniform(0.3, 1.2), rng.uniform(0.3, 1.2)])
-        segments = [[*floor, 0, 0.3], middle + ends[:, None] * along]
+        segments = [lowered(floor, 0.3), middle + ends[:, None] * along]
         normal = np.array([math.sin(tilt), -math.cos(tilt)])
         down = 1.0 if tilt > 0 else -1.0
         place = np.sort(rng.uniform(0.05, 0.6, count)) * np.ptp(ends)
@@ -155,7 +160,7 @@ def sample_motion(rng: np.random.Generator, aspect: float, rolls: np.ndarray, se
             velocity[:, 0] *= -1
     elif kind == "pucks":
         gravity = 0.0
-        segments = [[*floor, 0.0, 5.0]]
+        segments = [lowered(floor, 5.0)]
         aim = rng.uniform(0.25, 0.75, (count, 2)) * [aspect, 1.0]
         position = rng.uniform(-0.1, 1.1, (count, 2)) * [aspect, 1.0]
         velocity = (aim - position) * log_uniform(rng, 0.2, 3)

@@ -9,6 +9,7 @@ from torch import Tensor
 from pipeline.segmentation.inputs import network_input
 from pipeline.segmentation.network import BODY, MOVING, OTHER, VOTE_SCALE_PX, SegmentationNetwork
 
+HARD = 2.0  # added weight of such pixels
 PARTS = ("moving", "body", "other", "offset_px", "log_radius", "iou_moving", "iou_body", "iou_other")
 
 
@@ -37,11 +38,16 @@ def segmentation_loss(network: SegmentationNetwork, batch: dict[str, Tensor]) ->
         return (each * weight).sum() / weight.sum().clamp(min=1)
 
     everywhere = torch.ones_like(other)
-    parts = [entropy(MOVING, moving, known), entropy(BODY, body, visible), entropy(OTHER, other, everywhere)]
+    hard = 1 + HARD * other  # what moves and is no body counts more: it is rare, and the hardest to tell
+    parts = [
+        entropy(MOVING, moving, known * hard),
+        entropy(BODY, body, visible * hard),
+        entropy(OTHER, other, 1 + HARD * (other + moving)),
+    ]
     probability = torch.sigmoid(logits)
     area = 4 * parts[0] + 2 * parts[1] + 2 * parts[2]
     area = area + dice(probability[:, MOVING], moving, known) + 0.5 * dice(probability[:, BODY], body, visible)
-    area = area + 0.3 * dice(probability[:, OTHER], other, everywhere)
+    area = area + 0.5 * dice(probability[:, OTHER], other, everywhere)
     weight = batch["weight"] / (batch["weight"].sum() + 1e-6)
     offset = ((votes[:, :2] - batch["offset"]).abs().sum(1) * weight).sum()
     radius = ((votes[:, 2] - batch["log_radius"]).abs() * weight).sum()

@@ -54,11 +54,16 @@ def tone_table(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 def sample_window(
     rng: np.random.Generator, clip: TrainingClip, t: int, size: tuple[int, int], zoom: float
 ) -> tuple[int, int, int, int]:
-    """(left, top, width, height) of a window that is zoomed to `size` (width, height) px; most are near a body."""
+    """(left, top, width, height) of a window that is zoomed to `size` (width, height) px; most are near a body, or near
+    what moves and is none."""
     height, width = clip.mask.shape[1:]
     w, h = min(round(size[0] / zoom / 2) * 2, width), min(round(size[1] / zoom / 2) * 2, height)
     left, top = int(rng.integers(0, width - w + 1)), int(rng.integers(0, height - h + 1))
     near = [c for c in clip.centre[t] if 0 < c[0] < width and 0 < c[1] < height]
+    rows, cols = np.nonzero(clip.other[t])
+    if len(rows) and rng.random() < 0.4:
+        pick = int(rng.integers(len(rows)))
+        near = [np.array([cols[pick], rows[pick]])]
     if near and rng.random() < 0.75:
         centre = near[int(rng.integers(len(near)))]
         left = int(np.clip(centre[0] - rng.uniform(0.15, 0.85) * w, 0, width - w))

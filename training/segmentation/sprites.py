@@ -74,7 +74,7 @@ def sample_sprite(rng: np.random.Generator, unit: float, behind: np.ndarray) -> 
     soft = 1.0 / unit
     radius = np.hypot(x, y)
     kind = rng.choice(
-        ["ball", "disc", "ring", "box", "cart", "polygon", "blob"], p=[0.3, 0.22, 0.06, 0.18, 0.1, 0.08, 0.06]
+        ["ball", "disc", "ring", "box", "cart", "polygon", "blob"], p=[0.28, 0.2, 0.06, 0.18, 0.14, 0.08, 0.06]
     )
     shading, reach = np.ones((size, size), np.float32), 1.0
     if kind in ("ball", "disc", "ring"):
@@ -82,17 +82,25 @@ def sample_sprite(rng: np.random.Generator, unit: float, behind: np.ndarray) -> 
         if kind == "ring":
             away = np.maximum(away, rng.uniform(0.3, 0.85) - radius)
     elif kind in ("box", "cart"):
-        aspect = log_uniform(rng, 0.6, 2.3)
+        aspect = log_uniform(rng, 0.6, 2.4)
         away = np.maximum(np.abs(x) - aspect, np.abs(y) - 1)
         reach = math.hypot(aspect, 1)
+        picture = picture.copy()
         if kind == "cart":  # wheels and a load
-            body = np.maximum(np.abs(x) - aspect, np.abs(y + 0.2) - rng.uniform(0.3, 0.75))
+            chassis = np.maximum(np.abs(x) - aspect, np.abs(y + 0.2) - rng.uniform(0.3, 0.75))
             wheels = np.minimum(np.hypot(x - 0.6 * aspect, y - 0.6), np.hypot(x + 0.6 * aspect, y - 0.6)) - 0.4
             load = np.maximum(np.abs(x - rng.uniform(-0.5, 0.5)) - 0.3 * aspect, np.abs(y + 0.6) - 0.4)
-            picture = picture.copy()
             picture[wheels < 0] = sample_colour(rng)
             picture[load < 0] = sample_colour(rng)
-            away = np.minimum(np.minimum(body, wheels), load)
+            away = np.minimum(np.minimum(chassis, wheels), load)
+        if rng.random() < 0.35:  # clear or pale between its ends, or inside a frame
+            inner = np.abs(x) - aspect * rng.uniform(0.5, 0.9)
+            if rng.random() < 0.4:
+                inner = np.maximum(inner, np.abs(y) - rng.uniform(0.5, 0.85))
+            clear = np.clip(behind * rng.uniform(0.85, 1.15) + rng.normal(0, 0.03, 3), 0, 1)
+            picture[inner < 0] = rng.uniform(0.6, 1.0) * clear + 0.2 * picture[inner < 0]
+            if rng.random() < 0.5:  # with rails along it
+                picture[(inner < 0) & (np.abs(np.abs(y) - rng.uniform(0.2, 0.8)) < 0.08)] = sample_colour(rng)
         visible = True
     else:
         angle = np.arctan2(y, x)
