@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-REACH = 1.5  # working px: radius of the filter's windows
+REACH = 2.0  # working px: radius of the filter's windows
 SMOOTHNESS = 1e-4  # of colours in [0, 1], squared
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from pipeline.segmentation.inputs import ClipFeatures
 
 RESTS, MOVES, UNSURE, UNSEEN = 0, 1, 2, 3
+OTHER, BODY_SHADOW = 1, 2  # what moves and is no body: a hand, cloth or a mirror image; a shadow, where it is known
 MOVES_PX, MOVES_DEG = 2.0, 15.0  # in a picture 240 px wide: from here on a body moves
 UNSURE_PX, UNSURE_DEG = 0.6, 3.0  # below, it rests
 FAINT = 5.0  # of 255: a body whose colour differs less from what is around it, in most frames, is not seen
@@ -19,7 +20,7 @@ FAINT = 5.0  # of 255: a body whose colour differs less from what is around it, 
 @dataclass(frozen=True)
 class DrawnClip:
     """What a clip shows before a camera records it. frames: (T, H, W, 3) float32, 0 to 255. mask: (T, H, W) uint8, 0
-    or the body's id. other: (T, H, W) bool, shows a hand, cloth or a mirror image. centre: (T, N, 2) px, projected.
+    or the body's id. other: (T, H, W), 0, OTHER or BODY_SHADOW. centre: (T, N, 2) px, projected.
     radius: (T, N) px. state: (N,) RESTS, MOVES, UNSURE (between the two) or UNSEEN (too faint)."""
 
     frames: np.ndarray

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from training.segmentation.backgrounds import log_uniform, sample_background, sample_colour, tiles
-from training.segmentation.clip import DrawnClip, state_of
+from training.segmentation.clip import BODY_SHADOW, OTHER, DrawnClip, state_of
 from training.segmentation.flat_motion import STEPS_PER_SECOND, FlatMotion, sample_motion
 from training.segmentation.hands import (
     draw_cloth,
@@ -24,6 +24,7 @@ from training.segmentation.hands import (
 from training.segmentation.sprites import Sprite, placed, sample_sprite
 
 TWICE = 2
+SHADOW = 0.12  # of the light: from here on a shadow is labelled
 
 
 def sample_times(rng: np.random.Generator) -> tuple[int, float]:
@@ -71,6 +72,8 @@ def shadow_offsets(rng: np.random.Generator, kind: str) -> list[tuple[np.ndarray
         way, far = rng.uniform(0, 2 * math.pi), log_uniform(rng, 0.1, 4.0)
         if kind in ("pucks", "level", "incline") and rng.random() < 0.7:
             far *= 0.2
+        elif rng.random() < 0.5:  # on a wall close behind
+            far = rng.uniform(1.0, 5.0)
         offset = far * np.array([math.cos(way), math.sin(way)])
         out.append((offset, log_uniform(rng, 0.02, 0.6), float(rng.uniform(0.1, 0.75)), float(rng.uniform(0.5, 1.0))))
     return out
@@ -82,7 +85,9 @@ def layer_over(frame: np.ndarray, layer: np.ndarray, where: tuple[slice, slice])
     frame[where] += alpha * (layer[..., :3] - frame[where])
 
 
-def _darken(frame: np.ndarray, sprite: Sprite, centre: np.ndarray, radius: float, angle: float, shadows: list) -> None:
+def _darken(
+    frame: np.ndarray, dark: np.ndarray, sprite: Sprite, centre: np.ndarray, radius: float, angle: float, shadows: list
+) -> None:
     height, width = frame.shape[:2]
     for offset, soft, depth, _ in shadows:
         found = placed(sprite, centre + offset * radius, radius * 1.02, angle, width, height, (0.0, 0.0))
@@ -91,6 +96,7 @@ def _darken(frame: np.ndarray, sprite: Sprite, centre: np.ndarray, radius: float
         layer, where = found
         alpha = cv2.GaussianBlur(np.ascontiguousarray(layer[..., 3]), (0, 0), max(soft * radius, 0.4))
         frame[where] *= 1 - depth * alpha[..., None]
+        dark[where] |= depth * alpha > SHADOW
 
 
 def _mirrored(
@@ -173,10 +179,11 @@ def draw_flat_clip(rng: np.random.Generator, width: int, height: int) -> DrawnCl
     readout = float(rng.uniform(0, 1)) * (rng.random() < 0.3)
     frames = np.empty((count, height, width, 3), np.float32)
     mask = np.zeros((count, height, width), np.uint8)
-    other = np.zeros((count, height, width), bool)
+    other = np.zeros((count, height, width), np.uint8)
     for t in range(count):
         owner = np.zeros((big_h, big_w), np.uint8)
         moved = np.zeros((big_h, big_w), bool)
+        dark = np.zeros((big_h, big_w), bool)
         frame = picture if passing is None else picture * passing[t]
         total = np.zeros((big_h, big_w, 3), np.float32)
         hands = [(draw_hand(hand, t, big_w, big_h), over) for hand, over in movers]
@@ -184,7 +191,7 @@ def draw_flat_clip(rng: np.random.Generator, width: int, height: int) -> DrawnCl
             now = frame.copy()
             position, angles = state_at(begin[t] + exposed * (part + 0.5) / sharp)
             for i, sprite in enumerate(sprites):
-                _darken(now, sprite, position[i], radius[i], angles[i], shadows)
+                _darken(now, dark, sprite, position[i], radius[i], angles[i], shadows)
             if mirror is not None:
                 for i, sprite in enumerate(sprites):
                     _mirrored(now, moved, sprite, position[i], radius[i], angles[i], mirror, strength, soft)
@@ -219,9 +226,12 @@ def draw_flat_clip(rng: np.random.Generator, width: int, height: int) -> DrawnCl
             owner[covered] = 0
             moved = moved & ~covered if layer is front else moved | covered
         moved[owner > 0] = False
+        dark[(owner > 0) | moved] = False
         frames[t] = 255 * cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
         mask[t] = _halved(owner, bodies)
-        other[t] = cv2.resize(moved.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0.5
+        for label, where in ((BODY_SHADOW, dark), (OTHER, moved)):
+            other[t][cv2.resize(where.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0.5] = label
+        other[t][mask[t] > 0] = 0
     seen = np.stack([(mask == i + 1).sum((1, 2)) for i in range(bodies)], 1)
     if not ((moves == 1) & ((seen >= 4).sum(0) >= 3)).any():
         return None

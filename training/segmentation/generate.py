@@ -51,8 +51,8 @@ def make_clip(seed: int, index: int, kind: str | None = None) -> TrainingClip:
     frames = recorded(rng, frames[order])
     mask, other = mask[order], other[order]
     if rng.random() < 0.12:
-        pictures = letterboxed(rng, [frames, mask, other.astype(np.uint8)], float(rng.uniform(0.25, 0.75)))
-        frames, mask, other = pictures[0], pictures[1], pictures[2] > 0
+        pictures = letterboxed(rng, [frames, mask, other], float(rng.uniform(0.25, 0.75)))
+        frames, mask, other = pictures
     frames = steady_exposure(frames)
     state = np.where(faint(frames, mask, len(drawn.state)), UNSEEN, drawn.state).astype(np.uint8)
     features = clip_features(frames)
@@ -69,6 +69,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--stride", type=int, default=1, help="make every n-th clip only, to share the work")
     parser.add_argument("--seed", type=int, default=77)
+    parser.add_argument("--kind", choices=KINDS, help="of all clips; by chance if it is not given")
     parser.add_argument("--minutes", type=float, default=1e9)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
@@ -79,7 +80,7 @@ def main() -> None:
         path = arguments.out / f"{index:06d}.npz"
         if path.exists():
             continue
-        save_clip(path, make_clip(arguments.seed, index))
+        save_clip(path, make_clip(arguments.seed, index, arguments.kind))
         made += 1
         spent = time.monotonic() - start
         if made % 20 == 0:

@@ -8,8 +8,10 @@ from torch import Tensor
 
 from pipeline.segmentation.inputs import network_input
 from pipeline.segmentation.network import BODY, MOVING, OTHER, VOTE_SCALE_PX, SegmentationNetwork
+from training.segmentation.clip import BODY_SHADOW
+from training.segmentation.clip import OTHER as OTHER_LABEL
 
-HARD = 2.0  # added weight of such pixels
+HARD = 2.0  # added weight of what moves and is no body: it is rare, and the hardest to tell
 PARTS = ("moving", "body", "other", "offset_px", "log_radius", "iou_moving", "iou_body", "iou_other")
 
 
@@ -37,12 +39,13 @@ def segmentation_loss(network: SegmentationNetwork, batch: dict[str, Tensor]) ->
         each = F.binary_cross_entropy_with_logits(logits[:, channel], target, reduction="none")
         return (each * weight).sum() / weight.sum().clamp(min=1)
 
-    everywhere = torch.ones_like(other)
-    hard = 1 + HARD * other  # what moves and is no body counts more: it is rare, and the hardest to tell
+    hard = 1 + HARD * (other > 0).float()
+    everywhere = (other != BODY_SHADOW).float()
+    other = (other == OTHER_LABEL).float()
     parts = [
         entropy(MOVING, moving, known * hard),
         entropy(BODY, body, visible * hard),
-        entropy(OTHER, other, 1 + HARD * (other + moving)),
+        entropy(OTHER, other, everywhere * (1 + HARD * (other + moving))),
     ]
     probability = torch.sigmoid(logits)
     area = 4 * parts[0] + 2 * parts[1] + 2 * parts[2]

@@ -20,9 +20,9 @@ LEAST_RADIUS_PX = 0.5
 @dataclass(frozen=True)
 class Sample:
     """Inputs as `network_input` takes them, without the batch: frame, background, low, high (3, h, w), flicker
-    (1, h, w), others (4, 3, h, w), flow (4, h / 2, w / 2). Targets: moving, body, other (h, w), 0 or 1; known (h, w),
-    0 where `moving` does not count; visible (h, w), 0 where `body` does not; offset (2, h / 2, w / 2) in VOTE_SCALE_PX,
-    log_radius and weight (h / 2, w / 2)."""
+    (1, h, w), others (4, 3, h, w), flow (4, h / 2, w / 2). Targets: moving, body (h, w), 0 or 1; other (h, w), as
+    `clip` labels it; known (h, w), 0 where `moving` does not count; visible (h, w), 0 where `body` does not; offset
+    (2, h / 2, w / 2) in VOTE_SCALE_PX, log_radius and weight (h / 2, w / 2)."""
 
     frame: np.ndarray
     background: np.ndarray
@@ -60,7 +60,7 @@ def sample_window(
     w, h = min(round(size[0] / zoom / 2) * 2, width), min(round(size[1] / zoom / 2) * 2, height)
     left, top = int(rng.integers(0, width - w + 1)), int(rng.integers(0, height - h + 1))
     near = [c for c in clip.centre[t] if 0 < c[0] < width and 0 < c[1] < height]
-    rows, cols = np.nonzero(clip.other[t])
+    rows, cols = np.nonzero(clip.other[t] > 0)
     if len(rows) and rng.random() < 0.4:
         pick = int(rng.integers(len(rows)))
         near = [np.array([cols[pick], rows[pick]])]

@@ -17,7 +17,7 @@ from pipeline.vision.mujoco_render import render_mujoco
 from pipeline.vision.rasteriser import rasterise
 from pipeline.vision.shade import shade
 from training.segmentation.backgrounds import log_uniform, sample_background
-from training.segmentation.clip import DrawnClip, state_of
+from training.segmentation.clip import OTHER, DrawnClip, state_of
 from training.segmentation.flat_clip import layer_over, sample_times
 from training.segmentation.hands import draw_cloth, draw_hand, sample_cloth, sample_hand, sample_passing_shadow
 from training.segmentation.solid_looks import sample_looks
@@ -117,7 +117,7 @@ def draw_solid_clip(rng: np.random.Generator, width: int, height: int, mujoco: b
             blurred = poses_at(trace, steps + k * rng.uniform(0.2, 0.95) * interval * STEPS_PER_SECOND)
             frames += render(scene, *blurred, camera, look, width, height, mujoco, shadows)
         frames /= 3
-    other = np.zeros(mask.shape, bool)
+    other = np.zeros(mask.shape, np.uint8)
     if pictured:
         empty = mask == 0
         brightest = np.percentile(frames[0][empty[0]], 90) if empty[0].any() else 255.0
@@ -128,7 +128,7 @@ def draw_solid_clip(rng: np.random.Generator, width: int, height: int, mujoco: b
             frames[t] *= 1 + soft * (picture - 1)
     if rng.random() < 0.25:
         ground = np.isfinite(full.depth)
-        other |= mirror_image(rng, scene, position, quaternion, camera, look, frames, mask, ground)
+        other[mirror_image(rng, scene, position, quaternion, camera, look, frames, mask, ground)] = OTHER
     frames = np.clip(frames, 0, 255)
     times = np.linspace(0, 1, count)
     if rng.random() < 0.08:
@@ -163,4 +163,4 @@ def _add_intruders(
             layer_over(frames[t], layer, (slice(None), slice(None)))
             covered = layer[..., 3] > 0.5
             mask[t][covered] = 0
-            other[t][covered] = True
+            other[t][covered] = OTHER

@@ -68,7 +68,7 @@ def sample_sprite(rng: np.random.Generator, unit: float, behind: np.ndarray) -> 
     half = math.ceil(max(2.6 * unit, 4)) + 2
     size = 2 * half
     picture, visible = surface(rng, size)
-    if rng.random() < 0.12:
+    if rng.random() < 0.18:
         picture = np.clip(picture * 0.3 + 0.7 * behind * rng.uniform(0.75, 1.25), 0, 1)
     y, x = (np.mgrid[:size, :size].astype(np.float32) + 0.5 - half) / unit
     soft = 1.0 / unit
