@@ -13,10 +13,12 @@ from pipeline.segmentation.inference import Prediction, predict, steadied
 from pipeline.segmentation.inputs import clip_features, steady_exposure
 from pipeline.segmentation.joining import joined
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
+from pipeline.segmentation.resting import with_rests
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge
 
 WORK_PX = 240 * 160  # of the picture that the network sees
+TWICE = True  # the network is asked about the mirrored clip too
 LEAST_SCORE = 0.5
 LEAST_PART = 0.2  # of a body's largest connected part: smaller ones are flecks
 MOST_BODIES = 255
@@ -57,9 +59,9 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     """Tracks of whatever may be a moving body in frames (T, H, W, 3) uint8."""
     size = working_size(frames.shape[2], frames.shape[1])
     small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
-    prediction = predict(network, small, clip_features(small))
+    prediction = predict(network, small, clip_features(small), TWICE)
     probability = steadied(prediction.moving, small)
-    tracks = joined(follow(prediction, probability, small))
+    tracks = joined(follow(prediction, probability, small), probability)
     figures = [track_figures(t, prediction) for t in tracks]
     return Candidates(small, prediction, probability, tracks, np.array(figures).reshape(len(tracks), len(FIGURES)))
 
@@ -82,7 +84,7 @@ def find_bodies(
     scores = np.array([score(f, regression) for f in found.figures])
     kept = [i for i in np.argsort(-scores)[:MOST_BODIES] if scores[i] >= least_score]
     kept.sort(key=lambda i: (found.tracks[i].first, -len(found.tracks[i].pieces[found.tracks[i].first].pixels)))
-    tracks = [found.tracks[i] for i in kept]
+    tracks = [with_rests(found.tracks[i], found.frames) for i in kept]
     scale = np.array([frames.shape[2] / found.frames.shape[2], frames.shape[1] / found.frames.shape[1]])
     centres = np.full((len(frames), len(tracks), 2), np.nan)
     for k, track in enumerate(tracks):

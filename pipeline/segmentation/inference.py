@@ -31,9 +31,37 @@ class Prediction:
     radius: np.ndarray
 
 
+def predict(
+    network: SegmentationNetwork, frames: np.ndarray, features: ClipFeatures, twice: bool = False
+) -> Prediction:
+    """The answers for a clip (T, H, W, 3) uint8, H and W multiples of `network.STRIDE`, and its features.
+
+    twice: the mean with the answers for the mirrored clip.
+    """
+    one = _answers(network, frames, features)
+    if not twice:
+        return one
+    other = _answers(network, np.ascontiguousarray(frames[:, :, ::-1]), mirrored(features))
+    vote = other.vote[:, :, ::-1]
+    vote = np.stack([frames.shape[2] - vote[..., 0], vote[..., 1]], -1)
+    return Prediction(
+        *(0.5 * (getattr(one, k) + getattr(other, k)[:, :, ::-1]) for k in ("moving", "body", "other")),
+        0.5 * (one.vote + vote),
+        np.sqrt(one.radius * other.radius[:, :, ::-1]),
+    )
+
+
+def mirrored(features: ClipFeatures) -> ClipFeatures:
+    """The features of the clip with left and right exchanged."""
+    still = (
+        np.ascontiguousarray(p[:, ::-1]) for p in (features.background, features.low, features.high, features.flicker)
+    )
+    turn = np.array([-1, 1], np.float16)
+    return ClipFeatures(*still, features.forward[:, :, ::-1] * turn, features.backward[:, :, ::-1] * turn)
+
+
 @torch.inference_mode()
-def predict(network: SegmentationNetwork, frames: np.ndarray, features: ClipFeatures) -> Prediction:
-    """The answers for a clip (T, H, W, 3) uint8, H and W multiples of `network.STRIDE`, and its features."""
+def _answers(network: SegmentationNetwork, frames: np.ndarray, features: ClipFeatures) -> Prediction:
     count, height, width = frames.shape[:3]
     pictures = torch.from_numpy(frames).permute(0, 3, 1, 2)
     background, low, high = (_picture(p) for p in (features.background, features.low, features.high))

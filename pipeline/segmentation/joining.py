@@ -1,4 +1,4 @@
-"""Joins of tracks: one that goes on where another ended, and two that stay together."""
+"""Joins of tracks: one that goes on where another ended, two that stay together, two ends of one rigid body."""
 
 from __future__ import annotations
 
@@ -12,11 +12,15 @@ END_FRAMES = 5  # that give a track's velocity at an end
 MOST_APART, MOST_COST = 1.6, 3.0  # in radii; with colour and size
 NEAR_COLOUR, NEAR_SIZE = 0.2, 0.6  # differences of colour in [0, 1] and of log radius that cost 1
 TOGETHER = 0.6  # radii
+LEAST_COMMON = 5  # frames in which two ends of a rigid body are seen together
+STIFF = 0.1, 0.7  # most deviation of the vector between the ends: share of their radii, and px
+LEAST_BRIDGE = 0.15  # mean probability, of a moving body, between the ends
 
 
-def joined(tracks: list[Track]) -> list[Track]:
-    """The tracks with those of one body made one."""
-    return _together(_continued([t for t in tracks if len(t.pieces) >= SHORTEST]))
+def joined(tracks: list[Track], probability: np.ndarray) -> list[Track]:
+    """The tracks with those of one body made one. probability: (T, H, W) that a pixel shows a moving body."""
+    whole = _together(_continued([t for t in tracks if len(t.pieces) >= SHORTEST]))
+    return _together(_continued(_stiff(whole, probability)))
 
 
 def _end(track: Track, late: bool) -> tuple[int, np.ndarray, np.ndarray]:
@@ -95,3 +99,53 @@ def _stay_together(large: Track, small: Track) -> bool:
         for t in both
     ]
     return bool(np.mean(close) > 0.6)
+
+
+def _stiff(tracks: list[Track], probability: np.ndarray) -> list[Track]:
+    """The tracks, of which two that move as the ends of one stiff body are joined."""
+    tracks = sorted(tracks, key=lambda k: -sum(len(p.pixels) for p in k.pieces.values()))
+    out: list[Track] = []
+    for track in tracks:
+        offset, host = None, None
+        for other in out:
+            offset = stiff_offset(other, track, probability)
+            if offset is not None:
+                host = other
+                break
+        if host is None or offset is None:
+            out.append(track)
+            continue
+        for t, piece in track.pieces.items():
+            whole = host.pieces.get(t)
+            if whole is None:
+                host.pieces[t] = Piece(piece.pixels, piece.centre - offset, piece.radius, piece.colour)
+            else:
+                host.pieces[t] = Piece(np.union1d(whole.pixels, piece.pixels), whole.centre, whole.radius, whole.colour)
+    return out
+
+
+def stiff_offset(one: Track, other: Track, probability: np.ndarray) -> np.ndarray | None:
+    """The vector (2,) px from one track to the other if they are the ends of one stiff body, else None.
+
+    So they are where the vector between their centres stays the same while both move by more than its length or four
+    radii, and what is between them is not empty. Two bodies that fall side by side have nothing between them.
+    """
+    common = sorted(set(one.pieces) & set(other.pieces))
+    if len(common) < max(LEAST_COMMON, 0.5 * min(len(one.pieces), len(other.pieces))):
+        return None
+    first = np.array([one.pieces[t].centre for t in common])
+    vectors = np.array([other.pieces[t].centre for t in common]) - first
+    offset = np.median(vectors, axis=0)
+    radii = typical_radius(one) + typical_radius(other)
+    travel = np.linalg.norm(first - first[0], axis=1).max()
+    deviation = np.median(np.linalg.norm(vectors - offset, axis=1))
+    length = float(np.linalg.norm(offset))
+    if deviation > STIFF[0] * radii + STIFF[1] or travel < min(length, 2 * radii) or length > 5 * radii:
+        return None
+    height, width = probability.shape[1:]
+    along = np.linspace(0.2, 0.8, 13)[:, None]
+    bridge = []
+    for t in common:
+        col, row = (one.pieces[t].centre + along * offset).astype(int).T
+        bridge.append(probability[t, np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)].mean())
+    return offset if np.mean(bridge) > LEAST_BRIDGE else None

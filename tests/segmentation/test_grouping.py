@@ -7,6 +7,7 @@ from pipeline.segmentation.bodies import draw_masks
 from pipeline.segmentation.grouping import follow
 from pipeline.segmentation.inference import Prediction, steadied
 from pipeline.segmentation.joining import joined
+from pipeline.segmentation.resting import with_rests
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge, guided_filter
 
@@ -40,7 +41,7 @@ def line(start, stop, count=12):
 
 
 def tracks_of(frames, prediction):
-    return joined(follow(prediction, prediction.moving, frames))
+    return joined(follow(prediction, prediction.moving, frames), prediction.moving)
 
 
 def test_each_disc_becomes_one_track_with_its_own_pixels():
@@ -132,3 +133,34 @@ def test_steadied_leaves_a_still_clip_its_mean():
     probability = np.random.default_rng(0).random((4, 6, 8)).astype(np.float32)
     mean = probability.mean(0)
     np.testing.assert_allclose(steadied(probability, frames), 0.5 * probability + 0.5 * mean, atol=1e-5)
+
+
+def test_a_body_that_stops_and_is_lost_is_kept_while_it_looks_the_same():
+    path = np.concatenate([line((20, 30), (70, 30), 8), np.repeat([[70.0, 30.0]], 10, 0)])
+    frames, prediction, mask = answers([path])
+    prediction.moving[12:] = 0
+    (track,) = tracks_of(frames, prediction)
+    assert max(track.pieces) == 11
+    whole = with_rests(track, frames)
+    assert sorted(whole.pieces) == list(range(18))
+    np.testing.assert_array_equal(np.sort(whole.pieces[17].pixels), np.flatnonzero(mask[17]))
+    gone = frames.copy()
+    gone[15:] = 120
+    assert max(with_rests(track, gone).pieces) == 14
+
+
+def test_a_body_that_leaves_while_it_moves_is_not_prolonged():
+    frames, prediction, _ = answers([line((20, 30), (100, 30))])
+    prediction.moving[8:] = 0
+    (track,) = tracks_of(frames, prediction)
+    assert max(with_rests(track, frames).pieces) == 7
+
+
+def test_the_ends_of_one_stiff_body_are_joined_and_two_bodies_side_by_side_are_not():
+    frames, prediction, _ = answers([line((10, 10), (60, 60)), line((50, 10), (100, 60))], radius=6)
+    assert len(tracks_of(frames, prediction)) == 2
+    for t in range(len(frames)):
+        row = int(10 + 50 * t / 11)
+        left = int(10 + 50 * t / 11)
+        prediction.moving[t, row - 2 : row + 3, left + 6 : left + 35] = 0.35
+    assert len(tracks_of(frames, prediction)) == 1
