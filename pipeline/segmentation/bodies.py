@@ -19,7 +19,7 @@ from pipeline.segmentation.upsampling import enlarge
 
 WORK_PX = 240 * 160  # of the picture that the network sees
 TWICE = True  # the network is asked about the mirrored clip too
-LEAST_SCORE = 0.5
+LEAST_SCORE = 0.4
 LEVEL = 0.38  # of a soft mask, at a body's edge: 0.5 draws bodies 6 % (rendered clips) to 14 % (real ones) too small
 LEAST_PART = 0.2  # of a body's largest connected part: smaller ones are flecks
 MOST_BODIES = 255
