@@ -1,13 +1,17 @@
 """Laws of the segmentation network and its inputs."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 
 from pipeline.errors import ModelError
 from pipeline.segmentation.bodies import find_bodies, working_size
+from pipeline.segmentation.inference import mirrored, predict
 from pipeline.segmentation.inputs import FULL_CHANNELS, HALF_CHANNELS, clip_features, steady_exposure
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork, load_network, save_network
+from pipeline.segmentation.track_score import FIGURES
 
 SMALL = (8, 8, 8, 8)
 
@@ -111,3 +115,19 @@ def test_frames_of_another_form_are_refused():
         find_bodies(np.zeros((5, 32, 32, 3)), 30.0, random_network())
     with pytest.raises(ValueError, match="2 or more"):
         find_bodies(np.zeros((1, 32, 32, 3), np.uint8), 30.0, random_network())
+
+
+def test_the_shipped_weights_are_read_and_small():
+    folder = Path(__file__).resolve().parents[2] / "models" / "masks"
+    assert (folder / "model.safetensors").stat().st_size < 10_000_000
+    network = load_network(folder)
+    assert set(network.config["regression"]) == {"constant", *FIGURES}
+
+
+def test_the_mirrored_clip_has_mirrored_answers():
+    frames = random_clip(np.random.default_rng(5), 4)
+    network, features = random_network(), clip_features(frames)
+    one = predict(network, frames, features, twice=True)
+    other = predict(network, np.ascontiguousarray(frames[:, :, ::-1]), mirrored(features), twice=True)
+    np.testing.assert_allclose(one.moving, other.moving[:, :, ::-1], atol=1e-5)
+    np.testing.assert_allclose(one.vote[..., 0], frames.shape[2] - other.vote[:, :, ::-1, 0], atol=1e-3)
