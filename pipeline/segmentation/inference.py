@@ -44,20 +44,34 @@ def predict(
     other = _answers(network, np.ascontiguousarray(frames[:, :, ::-1]), mirrored(features))
     vote = other.vote[:, :, ::-1]
     vote = np.stack([frames.shape[2] - vote[..., 0], vote[..., 1]], -1)
+
+    def mean(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.asarray(0.5 * (a + b[:, :, ::-1]))
+
     return Prediction(
-        *(0.5 * (getattr(one, k) + getattr(other, k)[:, :, ::-1]) for k in ("moving", "body", "other")),
-        0.5 * (one.vote + vote),
-        np.sqrt(one.radius * other.radius[:, :, ::-1]),
+        moving=mean(one.moving, other.moving),
+        body=mean(one.body, other.body),
+        other=mean(one.other, other.other),
+        vote=0.5 * (one.vote + vote),
+        radius=np.sqrt(one.radius * other.radius[:, :, ::-1]),
     )
 
 
 def mirrored(features: ClipFeatures) -> ClipFeatures:
     """The features of the clip with left and right exchanged."""
-    still = (
-        np.ascontiguousarray(p[:, ::-1]) for p in (features.background, features.low, features.high, features.flicker)
-    )
+
+    def flipped(picture: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(picture[:, ::-1])
+
     turn = np.array([-1, 1], np.float16)
-    return ClipFeatures(*still, features.forward[:, :, ::-1] * turn, features.backward[:, :, ::-1] * turn)
+    return ClipFeatures(
+        background=flipped(features.background),
+        low=flipped(features.low),
+        high=flipped(features.high),
+        flicker=flipped(features.flicker),
+        forward=features.forward[:, :, ::-1] * turn,
+        backward=features.backward[:, :, ::-1] * turn,
+    )
 
 
 @torch.inference_mode()

@@ -229,8 +229,8 @@ def draw_flat_clip(rng: np.random.Generator, width: int, height: int) -> DrawnCl
         dark[(owner > 0) | moved] = False
         frames[t] = 255 * cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
         mask[t] = _halved(owner, bodies)
-        for label, where in ((BODY_SHADOW, dark), (OTHER, moved)):
-            other[t][cv2.resize(where.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0.5] = label
+        for label, shown in ((BODY_SHADOW, dark), (OTHER, moved)):
+            other[t][cv2.resize(shown.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0.5] = label
         other[t][mask[t] > 0] = 0
     seen = np.stack([(mask == i + 1).sum((1, 2)) for i in range(bodies)], 1)
     if not ((moves == 1) & ((seen >= 4).sum(0) >= 3)).any():
