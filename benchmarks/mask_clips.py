@@ -1,0 +1,137 @@
+"""Clips with true masks for the benchmark of masks: another engine's, fresh ones by MuJoCo, real ones with outlines."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pipeline.clips.schedule import Schedule
+from pipeline.physics.simulate import simulate
+from pipeline.shards.clip_rng import clip_rng
+from pipeline.vision.appearance import apply_sensor, sample_appearance, sample_sensor
+from pipeline.vision.camera import pinhole, project
+from pipeline.vision.rasteriser import rasterise
+from pipeline.vision.render import render_rgb
+from pipeline.vision.video import Decoder, read_clip
+from stages.params import PARAMS_FILE, Params
+from stages.params_file import read_params_file
+from training.drawn_scenes import drawn_scenes
+
+SIZE = (480, 320)
+OBJECTS = {1: 1.0, 2: 1.0, 3: 1.0, 4: 1.0}
+MOVES_PX, MOVES_DEG = 4.0, 15.0  # at a width of 480 px: from here on a body moves
+MOST_FRAMES = 60  # of a real clip
+OUTLINES = Path(__file__).parent / "outlines"
+
+
+@dataclass(frozen=True)
+class MaskClip:
+    """frames: (T, H, W, 3) uint8. masks: (F, H, W) uint8, the true ids, of the frames `labelled` (F,). moving: ids of
+    the bodies that move; the others may be found or not."""
+
+    name: str
+    frames: np.ndarray
+    fps: float
+    masks: np.ndarray
+    labelled: np.ndarray
+    moving: tuple[int, ...]
+
+
+def data_folder() -> Path:
+    """The folder of data that the project does not ship: DYNAMICS_DATA, else `shared/data` beside the repository."""
+    return Path(os.environ.get("DYNAMICS_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+
+
+def moving_ids(centre: np.ndarray, quaternion: np.ndarray, width: int, masks: np.ndarray) -> tuple[int, ...]:
+    """Ids of the bodies, seen at some time, that shift or turn. centre: (T, N, 2) px, quaternion: (T, N, 4) wxyz."""
+    out = []
+    for i in range(centre.shape[1]):
+        shift = np.linalg.norm(centre[:, i] - centre[:1, i], axis=-1).max() * 480 / width
+        turn = Rotation.from_quat(quaternion[:, i], scalar_first=True)
+        angle = np.degrees((turn * turn[0].inv()).magnitude()).max()
+        if (shift > MOVES_PX or angle > MOVES_DEG) and (masks == i + 1).any():
+            out.append(i + 1)
+    return tuple(out)
+
+
+def another_engine(folder: Path) -> Iterator[MaskClip]:
+    """The clips of `cross_engine`, at 480x320."""
+    for place in sorted(folder.glob("clip_*")):
+        truth = json.loads((place / "truth.json").read_text())
+        masks = np.load(place / "masks.npz")["masks"]
+        frames = read_clip(place / "video.mp4", size=SIZE).frames
+        masks = np.stack([cv2.resize(m, SIZE, interpolation=cv2.INTER_NEAREST_EXACT) for m in masks])
+        objects = sorted(truth["objects"], key=lambda o: o["id"])
+        camera = truth["camera"]
+        position = np.stack([np.array(o["position"]) for o in objects], 1)
+        quaternion = np.stack([np.array(o["quat_wxyz"]) for o in objects], 1)
+        view = np.array(camera["world_to_cam_opencv"])
+        local = position @ view[:3, :3].T + view[:3, 3]
+        centre = local[..., :2] / local[..., 2:] * camera["fx"]
+        moving = moving_ids(centre, quaternion, truth["width"], masks)
+        yield MaskClip(place.name, frames, truth["fps"], masks, np.arange(len(frames)), moving)
+
+
+def sampled_by_mujoco(seed: int, count: int) -> Iterator[MaskClip]:
+    """Fresh clips of the project's own sampler, by MuJoCo's renderer, at 480x320."""
+    params = read_params_file(PARAMS_FILE, Params)
+    schedule = Schedule(**params.clip.model_dump())
+    for index in range(count):
+        (scene,) = drawn_scenes(params, seed, "masks", range(index, index + 1), OBJECTS)
+        trace = simulate(scene, schedule.seconds)
+        rng = clip_rng(seed, "masks", index, "appearance")
+        look = sample_appearance(rng, len(scene.objects))
+        at = schedule.frame_steps
+        position, quaternion = trace.position[at], trace.quaternion[at]
+        frames = render_rgb(scene, position, quaternion, look, *SIZE, "mujoco")
+        frames = apply_sensor(frames, sample_sensor(rng), rng)
+        assert scene.camera is not None
+        camera = pinhole(scene.camera)
+        masks = rasterise(scene.objects, position, quaternion, camera, *SIZE, scene.ground).mask
+        centre, _ = project(position, camera, *SIZE)
+        moving = moving_ids(centre, quaternion, SIZE[0], masks)
+        yield MaskClip(f"sampled_{index:03d}", frames, schedule.fps, masks, np.arange(len(frames)), moving)
+
+
+def outlined(folder: Path, videos: Path) -> Iterator[MaskClip]:
+    """Real clips with drawn outlines: `folder` has a JSON file of each, `{"clip": file, "frames": {"12": [{"object":
+    "ball", "polygon": [[x, y], ...]}]}, "stretch_frames": [10, 40]}`, px and frame numbers of the file in `videos`.
+
+    The clip is the stretch (where there is none, from the first frame that has an outline to the last), at most
+    MOST_FRAMES of its frames, evenly, at the area of SIZE.
+    """
+    for path in sorted(folder.glob("*.json")):
+        record = json.loads(path.read_text())
+        video = next((p for p in sorted(videos.glob("*")) if record["clip"] in (p.name, p.stem)), None)
+        if video is None:
+            continue
+        drawn = {int(k): v for k, v in record["frames"].items()}
+        wanted = np.array(sorted(drawn))
+        first, last = record.get("stretch_frames", (wanted[0], wanted[-1]))
+        first, last = min(first, wanted[0]), max(last, wanted[-1])
+        decoder = Decoder(video, 0.0, None)
+        pictures = [picture for k, (_, picture) in enumerate(decoder) if first <= k <= last]
+        fps = decoder.fps
+        decoder.close()
+        between = np.linspace(0, len(pictures) - 1, min(len(pictures), MOST_FRAMES)).round().astype(int)
+        kept = np.union1d(between, wanted - first)
+        names = sorted({o["object"] for objects in drawn.values() for o in objects})
+        height, width = pictures[0].shape[:2]
+        scale = min(1.0, (SIZE[0] * SIZE[1] / (width * height)) ** 0.5)
+        size = (round(width * scale), round(height * scale))
+        masks = np.zeros((len(wanted), size[1], size[0]), np.uint8)
+        for mask, k in zip(masks, wanted, strict=True):
+            for entry in drawn[int(k)]:
+                # Pixel centres have integer coordinates, in the polygons as in OpenCV.
+                points = np.round(((np.array(entry["polygon"]) + 0.5) * scale - 0.5) * 16).astype(np.int32)
+                cv2.fillPoly(mask, [points], names.index(entry["object"]) + 1, cv2.LINE_8, 4)
+        frames = np.stack([cv2.resize(pictures[k], size, interpolation=cv2.INTER_AREA) for k in kept])
+        labelled = np.searchsorted(kept, wanted - first)
+        yield MaskClip(video.stem, frames, fps, masks, labelled, tuple(range(1, len(names) + 1)))

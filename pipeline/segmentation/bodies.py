@@ -1,0 +1,132 @@
+"""The moving bodies of a clip, found by the network for masks: one call from frames to ids."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pipeline.segmentation.grouping import Track, follow
+from pipeline.segmentation.inference import Prediction, predict, steadied
+from pipeline.segmentation.inputs import clip_features, steady_exposure
+from pipeline.segmentation.joining import joined
+from pipeline.segmentation.network import STRIDE, SegmentationNetwork
+from pipeline.segmentation.resting import with_rests
+from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
+from pipeline.segmentation.upsampling import enlarge
+
+WORK_PX = 240 * 160  # of the picture that the network sees
+TWICE = True  # the network is asked about the mirrored clip too
+LEAST_SCORE = 0.4
+LEVEL = 0.38  # of a soft mask, at a body's edge: 0.5 draws bodies 6 % (rendered clips) to 14 % (real ones) too small
+LEAST_PART = 0.2  # of a body's largest connected part: smaller ones are flecks
+MOST_BODIES = 255
+
+
+@dataclass(frozen=True)
+class BodyTracks:
+    """The bodies that move in a clip, numbered from 1 by first appearance. masks: (T, H, W) uint8, 0 or the id, at the
+    clip's own size. scores: (N,) probability that each is a moving body. centres: (T, N, 2) px of the clip, the
+    projected centre, NaN where it is not seen. radii: (N,) px."""
+
+    masks: np.ndarray
+    scores: np.ndarray
+    centres: np.ndarray
+    radii: np.ndarray
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Tracks before any is dropped. frames: (T, h, w, 3) uint8, what the network saw. probability: (T, h, w), steadied.
+    figures: (N, F) of `track_score.FIGURES`."""
+
+    frames: np.ndarray
+    prediction: Prediction
+    probability: np.ndarray
+    tracks: list[Track]
+    figures: np.ndarray
+
+
+def working_size(width: int, height: int, pixels: int = WORK_PX) -> tuple[int, int]:
+    """Width and height, multiples of STRIDE, with the picture's shape and about so many pixels."""
+    scale = math.sqrt(pixels / (width * height))
+    w, h = (max(round(scale * side / STRIDE), 2) * STRIDE for side in (width, height))
+    return w, h
+
+
+def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candidates:
+    """Tracks of whatever may be a moving body in frames (T, H, W, 3) uint8."""
+    size = working_size(frames.shape[2], frames.shape[1])
+    small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
+    prediction = predict(network, small, clip_features(small), TWICE)
+    probability = steadied(prediction.moving, small)
+    tracks = joined(follow(prediction, probability, small), probability)
+    figures = [track_figures(t, prediction) for t in tracks]
+    return Candidates(small, prediction, probability, tracks, np.array(figures).reshape(len(tracks), len(FIGURES)))
+
+
+def find_bodies(
+    frames: np.ndarray, fps: float, network: SegmentationNetwork, least_score: float = LEAST_SCORE
+) -> BodyTracks:
+    """The bodies that move in a clip of a resting camera.
+
+    frames: (T, H, W, 3) uint8 RGB, T of 2 or more, H and W of any size. fps: frames a second (not used: the network is
+    told of no time base). network: of `load_network`. least_score: tracks below it are dropped.
+
+    A body that moves at some time is found in all frames, also while it rests. Hands, cloth, shadows and mirror images
+    are left out. Where nothing moves there are no ids.
+    """
+    if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8 or len(frames) < 2:
+        raise ValueError(f"frames are (T, H, W, 3) uint8 with T of 2 or more, not {frames.shape} {frames.dtype}")
+    found = find_candidates(frames, network)
+    regression = network.config.get("regression", PLAIN)
+    scores = np.array([score(f, regression) for f in found.figures])
+    kept = [i for i in np.argsort(-scores)[:MOST_BODIES] if scores[i] >= least_score]
+    kept.sort(key=lambda i: (found.tracks[i].first, -len(found.tracks[i].pieces[found.tracks[i].first].pixels)))
+    tracks = [with_rests(found.tracks[i], found.frames) for i in kept]
+    scale = np.array([frames.shape[2] / found.frames.shape[2], frames.shape[1] / found.frames.shape[1]])
+    centres = np.full((len(frames), len(tracks), 2), np.nan)
+    for k, track in enumerate(tracks):
+        for t, piece in track.pieces.items():
+            centres[t, k] = piece.centre * scale
+    radii = np.array([np.median([p.radius for p in k.pieces.values()]) for k in tracks]) * scale.mean()
+    return BodyTracks(draw_masks(tracks, found.probability, frames), scores[kept], centres, radii)
+
+
+def draw_masks(tracks: list[Track], probability: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """Ids (T, H, W) uint8 of the tracks, in their order from 1, at the size of frames (T, H, W, 3).
+
+    probability: (T, h, w) that a pixel shows a moving body, at the size of the tracks' pixels.
+    """
+    count, h, w = probability.shape
+    out = np.zeros(frames.shape[:3], np.uint8)
+    for t in range(count):
+        owner = np.zeros(h * w, np.uint8)
+        for k, track in enumerate(tracks, 1):
+            if t in track.pieces:
+                owner[track.pieces[t].pixels] = k
+        owner = owner.reshape(h, w)
+        best = np.full(frames.shape[1:3], LEVEL, np.float32)
+        for k, track in enumerate(tracks, 1):
+            if t not in track.pieces:
+                continue
+            own = _main_parts(owner == k)
+            near = cv2.dilate(own.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+            soft = np.where(own, np.maximum(probability[t], 0.5), np.where(near & (owner == 0), probability[t], 0.0))
+            large, window = enlarge(soft.astype(np.float32), frames[t])
+            better = large > best[window]
+            out[t][window][better] = k
+            best[window][better] = large[better]
+    return out
+
+
+def _main_parts(mask: np.ndarray) -> np.ndarray:
+    """A mask (h, w) bool without connected parts that are small beside its largest."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    if count <= 2:
+        return mask
+    kept = stats[:, cv2.CC_STAT_AREA] >= LEAST_PART * stats[1:, cv2.CC_STAT_AREA].max()
+    kept[0] = False
+    return np.asarray(kept[labels])

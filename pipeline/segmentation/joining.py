@@ -1,0 +1,151 @@
+"""Joins of tracks: one that goes on where another ended, two that stay together, two ends of one rigid body."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.segmentation.grouping import Piece, Track
+
+LONGEST_GAP = 10  # frames
+SHORTEST = 2  # frames; what is seen for less is noise
+END_FRAMES = 5  # that give a track's velocity at an end
+MOST_APART, MOST_COST = 1.6, 3.0  # in radii; with colour and size
+NEAR_COLOUR, NEAR_SIZE = 0.2, 0.6  # differences of colour in [0, 1] and of log radius that cost 1
+TOGETHER = 0.6  # radii
+LEAST_COMMON = 5  # frames in which two ends of a rigid body are seen together
+STIFF = 0.1, 0.7  # most deviation of the vector between the ends: share of their radii, and px
+LEAST_BRIDGE = 0.15  # mean probability, of a moving body, between the ends
+
+
+def joined(tracks: list[Track], probability: np.ndarray) -> list[Track]:
+    """The tracks with those of one body made one. probability: (T, H, W) that a pixel shows a moving body."""
+    whole = _together(_continued([t for t in tracks if len(t.pieces) >= SHORTEST]))
+    return _together(_continued(_stiff(whole, probability)))
+
+
+def _end(track: Track, late: bool) -> tuple[int, np.ndarray, np.ndarray]:
+    """Frame, centre (2,) px and velocity (2,) px a frame at a track's end or beginning."""
+    times = sorted(track.pieces)
+    times = times[-END_FRAMES:] if late else times[:END_FRAMES]
+    centres = np.array([track.pieces[t].centre for t in times])
+    velocity = np.polyfit(np.array(times, float), centres, 1)[0] if len(times) > 2 else np.zeros(2)
+    k = -1 if late else 0
+    return times[k], centres[k], velocity
+
+
+def typical_radius(track: Track) -> float:
+    return float(np.median([p.radius for p in track.pieces.values()]))
+
+
+def typical_colour(track: Track) -> np.ndarray:
+    return np.asarray(np.median([p.colour for p in track.pieces.values()], axis=0))
+
+
+def continuation_cost(before: Track, after: Track) -> float:
+    """What it costs to take two tracks for one body that was not seen in between; inf where it cannot be."""
+    end, last, leaving = _end(before, late=True)
+    start, first, coming = _end(after, late=False)
+    gap = start - end
+    if not 0 < gap <= LONGEST_GAP:
+        return np.inf
+    radii = typical_radius(before), typical_radius(after)
+    missed = min(np.linalg.norm(last + gap * leaving - first), np.linalg.norm(first - gap * coming - last))
+    apart = float(missed) / (max(radii) + 2)
+    if apart >= MOST_APART:
+        return np.inf
+    colour = np.abs(typical_colour(before) - typical_colour(after)).max() / NEAR_COLOUR
+    cost = apart + colour + abs(np.log(radii[0] / radii[1])) / NEAR_SIZE
+    return float(cost) if cost < MOST_COST else np.inf
+
+
+def _continued(tracks: list[Track]) -> list[Track]:
+    """The tracks, of which one that goes on where another ended is joined to it, the cheapest first."""
+    tracks = list(tracks)
+    while len(tracks) > 1:
+        cost = np.array([[continuation_cost(a, b) if a is not b else np.inf for b in tracks] for a in tracks])
+        i, j = np.unravel_index(int(np.argmin(cost)), cost.shape)
+        if not np.isfinite(cost[i, j]):
+            break
+        tracks[i].pieces.update(tracks[j].pieces)
+        del tracks[j]
+    return tracks
+
+
+def _together(tracks: list[Track]) -> list[Track]:
+    """The tracks, of which two whose centres stay together are one body in two pieces."""
+    tracks = sorted(tracks, key=lambda k: -sum(len(p.pixels) for p in k.pieces.values()))
+    out: list[Track] = []
+    for track in tracks:
+        host = next((k for k in out if _stay_together(k, track)), None)
+        if host is None:
+            out.append(track)
+            continue
+        for t, piece in track.pieces.items():
+            if t in host.pieces:
+                whole = host.pieces[t]
+                host.pieces[t] = Piece(np.union1d(whole.pixels, piece.pixels), whole.centre, whole.radius, whole.colour)
+            else:
+                host.pieces[t] = piece
+    return out
+
+
+def _stay_together(large: Track, small: Track) -> bool:
+    both = set(large.pieces) & set(small.pieces)
+    if len(both) < 0.5 * min(len(large.pieces), len(small.pieces)) or not both:
+        return False
+    close = [
+        np.linalg.norm(large.pieces[t].centre - small.pieces[t].centre)
+        < TOGETHER * max(large.pieces[t].radius, small.pieces[t].radius)
+        for t in both
+    ]
+    return bool(np.mean(close) > 0.6)
+
+
+def _stiff(tracks: list[Track], probability: np.ndarray) -> list[Track]:
+    """The tracks, of which two that move as the ends of one stiff body are joined."""
+    tracks = sorted(tracks, key=lambda k: -sum(len(p.pixels) for p in k.pieces.values()))
+    out: list[Track] = []
+    for track in tracks:
+        offset, host = None, None
+        for other in out:
+            offset = stiff_offset(other, track, probability)
+            if offset is not None:
+                host = other
+                break
+        if host is None or offset is None:
+            out.append(track)
+            continue
+        for t, piece in track.pieces.items():
+            whole = host.pieces.get(t)
+            if whole is None:
+                host.pieces[t] = Piece(piece.pixels, piece.centre - offset, piece.radius, piece.colour)
+            else:
+                host.pieces[t] = Piece(np.union1d(whole.pixels, piece.pixels), whole.centre, whole.radius, whole.colour)
+    return out
+
+
+def stiff_offset(one: Track, other: Track, probability: np.ndarray) -> np.ndarray | None:
+    """The vector (2,) px from one track to the other if they are the ends of one stiff body, else None.
+
+    So they are where the vector between their centres stays the same while both move by more than its length or four
+    radii, and what is between them is not empty. Two bodies that fall side by side have nothing between them.
+    """
+    common = sorted(set(one.pieces) & set(other.pieces))
+    if len(common) < max(LEAST_COMMON, 0.5 * min(len(one.pieces), len(other.pieces))):
+        return None
+    first = np.array([one.pieces[t].centre for t in common])
+    vectors = np.array([other.pieces[t].centre for t in common]) - first
+    offset = np.median(vectors, axis=0)
+    radii = typical_radius(one) + typical_radius(other)
+    travel = np.linalg.norm(first - first[0], axis=1).max()
+    deviation = np.median(np.linalg.norm(vectors - offset, axis=1))
+    length = float(np.linalg.norm(offset))
+    if deviation > STIFF[0] * radii + STIFF[1] or travel < min(length, 2 * radii) or length > 5 * radii:
+        return None
+    height, width = probability.shape[1:]
+    along = np.linspace(0.2, 0.8, 13)[:, None]
+    bridge = []
+    for t in common:
+        col, row = (one.pieces[t].centre + along * offset).astype(int).T
+        bridge.append(probability[t, np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)].mean())
+    return offset if np.mean(bridge) > LEAST_BRIDGE else None
