@@ -15,13 +15,13 @@ from scipy.spatial.transform import Rotation
 from pipeline.clips.schedule import Schedule
 from pipeline.physics.simulate import simulate
 from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.appearance import apply_sensor, sample_appearance, sample_sensor
-from pipeline.vision.camera import pinhole, project
-from pipeline.vision.rasteriser import rasterise
-from pipeline.vision.render import render_rgb
-from pipeline.vision.video import Decoder, read_clip
-from stages.params import PARAMS_FILE, Params
-from stages.params_file import read_params_file
+from pipeline.vision.recordings.video import Decoder, read_clip
+from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
+from pipeline.vision.rendering.camera import pinhole, project
+from pipeline.vision.rendering.rasteriser import rasterise
+from pipeline.vision.rendering.render import render_rgb
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes
 
 SIZE = (480, 320)

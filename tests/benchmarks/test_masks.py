@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.mask_clips import MaskClip, outlined
 from benchmarks.masks import score
-from pipeline.vision.video import write_video
+from pipeline.vision.recordings.video import write_video
 
 
 def two_squares(moving=(1, 2)):

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from pipeline.segmentation.inputs import clip_features, steady_exposure
-from pipeline.vision.render_backend import choose_backend
+from pipeline.vision.rendering.render_backend import choose_backend
 from training.segmentation.clip import UNSEEN, DrawnClip, TrainingClip, faint, save_clip
 from training.segmentation.flat_clip import draw_flat_clip
 from training.segmentation.recording import letterboxed, recorded

@@ -104,8 +104,16 @@ def captioned(rng: np.random.Generator, frames: np.ndarray) -> np.ndarray:
 
 
 def letterboxed(rng: np.random.Generator, pictures: list[np.ndarray], share: float) -> list[np.ndarray]:
-    """Each (T, H, W, ...) uint8 cut to the middle `share` of its width, with bars as `pipeline.vision.video` adds them
-    (the border's median colour for pictures of 3 channels, else 0), or black ones."""
+    """Pictures cut to the middle of their width, with bars as in `pipeline.vision.recordings`, or black ones.
+
+    Args:
+        rng: Chooses the kind of bars.
+        pictures: Each (T, H, W, ...) uint8.
+        share: Of the width that is kept.
+
+    Returns:
+        The pictures at their old size. Bars have the median colour of the border, of masks 0.
+    """
     width = pictures[0].shape[2]
     left = round(width * (1 - share) / 2)
     black = rng.random() < 0.3

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from pipeline.physics.trace import Trace
 from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Camera, Scene, half_extents
-from pipeline.vision.appearance import Appearance
-from pipeline.vision.camera import Pinhole, focal_px, project
-from pipeline.vision.mujoco_render import render_mujoco
-from pipeline.vision.rasteriser import rasterise
-from pipeline.vision.shade import shade
+from pipeline.vision.rendering.appearance import Appearance
+from pipeline.vision.rendering.camera import Pinhole, focal_px, project
+from pipeline.vision.rendering.mujoco_render import render_mujoco
+from pipeline.vision.rendering.rasteriser import rasterise
+from pipeline.vision.rendering.shade import shade
 from training.segmentation.backgrounds import log_uniform, sample_background
 from training.segmentation.clip import OTHER, DrawnClip, state_of
 from training.segmentation.flat_clip import layer_over, sample_times

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.vision.appearance import Appearance, Light, Material, plain_appearance, sample_appearance
+from pipeline.vision.rendering.appearance import Appearance, Light, Material, plain_appearance, sample_appearance
 
 PATTERNS = {"plain": 0.5, "stripes": 1.0, "checker": 1.0, "noise": 1.0, "spots": 1.0}
 FLOORS = {"plain": 0.3, "stripes": 0.5, "checker": 1.5, "noise": 1.5, "spots": 0.3}

@@ -16,7 +16,7 @@ from pipeline.physics.trace import Trace
 from pipeline.scene.sample import Distribution, draw_scene
 from pipeline.scene.scene import BASIC_SHAPES, Scene
 from pipeline.scene.solid import reach_below
-from pipeline.vision.camera import Pinhole, pinhole
+from pipeline.vision.rendering.camera import Pinhole, pinhole
 from training.segmentation.backgrounds import log_uniform
 
 #: Ranges that the project's own sampler has (params.yaml, sample.distribution), wider where reality is.
