@@ -111,12 +111,19 @@ def _read(path: Path) -> DrawnClip:
     static = dict(_value(data, "static", path, dict))
     marks = static.pop("length_marks", None)
     return DrawnClip(
-        clip, width, height, _number(data, "fps", path), _number(data, "file_fps", path), (int(first), int(last)),
-        _range(data, "stretch_file_seconds", path), objects, frames,
+        clip,
+        width,
+        height,
+        _number(data, "fps", path),
+        _number(data, "file_fps", path),
+        (int(first), int(last)),
+        _range(data, "stretch_file_seconds", path),
+        objects,
+        frames,
         {name: _points(p, 2, f"{path}: static[{name!r}]") for name, p in static.items()},
         None if marks is None else _marks(marks, f"{path}: static['length_marks']"),
         str(_value(data, "notes", path)),
-    )  # fmt: skip
+    )
 
 
 def _value(data: Any, key: str, place: Path | str, kind: type = object) -> Any:

@@ -65,8 +65,12 @@ RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
 COMPARED = (  # first minus second, by clip
-    ("tiny", "tokens"), ("tiny", "noisy"), ("tiny", "silent"), ("flow", "rgb"), ("flow", "none"),
-)  # fmt: skip
+    ("tiny", "tokens"),
+    ("tiny", "noisy"),
+    ("tiny", "silent"),
+    ("flow", "rgb"),
+    ("flow", "none"),
+)
 RESAMPLES = 10_000
 
 
@@ -105,8 +109,12 @@ def rows_of(
             found["composition"] = float(sorted(scene.shapes) == sorted(shapes))
         return found
 
-    how = {"reasoning": not asked.without_reasoning, "seconds": schedule.seconds, "numbers": asked.numbers,
-           "middle": params.infer.middle}  # fmt: skip
+    how = {
+        "reasoning": not asked.without_reasoning,
+        "seconds": schedule.seconds,
+        "numbers": asked.numbers,
+        "middle": params.infer.middle,
+    }
     (scene,), seconds = answers(base, shown, Sampling(**how), 0)
     head = {"suite": label, "clip": clip}
     yield {**head, "method": asked.name, "simulations": 0, "seconds": seconds, **scored(scene)}
@@ -119,9 +127,14 @@ def rows_of(
     target = make_target(masks, suite["flow"][clip].array("flow"), params.search.width, params.search.height)
     ranking = rank(Evaluator(target, schedule, threads=1), scenes)
     curve = best_of_k_curve(ranking.rewards.reward, ranking.rewards.iou)
-    yield {**head, "method": f"{asked.name}, best of {asked.samples}", "simulations": asked.samples, "seconds": seconds,
-           **scored(scenes[ranking.order[0]]),
-           **{f"iou@{k}": float(curve[k - 1]) for k in SAMPLES if k <= asked.samples}}  # fmt: skip
+    yield {
+        **head,
+        "method": f"{asked.name}, best of {asked.samples}",
+        "simulations": asked.samples,
+        "seconds": seconds,
+        **scored(scenes[ranking.order[0]]),
+        **{f"iou@{k}": float(curve[k - 1]) for k in SAMPLES if k <= asked.samples},
+    }
 
 
 def ask(asked: argparse.Namespace) -> None:
@@ -148,30 +161,37 @@ def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[di
     out = []
     for first, second in COMPARED:
         for suite in SUITES:
-            both = [(v, found[second, *key]) for (m, *key), v in found.items()
-                    if m == first and key[0] == suite and (second, *key) in found]  # fmt: skip
+            both = [
+                (v, found[second, *key])
+                for (m, *key), v in found.items()
+                if m == first and key[0] == suite and (second, *key) in found
+            ]
             if both:
                 a, b = np.array(both).T
                 head = {"suite": suite, "first": first, "second": second}
-                out += [{**head, "what": what, **bootstrap_mean(values, RESAMPLES, rng).row()}
-                        for what, values in (("first", a), ("second", b), ("difference", a - b))]  # fmt: skip
+                out += [
+                    {**head, "what": what, **bootstrap_mean(values, RESAMPLES, rng).row()}
+                    for what, values in (("first", a), ("second", b), ("difference", a - b))
+                ]
     return out
 
 
 def summary_text(summary: Summary, differing: list[dict[str, Any]]) -> str:
     """The text of learned.md."""
-    return "\n".join([
-        "# The model's answers before any search\n",
-        "`python -m benchmarks.learned`: RAFT's flow; means over clips with 95 % bootstrap intervals. seconds: to "
-        "write the answers to one clip.\n",
-        markdown(*metrics_table(summary, SCORES)),
-        "Sequence IoU of the best of K samples by replay, at the size of the search (K drawn of all samples):\n",
-        markdown(*samples_table(summary)),
-        "Mean absolute errors of parameters over clips whose composition is right:\n",
-        markdown(*metrics_table(summary, ERRORS)),
-        "Greedy sequence IoU, compared clip by clip:\n",
-        markdown(*differences_table(differing)),
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "# The model's answers before any search\n",
+            "`python -m benchmarks.learned`: RAFT's flow; means over clips with 95 % bootstrap intervals. seconds: to "
+            "write the answers to one clip.\n",
+            markdown(*metrics_table(summary, SCORES)),
+            "Sequence IoU of the best of K samples by replay, at the size of the search (K drawn of all samples):\n",
+            markdown(*samples_table(summary)),
+            "Mean absolute errors of parameters over clips whose composition is right:\n",
+            markdown(*metrics_table(summary, ERRORS)),
+            "Greedy sequence IoU, compared clip by clip:\n",
+            markdown(*differences_table(differing)),
+        ]
+    )
 
 
 def main() -> None:

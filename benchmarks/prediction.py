@@ -41,8 +41,15 @@ def main() -> None:
         for column, words in COLUMNS.items():
             iou = np.array([c[column] for c in clips])
             gain = bootstrap_mean(iou - baseline, RESAMPLES, rng)
-            rows.append([suite, words, str(len(clips)), cell(bootstrap_mean(iou, RESAMPLES, rng)),
-                         "–" if column == "constant_velocity" else cell(gain)])  # fmt: skip
+            rows.append(
+                [
+                    suite,
+                    words,
+                    str(len(clips)),
+                    cell(bootstrap_mean(iou, RESAMPLES, rng)),
+                    "–" if column == "constant_velocity" else cell(gain),
+                ]
+            )
     text = markdown(["suite", "method", "clips", "IoU, unseen half second", "less constant velocity"], rows)
     OUT.write_text(text, encoding="utf-8")
     print(text)

@@ -46,8 +46,12 @@ from pipeline.vision.recordings.user_clip import find_clips, read_user_clip
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 
-METRICS = {"iou": "IoU, sequence", "iou_initial": "IoU, first frame", "epe_frame": "EPE, whole frame",
-           "composition": "composition"}  # fmt: skip
+METRICS = {
+    "iou": "IoU, sequence",
+    "iou_initial": "IoU, first frame",
+    "epe_frame": "EPE, whole frame",
+    "composition": "composition",
+}
 FOLDS = 2
 RESAMPLES = 10_000
 
@@ -89,8 +93,12 @@ def read_clips(
         file = work / f"{place.name}.flow.npy"
         if not file.is_file():
             recorded = np.array(taken.clip.source_times)
-            np.save(file, measured_flow(raft, taken.clip.frames, recorded, schedule.pairs, interval, f.iterations,
-                                        (f.width, f.height)))  # fmt: skip
+            np.save(
+                file,
+                measured_flow(
+                    raft, taken.clip.frames, recorded, schedule.pairs, interval, f.iterations, (f.width, f.height)
+                ),
+            )
         flow = np.load(file)
         picture = flow_picture(flow, f.picture, scaled_max_px(flow.shape[2], interval))
         shapes = sorted(o["type"] for o in json.loads((place / "truth.json").read_text())["objects"])
@@ -133,8 +141,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     own = read_params_file(PARAMS_FILE, Params).prefer
     parser.add_argument("--model", default="models/tiny")
-    for name in ("samples", "temperature", "top_p", "epe_weight", "margin", "pairs", "beta", "steps",
-                 "batch_size", "learning_rate"):  # fmt: skip
+    for name in (
+        "samples",
+        "temperature",
+        "top_p",
+        "epe_weight",
+        "margin",
+        "pairs",
+        "beta",
+        "steps",
+        "batch_size",
+        "learning_rate",
+    ):
         value = getattr(own, name)
         parser.add_argument(f"--{name.replace('_', '-')}", type=type(value), default=value)
     parser.add_argument("--seeds", type=int, default=1, help="of the optimisation; their scores are averaged by clip")
@@ -188,9 +206,16 @@ def main() -> None:
     def answered(used: list[int], held_out: list[int], seed: int, scratch: Path) -> list[dict]:
         tuned = load_base(a.model, frames=schedule.model_frames)
         plan = TrainingPlan(a.steps, 1.0, a.batch_size, a.learning_rate, 0, own.checkpoint_steps, seed)
-        prefer(tuned, [p for c in used for p in pairs[c]], {c: clips[c].picture for c in used}, a.beta, sampling, plan,
-               scratch, lambda row: note(str({k: row[k] for k in ("step", "loss", "accuracy", "margin") if k in row}))
-               )  # fmt: skip
+        prefer(
+            tuned,
+            [p for c in used for p in pairs[c]],
+            {c: clips[c].picture for c in used},
+            a.beta,
+            sampling,
+            plan,
+            scratch,
+            lambda row: note(str({k: row[k] for k in ("step", "loss", "accuracy", "margin") if k in row})),
+        )
         return greedy_scores(tuned, clips, held_out, params)
 
     after: list[list[dict]] = []
@@ -203,8 +228,10 @@ def main() -> None:
             name = f"{named}-seed{seed}-fold{fold}"
             rows = kept_json(a.work / f"{name}.json", lambda: answered(used, held_out, seed, a.work / name))  # noqa: B023
             scores |= dict(zip(held_out, rows, strict=True))
-            note(f"seed {seed}, fold {fold}: sequence IoU {np.mean([before[c]['iou'] for c in held_out]):.4f} -> "
-                 f"{np.mean([row['iou'] for row in rows]):.4f}")  # fmt: skip
+            note(
+                f"seed {seed}, fold {fold}: sequence IoU {np.mean([before[c]['iou'] for c in held_out]):.4f} -> "
+                f"{np.mean([row['iou'] for row in rows]):.4f}"
+            )
         after.append([scores[c] for c in everything])
     text = table(before, after)
     settings = ", ".join(f"{k} {v:g}" for k, v in vars(a).items() if isinstance(v, int | float))
@@ -214,7 +241,7 @@ def main() -> None:
         f"{len(clips)} clips in two folds, each answered by a model optimised on the other fold, without labels; "
         f"{settings}. Means over clips with 95 % bootstrap intervals; differences by clip.\n\n{text}",
         encoding="utf-8",
-    )  # fmt: skip
+    )
     print(text)
 
 

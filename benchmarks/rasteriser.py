@@ -149,8 +149,10 @@ def main() -> None:
         rgb.append(seconds(picture, repeats=2))
 
     base = float(np.median(ours))
-    print(f"{options.scenes} scenes of 2 to 4 objects ({np.mean(area):.1%} of the picture), "
-          f"{options.frames} frames of {width}x{height}, one core")  # fmt: skip
+    print(
+        f"{options.scenes} scenes of 2 to 4 objects ({np.mean(area):.1%} of the picture), "
+        f"{options.frames} frames of {width}x{height}, one core"
+    )
     print(f"{'':42} {'ms a clip':>10} {'against ours':>13} {'same pixels':>12}")
     rows = [("masks and depth, ours", ours, None), ("mj_multiRay", rays, agreement)]
     if has_gl:

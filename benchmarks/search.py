@@ -98,8 +98,9 @@ def main() -> None:
     cmaes_search(evaluator, [start], Budget(arguments.population, 1, 0.1), rng)  # compiles
     evaluator.batches.clear()
     bar = tqdm(total=arguments.iterations, desc="ours", unit="generation", disable=None, leave=False)
-    found = cmaes_search(evaluator, [start], Budget(arguments.population, arguments.iterations, 0.1), rng,
-                   lambda *_: bar.update())  # fmt: skip
+    found = cmaes_search(
+        evaluator, [start], Budget(arguments.population, arguments.iterations, 0.1), rng, lambda *_: bar.update()
+    )
     bar.close()
     ours = found.simulations / found.seconds
 

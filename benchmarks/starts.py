@@ -88,9 +88,15 @@ def start_of(
 
 
 def searched(
-    kind: str, suite: Suite, clip: int, target: Target, shapes: list[str] | None, params: Params, schedule: Schedule,
+    kind: str,
+    suite: Suite,
+    clip: int,
+    target: Target,
+    shapes: list[str] | None,
+    params: Params,
+    schedule: Schedule,
     simulations: int,
-) -> SearchResult:  # fmt: skip
+) -> SearchResult:
     """The result of a search of this kind."""
     evaluator, rng = Evaluator(target, schedule, threads=1), clip_rng(params.seed, "starts", clip, kind)
     if kind in ("guess", "motion"):
@@ -123,8 +129,14 @@ def answer(job: tuple[str, int, str, int]) -> dict[str, Any]:
     shapes = shapes_of(suite, clip, params)
     found = searched(kind, suite, clip, target, shapes, params, schedule, simulations)
     truth = reference(suite, clip, schedule)
-    out: dict[str, Any] = {"suite": name, "clip": clip, "start": kind, "instances": int(truth.masks.max()),
-                           "simulations": found.simulations, "seconds": found.seconds}  # fmt: skip
+    out: dict[str, Any] = {
+        "suite": name,
+        "clip": clip,
+        "start": kind,
+        "instances": int(truth.masks.max()),
+        "simulations": found.simulations,
+        "seconds": found.seconds,
+    }
     for budget in (b for b in BUDGETS if b <= simulations):
         scene = found.after(budget)
         scores = score(scene, truth, schedule)
@@ -164,9 +176,19 @@ def summary(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 values = [a[str(budget)][metric] for a in some if metric in a.get(str(budget), {})]
                 if values:
                     e = bootstrap_mean(np.array(values), 2000, rng)
-                    rows.append({"suite": suite, "start": KINDS[kind], "simulations": budget, "metric": metric,
-                                 "mean": e.mean, "low": e.low, "high": e.high, "largest": max(values),
-                                 "clips": e.n})  # fmt: skip
+                    rows.append(
+                        {
+                            "suite": suite,
+                            "start": KINDS[kind],
+                            "simulations": budget,
+                            "metric": metric,
+                            "mean": e.mean,
+                            "low": e.low,
+                            "high": e.high,
+                            "largest": max(values),
+                            "clips": e.n,
+                        }
+                    )
     return rows
 
 

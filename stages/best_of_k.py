@@ -50,9 +50,19 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
         evaluator = shard_evaluator(rendered, flow, clip, parameters.schedule, parameters.size)
         ranking = rank(evaluator, [read_scene(row["scene"]) for row in samples])
         r = ranking.rewards
-        rows += [{"clip": clip, "rank": place, "sample": samples[i]["sample"], "scene": samples[i]["scene"],
-                  "reward": r.reward[i], "iou": r.iou[i], "epe_frame": r.epe_frame[i], "valid": bool(r.valid[i])}
-                 for place, i in enumerate(ranking.order)]  # fmt: skip
+        rows += [
+            {
+                "clip": clip,
+                "rank": place,
+                "sample": samples[i]["sample"],
+                "scene": samples[i]["scene"],
+                "reward": r.reward[i],
+                "iou": r.iou[i],
+                "epe_frame": r.epe_frame[i],
+                "valid": bool(r.valid[i]),
+            }
+            for place, i in enumerate(ranking.order)
+        ]
     notes = {"simulations": len(rows), "invalid": sum(not row["valid"] for row in rows)}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)
 

@@ -67,8 +67,14 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
     train_tokens, train_pictures, val_tokens, val_pictures = inputs
     rows: list[dict] = []
     logging.set_verbosity_error()
-    finetune(base, dataset(train_tokens, train_pictures), dataset(val_tokens, val_pictures), parameters.plan, scratch,
-             rows.append)  # fmt: skip
+    finetune(
+        base,
+        dataset(train_tokens, train_pictures),
+        dataset(val_tokens, val_pictures),
+        parameters.plan,
+        scratch,
+        rows.append,
+    )
     base.input = parameters.shown
     base.save(output / "model")
     for column in CURVES:
@@ -96,8 +102,15 @@ def main() -> None:
     parameters = Parameters(params.clip.schedule, m, shown, plan)
     inputs = [folder(stage, suite) for suite in ("train", "val") for stage in ("tokenize", picture_stage(m.input))]
     files = {"base": Path(m.base)} if Path(m.base).is_dir() else {}
-    keep_folder("finetune", DATA / "finetune", make, parameters=parameters, inputs=inputs, files=files,
-                versions=["torch", "transformers", "peft", "accelerate"])  # fmt: skip
+    keep_folder(
+        "finetune",
+        DATA / "finetune",
+        make,
+        parameters=parameters,
+        inputs=inputs,
+        files=files,
+        versions=["torch", "transformers", "peft", "accelerate"],
+    )
 
 
 if __name__ == "__main__":

@@ -26,10 +26,26 @@ from stages.graph.run import run, run_shards
 from stages.graph.search_target import ranked_starts, shard_evaluator
 from stages.graph.stage_params import load
 
-CERTAINTY = pa.struct({"place": pa.string(), "kind": pa.string(), "value": pa.float64(), "spread": pa.float64(),
-                       "unit": pa.string(), "share": pa.float64()})  # fmt: skip
-SCHEMA = pa.schema([("clip", pa.int64()), ("guess", pa.string()), ("guess_simulations", pa.int32()), *FOUND,
-                    ("instance", pa.list_(pa.int32())), ("certainty", pa.list_(CERTAINTY))])  # fmt: skip
+CERTAINTY = pa.struct(
+    {
+        "place": pa.string(),
+        "kind": pa.string(),
+        "value": pa.float64(),
+        "spread": pa.float64(),
+        "unit": pa.string(),
+        "share": pa.float64(),
+    }
+)
+SCHEMA = pa.schema(
+    [
+        ("clip", pa.int64()),
+        ("guess", pa.string()),
+        ("guess_simulations", pa.int32()),
+        *FOUND,
+        ("instance", pa.list_(pa.int32())),
+        ("certainty", pa.list_(CERTAINTY)),
+    ]
+)
 
 
 @dataclass(frozen=True)
@@ -58,10 +74,16 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
         rng = clip_rng(parameters.seed, shard.suite, clip, "fit")
         searched = search_clip(evaluator, starts, parameters.simulations, rng)
         instance = dict(searched.pairs.tolist())
-        rows.append({"clip": clip, "guess": None if searched.guess is None else write_scene(searched.guess),
-                     "guess_simulations": searched.guess_simulations, **found_row(searched.result),
-                     "instance": [instance.get(i, -1) for i in range(len(searched.result.scene.objects))],
-                     "certainty": [asdict(c) for c in searched.certainties]})  # fmt: skip
+        rows.append(
+            {
+                "clip": clip,
+                "guess": None if searched.guess is None else write_scene(searched.guess),
+                "guess_simulations": searched.guess_simulations,
+                **found_row(searched.result),
+                "instance": [instance.get(i, -1) for i in range(len(searched.result.scene.objects))],
+                "certainty": [asdict(c) for c in searched.certainties],
+            }
+        )
         invalid += searched.result.invalid
     notes = {"simulations": sum(row["simulations"] for row in rows), "invalid": invalid}
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=notes)

@@ -84,9 +84,14 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
             rgb = rendered.array(clip, "rgb")
             recorded = rendered.row(clip)["recorded"] if rendered.tables else schedule.frame_steps / STEPS_PER_SECOND
             flow = measured_flow(
-                load_estimator(estimator.raft), rgb, np.array(recorded), schedule.pairs, interval,
-                estimator.iterations, estimator.size,
-            )  # fmt: skip
+                load_estimator(estimator.raft),
+                rgb,
+                np.array(recorded),
+                schedule.pairs,
+                interval,
+                estimator.iterations,
+                estimator.size,
+            )
         else:
             flow = rendered.array(clip, "flow")
             if noise:

@@ -25,8 +25,9 @@ from stages.graph.stage_params import load
 
 WORLDS = pa.schema({"clip": pa.int64(), "scene": pa.string()})
 TRUTH = pa.schema({"clip": pa.int64(), "truth": pa.string()})
-TRACKS = pa.schema({"clip": pa.int64(), "recording": pa.string(), "object": pa.string()}
-                   | {name: pa.float64() for name in ROW_NUMBERS})  # fmt: skip
+TRACKS = pa.schema(
+    {"clip": pa.int64(), "recording": pa.string(), "object": pa.string()} | {name: pa.float64() for name in ROW_NUMBERS}
+)
 
 
 @dataclass(frozen=True)

@@ -83,8 +83,15 @@ def prompt(base: Base, p: Parameters) -> Prompt:
         return bare_prompt(base)
     schedule, width, reasoning = p.schedule, base.layout.width, p.model.reasoning
     kind = "rgb" if p.model.input == "rgb" else p.picture
-    text = instructions(kind, reasoning, base.layout.frames, schedule.seconds, schedule.fps,
-                        scaled_max_px(width, 1 / schedule.fps), width)  # fmt: skip
+    text = instructions(
+        kind,
+        reasoning,
+        base.layout.frames,
+        schedule.seconds,
+        schedule.fps,
+        scaled_max_px(width, 1 / schedule.fps),
+        width,
+    )
     videos = np.stack([shown(example_clip(e, p.model.input), base, p) for e in p.examples])
     return few_shot_prompt(base, text, videos, [e.completion for e in p.examples], reasoning, schedule.seconds)
 
@@ -94,18 +101,30 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     p, m, own = parameters, parameters.model, parameters.settings
     base = model(m.base, m.width, m.height, p.schedule.model_frames, m.dtype)
     sampling = Sampling(
-        samples=own.samples, temperature=own.temperature, top_p=own.top_p, reasoning=m.reasoning,
-        seconds=p.schedule.seconds, numbers=own.numbers, middle=own.middle,
-    )  # fmt: skip
+        samples=own.samples,
+        temperature=own.temperature,
+        top_p=own.top_p,
+        reasoning=m.reasoning,
+        seconds=p.schedule.seconds,
+        numbers=own.numbers,
+        middle=own.middle,
+    )
     clips = list(shard.clips)
     seeds = [answer_seed(p.seed, shard.suite, c) for c in clips]
-    answers = ask(base, lambda i: shown(Clip(clips[i], source), base, p), seeds, sampling, own.decode_batch_size,
-                  prompt(base, p))  # fmt: skip
+    answers = ask(
+        base, lambda i: shown(Clip(clips[i], source), base, p), seeds, sampling, own.decode_batch_size, prompt(base, p)
+    )
     rows = [
-        {"clip": clip, "sample": a.sample, "text": a.text, "scene": write_scene(a.scene),
-         "log_probability": a.log_probability}
-        for clip, each in zip(clips, answers, strict=True) for a in each
-    ]  # fmt: skip
+        {
+            "clip": clip,
+            "sample": a.sample,
+            "text": a.text,
+            "scene": write_scene(a.scene),
+            "log_probability": a.log_probability,
+        }
+        for clip, each in zip(clips, answers, strict=True)
+        for a in each
+    ]
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes={"answers": len(rows), "parsed": len(rows)})
 
 
@@ -125,8 +144,15 @@ def main(suite: str) -> None:
         settings=own,
         examples=tuple(examples),
     )
-    run_shards("infer", suite, compute, parameters, [picture_stage(m.input)], files={**files, "prompt": TEMPLATE},
-               versions=["torch", "transformers"])  # fmt: skip
+    run_shards(
+        "infer",
+        suite,
+        compute,
+        parameters,
+        [picture_stage(m.input)],
+        files={**files, "prompt": TEMPLATE},
+        versions=["torch", "transformers"],
+    )
 
 
 if __name__ == "__main__":

@@ -28,8 +28,9 @@ from stages.graph.search_target import shard_evaluator
 from stages.graph.stage_params import load
 
 SCORES = ("search", "moved_with_replay", "constant_velocity", "frozen", "seen")
-SCHEMA = pa.schema({"clip": pa.int64(), "scene": pa.string(), **dict.fromkeys(SCORES, pa.float64()),
-                    "simulations": pa.int32()})  # fmt: skip
+SCHEMA = pa.schema(
+    {"clip": pa.int64(), "scene": pa.string(), **dict.fromkeys(SCORES, pa.float64()), "simulations": pa.int32()}
+)
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,14 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
         rng = clip_rng(parameters.seed, shard.suite, clip, "predict")
         found = search_scene(evaluator, [], parameters.simulations, rng).result
         scores = forecast_scores(found.scene, resize_masks(masks, WIDTH, HEIGHT), part.frames, whole)
-        rows.append({"clip": clip, "scene": write_scene(found.scene), **{k: getattr(scores, k) for k in SCORES},
-                     "simulations": found.simulations})  # fmt: skip
+        rows.append(
+            {
+                "clip": clip,
+                "scene": write_scene(found.scene),
+                **{k: getattr(scores, k) for k in SCORES},
+                "simulations": found.simulations,
+            }
+        )
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
 
 

@@ -130,15 +130,19 @@ def main() -> None:
         keep_folder("prefer", FOLDER, skip, parameters=None)
         return
     if params.infer.shots:
-        raise ParamsError(f"`prefer.enabled` is true and `infer.shots` is {params.infer.shots}; valid: one of the two, "
-                          "since with a prompt no model is fine-tuned that could be trained on")  # fmt: skip
+        raise ParamsError(
+            f"`prefer.enabled` is true and `infer.shots` is {params.infer.shots}; valid: one of the two, "
+            "since with a prompt no model is fine-tuned that could be trained on"
+        )
     shown = ModelInput.of(m.input, f.picture, f.source, (f.width, f.height), f.iterations, m.reasoning)
     check_input(str(FINETUNED), shown, required=True)
     inputs = [folder("render", own.suite), folder("flow", own.suite)]
     clips = len(open_shards(inputs[0]))
     if own.clips >= clips:
-        raise ParamsError(f"`prefer.clips` is {own.clips}, but {own.suite} has {clips} clips; valid: fewer than these, "
-                          "since scores are shown on clips that it did not use")  # fmt: skip
+        raise ParamsError(
+            f"`prefer.clips` is {own.clips}, but {own.suite} has {clips} clips; valid: fewer than these, "
+            "since scores are shown on clips that it did not use"
+        )
     parameters = Parameters(
         seed=params.seed,
         schedule=params.clip.schedule,
@@ -149,8 +153,15 @@ def main() -> None:
         used=split_clips(np.random.default_rng(params.seed), clips, own.clips),
         settings=own,
     )
-    keep_folder("prefer", FOLDER, make, parameters=parameters, inputs=inputs, files={"model": FINETUNED},
-                versions=["torch", "transformers", "peft", "accelerate", "mujoco", "numba"])  # fmt: skip
+    keep_folder(
+        "prefer",
+        FOLDER,
+        make,
+        parameters=parameters,
+        inputs=inputs,
+        files={"model": FINETUNED},
+        versions=["torch", "transformers", "peft", "accelerate", "mujoco", "numba"],
+    )
 
 
 if __name__ == "__main__":

@@ -97,8 +97,9 @@ def make(
         checkpoint_steps=own.checkpoint_steps,
         seed=p.seed,
     )
-    regress(regressor, dataset(train_scenes, train_pictures), dataset(val_scenes, val_pictures), plan, scratch,
-            rows.append)  # fmt: skip
+    regress(
+        regressor, dataset(train_scenes, train_pictures), dataset(val_scenes, val_pictures), plan, scratch, rows.append
+    )
     regressor.model.save_pretrained(output)
     write_curves(output, rows)
     losses = [row["eval_loss"] for row in rows if "eval_loss" in row]
@@ -145,11 +146,13 @@ def main() -> None:
     shown = Parameters(params.clip.schedule, params.model.input, distribution)
     parameters = TrainingParameters(shown.schedule, shown.input, distribution, params.seed, own)
     inputs = [folder(stage, suite) for suite in ("train", "val") for stage in ("sample", source)]
-    keep_folder("regress", MODEL, make, parameters=parameters, inputs=inputs,
-                versions=["torch", "transformers", "accelerate"])  # fmt: skip
+    keep_folder(
+        "regress", MODEL, make, parameters=parameters, inputs=inputs, versions=["torch", "transformers", "accelerate"]
+    )
     for suite in SUITES:
-        run_shards("regress", suite, compute, shown, [source], files={"model": MODEL},
-                   versions=["torch", "transformers"])  # fmt: skip
+        run_shards(
+            "regress", suite, compute, shown, [source], files={"model": MODEL}, versions=["torch", "transformers"]
+        )
 
 
 if __name__ == "__main__":

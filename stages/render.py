@@ -58,9 +58,14 @@ class Pictures:
     ) -> np.ndarray:
         """RGB (F, H, W, 3) uint8 of a clip's frames; size: width and height, px."""
         appearance = sample_appearance(
-            rng, len(scene.objects), textures=dict(self.textures), floor_textures=dict(self.floors),
-            backdrops=dict(self.backdrops), max_lights=self.lights, metal_probability=self.metal,
-        )  # fmt: skip
+            rng,
+            len(scene.objects),
+            textures=dict(self.textures),
+            floor_textures=dict(self.floors),
+            backdrops=dict(self.backdrops),
+            max_lights=self.lights,
+            metal_probability=self.metal,
+        )
         steps = schedule.frame_steps
         frames = render_rgb(
             scene, trace.position[steps], trace.quaternion[steps], appearance, *size, self.backend, self.shadows

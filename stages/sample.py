@@ -59,8 +59,10 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     )
     for name in drawn.bad:
         print(f"sample: {name}: the numbers went bad, replaced by the next candidate", flush=True)
-    rows = [{"clip": clip, "composition": scene.composition, "scene": write_scene(scene)}
-            for clip, scene in zip(shard.clips, drawn.scenes, strict=True)]  # fmt: skip
+    rows = [
+        {"clip": clip, "composition": scene.composition, "scene": write_scene(scene)}
+        for clip, scene in zip(shard.clips, drawn.scenes, strict=True)
+    ]
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes=dict(drawn.outcome))
 
 
@@ -76,8 +78,15 @@ def main(suite: str) -> None:
         only=own.only,
         without=own.without,
     )
-    run_shards("sample", suite, compute, parameters, clips=own.clips, shard_size=params.sample.shard_size,
-               versions=["mujoco", "numba"])  # fmt: skip
+    run_shards(
+        "sample",
+        suite,
+        compute,
+        parameters,
+        clips=own.clips,
+        shard_size=params.sample.shard_size,
+        versions=["mujoco", "numba"],
+    )
 
 
 if __name__ == "__main__":

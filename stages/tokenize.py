@@ -68,13 +68,22 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     reasoning, seconds = parameters.reasoning, parameters.seconds
     rows = []
     for row in sample.table().to_pylist():
-        events = [Event(e["time"], e["kind"], e["first"], None if e["second"] < 0 else e["second"])
-                  for e in happened.rows(row["clip"], "events")]  # fmt: skip
+        events = [
+            Event(e["time"], e["kind"], e["first"], None if e["second"] < 0 else e["second"])
+            for e in happened.rows(row["clip"], "events")
+        ]
         completion = write_completion(read_scene(row["scene"]), events if reasoning else None, seconds)
         tokens = writer.encode(completion, reasoning, seconds)
-        rows.append({"clip": row["clip"], "completion": completion, "ids": tokens.ids.tolist(),
-                     "prompt_length": tokens.prompt_length, "free": tokens.free.tolist(),
-                     "numeric": tokens.numeric.tolist()})  # fmt: skip
+        rows.append(
+            {
+                "clip": row["clip"],
+                "completion": completion,
+                "ids": tokens.ids.tolist(),
+                "prompt_length": tokens.prompt_length,
+                "free": tokens.free.tolist(),
+                "numeric": tokens.numeric.tolist(),
+            }
+        )
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes={"tokens": sum(len(r["ids"]) for r in rows)})
 
 
@@ -91,8 +100,15 @@ def main(suite: str) -> None:
     )
     names = ("tokenizer.json", "tokenizer_config.json", "clip_layout.json")
     files = {name: Path(m.base) / name for name in names if (Path(m.base) / name).is_file()}
-    run_shards("tokenize", suite, compute, parameters, ["sample", "events"], files=files,
-               versions=["tokenizers", "transformers"])  # fmt: skip
+    run_shards(
+        "tokenize",
+        suite,
+        compute,
+        parameters,
+        ["sample", "events"],
+        files=files,
+        versions=["tokenizers", "transformers"],
+    )
 
 
 if __name__ == "__main__":

@@ -25,13 +25,18 @@ REPORTS = Path("reports")
 def row_of(world: int, judged: Judgement, report: dict[str, Any], truth: dict[str, Any]) -> dict[str, Any]:
     gap = report["gap"]
     return {
-        "world": world, "hidden": judged.truth, "answer": "+".join(report["verdict"]["effects"]) or "none",
-        "equivalent": " ".join("/".join(s) for s in report["verdict"]["equivalent"]), "right": judged.right,
-        "confidence": round(report["verdict"]["confidence"], 3), "engine": truth["engine"],
+        "world": world,
+        "hidden": judged.truth,
+        "answer": "+".join(report["verdict"]["effects"]) or "none",
+        "equivalent": " ".join("/".join(s) for s in report["verdict"]["equivalent"]),
+        "right": judged.right,
+        "confidence": round(report["verdict"]["confidence"], 3),
+        "engine": truth["engine"],
         "scenario": truth["scenario"],
-        "before_mm": round(1e3 * gap["before"], 3), "after_mm": round(1e3 * gap["after"], 3),
+        "before_mm": round(1e3 * gap["before"], 3),
+        "after_mm": round(1e3 * gap["after"], 3),
         "floor_mm": round(1e3 * gap["noise_floor"], 3),
-    }  # fmt: skip
+    }
 
 
 def main() -> None:

@@ -173,10 +173,11 @@ def test_a_matrix_is_resolved(toy: Path) -> None:
         (["stages", "pipeline"], [], ["pipeline/scene/more", "pipeline/vision"]),
         (
             ["stages", "pipeline/scene/draw.py", "pipeline/physics", "pipeline/shards", "pipeline/vision/see.py"],
-            [], ["pipeline/vision/see.py"],
+            [],
+            ["pipeline/vision/see.py"],
         ),
     ],
-)  # fmt: skip
+)
 def test_deps_that_are_too_few_or_too_many_are_noticed(
     toy: Path, deps: list[str], missing: list[str], unneeded: list[str]
 ) -> None:

@@ -100,10 +100,13 @@ class DiscoveryResult:
     def write(self, folder: Path) -> None:
         """Write everything into a folder, report.json and result.json last."""
         facts = {
-            "measured": self.measured, "scene": self.known, "clips": str(self.clips),
+            "measured": self.measured,
+            "scene": self.known,
+            "clips": str(self.clips),
             "held out": ", ".join(self.report["clips"]["held_out"]) or "none",
-            "noise": f"{1e3 * self.found.problem.sigma:.3g} mm", "seed": str(self.seed),
-        }  # fmt: skip
+            "noise": f"{1e3 * self.found.problem.sigma:.3g} mm",
+            "seed": str(self.seed),
+        }
         pq.write_table(self.residuals, folder / "residuals.parquet", compression="zstd")
         (folder / "augmented.yaml").write_text(write_scene(self.scene), encoding="utf-8")
         (folder / "augmented.xml").write_text(scene_xml(self.scene), encoding="utf-8")
@@ -112,11 +115,20 @@ class DiscoveryResult:
         (folder / "report.html").write_text(page, encoding="utf-8")
         text = json.dumps(self.report, indent=1, ensure_ascii=False, allow_nan=False)
         (folder / REPORT).write_text(text + "\n", encoding="utf-8")
-        write_result(folder, "discover", {
-            "measured": self.measured, "scene": self.known, "held_out": self.held_out, "effects": self.effects,
-            "seed": self.seed, "verdict": self.report["verdict"], "seconds": self.seconds,
-            "versions": {n: version(n) for n in _VERSIONS},
-        })  # fmt: skip
+        write_result(
+            folder,
+            "discover",
+            {
+                "measured": self.measured,
+                "scene": self.known,
+                "held_out": self.held_out,
+                "effects": self.effects,
+                "seed": self.seed,
+                "verdict": self.report["verdict"],
+                "seconds": self.seconds,
+                "versions": {n: version(n) for n in _VERSIONS},
+            },
+        )
 
 
 def discover(
@@ -161,6 +173,10 @@ def discover(
     return DiscoveryResult(
         measured=str(measured) if isinstance(measured, str | Path) else "tracks",
         known=str(scene) if isinstance(scene, str | Path) else "scene",
-        clips=len({t.clip for t in tracks}), held_out=held_out, effects=effects, seed=seed, found=found,
+        clips=len({t.clip for t in tracks}),
+        held_out=held_out,
+        effects=effects,
+        seed=seed,
+        found=found,
         seconds=progress.seconds,
-    )  # fmt: skip
+    )

@@ -222,13 +222,14 @@ def infer(
         first, interval = measured.schedule.pairs[:, 0], 1 / measured.schedule.fps
         pictures = model_pictures(shown, base.layout, measured.flow, measured.taken.clip.frames[first], interval)
         (answers,) = ask(base, lambda _: pictures, [answer_seed(seed, 0)], sampling, DECODE_BATCH_SIZE)
-    progress.say("answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: "
-                            f"{answers[0].scene.composition}")  # fmt: skip
+    progress.say(
+        "answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: {answers[0].scene.composition}"
+    )
     with progress.step("best of K"):
         evaluator = clip_evaluator(measured.taken.masks, measured.flow, measured.schedule, SEARCH_SIZE, cores())
         ranking = rank(evaluator, [a.scene for a in answers])
         if not ranking.rewards.valid.any():
-            raise SimulationError(f"the numbers go bad in each of the {len(answers)} answers; try more samples")
+            raise SimulationError(f"the simulation is unstable in each of the {len(answers)} answers; try more samples")
         methods = [_answer_method("greedy", answers, ranking.rewards, 0, measured, 1)]
         if len(answers) > 1:
             top = int(ranking.order[0])
@@ -239,9 +240,13 @@ def infer(
             ranked = [answers[int(i)].scene for i in ranking.order]
             starts = distinct_starts(ranked, ranking.rewards.valid[ranking.order].tolist(), STARTS)
             searched = search_clip(
-                evaluator, starts, search, np.random.default_rng(seed),
-                lambda spent, reward: progress.detail(f" {spent}/{search} simulations, reward {reward:.3f}"), incline,
-            )  # fmt: skip
+                evaluator,
+                starts,
+                search,
+                np.random.default_rng(seed),
+                lambda spent, reward: progress.detail(f" {spent}/{search} simulations, reward {reward:.3f}"),
+                incline,
+            )
         methods.append(_search_method(searched, answers, ranking, measured))
     best = max(methods, key=lambda m: m.reward)
     known: tuple[Certainty, ...] = ()
@@ -249,9 +254,17 @@ def infer(
         found = best.scene is searched.result.scene
         known = searched.certainties if found else scene_certainties(evaluator, best.scene)[1]
     return Inference(
-        name=name, clip=measured, settings=settings, base=base, answers=tuple(answers), rewards=ranking.rewards,
-        methods=tuple(methods), searched=searched, certainties=known, seconds=progress.seconds,
-    )  # fmt: skip
+        name=name,
+        clip=measured,
+        settings=settings,
+        base=base,
+        answers=tuple(answers),
+        rewards=ranking.rewards,
+        methods=tuple(methods),
+        searched=searched,
+        certainties=known,
+        seconds=progress.seconds,
+    )
 
 
 def load_model(name: str, parameter: str = "model") -> Base:
@@ -311,9 +324,16 @@ def _measured(
         return "clip", clip
     estimator: RAFT | DIS = load_raft(settings.raft) if settings.flow == "raft" else DIS("medium")
     measured = measure_clip(
-        Path(clip), estimator, shown.flow_size or FLOW_SIZE, shown.flow_iterations or FLOW_ITERATIONS,
-        start=settings.start, seconds=settings.seconds, fps=settings.fps, masks=masks, progress=progress,
-    )  # fmt: skip
+        Path(clip),
+        estimator,
+        shown.flow_size or FLOW_SIZE,
+        shown.flow_iterations or FLOW_ITERATIONS,
+        start=settings.start,
+        seconds=settings.seconds,
+        fps=settings.fps,
+        masks=masks,
+        progress=progress,
+    )
     taken = measured.taken.clip
     width, height = taken.source_size
     span = f"{settings.start:g} to {settings.start + settings.seconds:g} s"
@@ -331,20 +351,30 @@ def _answer_method(
     scene = answers[index].scene
     shown = _seen(scene, clip) if rewards.valid[index] else Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
     return Method(
-        name=name, scene=scene, answer=answers[index], reward=float(rewards.reward[index]),
-        iou=float(rewards.iou[index]), epe_frame=float(rewards.epe_frame[index]), overlap=shown,
+        name=name,
+        scene=scene,
+        answer=answers[index],
+        reward=float(rewards.reward[index]),
+        iou=float(rewards.iou[index]),
+        epe_frame=float(rewards.epe_frame[index]),
+        overlap=shown,
         simulations=simulations,
-    )  # fmt: skip
+    )
 
 
 def _search_method(searched: ClipSearch, answers: list[Answer], ranking: Ranking, clip: MeasuredClip) -> Method:
     found, order = searched.result, [answers[int(i)] for i in ranking.order]
     nearest = next((a for a in order if a.scene.composition == found.scene.composition), order[0])
     return Method(
-        name="search", scene=found.scene, answer=nearest, reward=found.reward, iou=found.iou,
-        epe_frame=found.iou - found.reward, overlap=_seen(found.scene, clip),
+        name="search",
+        scene=found.scene,
+        answer=nearest,
+        reward=found.reward,
+        iou=found.iou,
+        epe_frame=found.iou - found.reward,
+        overlap=_seen(found.scene, clip),
         simulations=len(answers) + found.simulations,
-    )  # fmt: skip
+    )
 
 
 def _seen(scene: Scene, clip: MeasuredClip) -> Overlap:

@@ -72,15 +72,35 @@ def _write_pictures(folder: Path, found: Inference, run: Replay) -> str:
     place, rows = Path(found.name), method_table(found.methods)
     title = f"{place.name}: {best.scene.composition} ({best.name})"
     sheet = Sheet(
-        frames=first, fps=fps, start=float(clip.taken.clip.source_times[0]), rgb=frames, replay_rgb=drawn, masks=masks,
-        replay_masks=run.masks, flow=clip.flow, replay_flow=run.flow, names=tuple(o.name for o in run.scene.objects),
-        title=title, rows=tuple(rows),
-    )  # fmt: skip
+        frames=first,
+        fps=fps,
+        start=float(clip.taken.clip.source_times[0]),
+        rgb=frames,
+        replay_rgb=drawn,
+        masks=masks,
+        replay_masks=run.masks,
+        flow=clip.flow,
+        replay_flow=run.flow,
+        names=tuple(o.name for o in run.scene.objects),
+        title=title,
+        rows=tuple(rows),
+    )
     Image.fromarray(draw(sheet)).save(folder / "overlay.png")
     seen = Pictures(frames, masks, flow=clip.flow, flow_frames=first)
     replayed = Pictures(drawn, run.masks, run.depth, first, run.flow, first)
-    notes = "\n".join([f"### {title}", "", *markdown(rows), "", *(f"- {n}" for n in (*clip.notes, *found.doubts)), "",
-                       "**The model's words**", "", *best.answer.completion.think.splitlines()])  # fmt: skip
+    notes = "\n".join(
+        [
+            f"### {title}",
+            "",
+            *markdown(rows),
+            "",
+            *(f"- {n}" for n in (*clip.notes, *found.doubts)),
+            "",
+            "**The model's words**",
+            "",
+            *best.answer.completion.think.splitlines(),
+        ]
+    )
     assert run.trace is not None
     motion = MotionLayer("replay", run.scene, run.trace, True, run.events)
     save(Footage(place.stem, notes, (motion,), seen, replayed, fps), folder / "recording.rrd")
@@ -111,42 +131,78 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "scale": SCALE,
             "notes": list(found.clip.notes),
         },
-        "flow": {"by": settings.flow, "weights": str(settings.raft) if settings.flow == "raft" else None,
-                 "size_px": list(found.flow_size)},
-        "model": {"name": base.name, "sha256": hash_path(Path(base.name)) if Path(base.name).is_dir() else None,
-                  "shown": shown.input, "picture": shown.picture, "reasoning": sampling.reasoning,
-                  "samples": sampling.samples, "temperature": sampling.temperature, "top_p": sampling.top_p,
-                  "middle": sampling.middle, "seed": settings.seed},
-        "answer": {"from": best.name, "composition": best.scene.composition, "think": best.answer.completion.think,
-                   "events_of_replay": [f"t={e.time:.2f}s: {event_text(e, run.scene)}" for e in run.events],
-                   "doubts": found.doubts},
+        "flow": {
+            "by": settings.flow,
+            "weights": str(settings.raft) if settings.flow == "raft" else None,
+            "size_px": list(found.flow_size),
+        },
+        "model": {
+            "name": base.name,
+            "sha256": hash_path(Path(base.name)) if Path(base.name).is_dir() else None,
+            "shown": shown.input,
+            "picture": shown.picture,
+            "reasoning": sampling.reasoning,
+            "samples": sampling.samples,
+            "temperature": sampling.temperature,
+            "top_p": sampling.top_p,
+            "middle": sampling.middle,
+            "seed": settings.seed,
+        },
+        "answer": {
+            "from": best.name,
+            "composition": best.scene.composition,
+            "think": best.answer.completion.think,
+            "events_of_replay": [f"t={e.time:.2f}s: {event_text(e, run.scene)}" for e in run.events],
+            "doubts": found.doubts,
+        },
         "methods": [
-            {"method": m.name, "composition": m.scene.composition, "reward": _number(m.reward), "iou": _number(m.iou),
-             "epe_frame_px": _number(m.epe_frame), "sequence_iou": _number(m.overlap.sequence),
-             "initial_iou": _number(m.overlap.initial), "foreground_iou": _number(m.overlap.foreground),
-             "sample": m.answer.sample, "simulations": m.simulations}
+            {
+                "method": m.name,
+                "composition": m.scene.composition,
+                "reward": _number(m.reward),
+                "iou": _number(m.iou),
+                "epe_frame_px": _number(m.epe_frame),
+                "sequence_iou": _number(m.overlap.sequence),
+                "initial_iou": _number(m.overlap.initial),
+                "foreground_iou": _number(m.overlap.foreground),
+                "sample": m.answer.sample,
+                "simulations": m.simulations,
+            }
             for m in found.methods
         ],
         "samples": [
-            {"sample": a.sample, "composition": a.scene.composition, "reward": _number(found.rewards.reward[i]),
-             "log_probability": _number(a.log_probability)}
+            {
+                "sample": a.sample,
+                "composition": a.scene.composition,
+                "reward": _number(found.rewards.reward[i]),
+                "log_probability": _number(a.log_probability),
+            }
             for i, a in enumerate(found.answers)
         ],
-        "search": None if search is None else {
-            "simulations": search.simulations, "invalid": search.invalid, "seconds": round(search.seconds, 2),
+        "search": None
+        if search is None
+        else {
+            "simulations": search.simulations,
+            "invalid": search.invalid,
+            "seconds": round(search.seconds, 2),
             "spent": search.spent.tolist(),
             "history": [_number(v) for v in search.history],
         },
         "certainty": [
-            {"place": c.place, "value": _number(c.value), "spread": _number(c.spread), "unit": c.unit,
-             "determined": c.determined}
+            {
+                "place": c.place,
+                "value": _number(c.value),
+                "spread": _number(c.spread),
+                "unit": c.unit,
+                "determined": c.determined,
+            }
             for c in found.certainties
         ],
         "renderer": renderer,
         "seconds": seconds,
         "made": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
         "versions": {name: version(name) for name in _VERSIONS},
-    }  # fmt: skip
+    }
 
 
 def _number(value: float) -> float | None:

@@ -71,7 +71,7 @@ def draw(sheet: Sheet) -> np.ndarray:
         ("input's masks", [_painted(sheet.rgb[f], sheet.masks[f]) for f in shown]),
         (f"input's flow\n(full colour:\n{longest:.1f} px)", [_wheel(sheet.flow[p], longest) for p in chosen]),
         ("replay's flow", [_wheel(sheet.replay_flow[p], longest) for p in chosen]),
-    ]  # fmt: skip
+    ]
     top = HEADER + LINE * (len(sheet.rows) + 1) + GAP
     width = SIDE + len(chosen) * (TILE[0] + GAP) + GAP
     page = Image.new("RGB", (width, top + 24 + len(rows) * (TILE[1] + GAP)), PAPER)

@@ -113,14 +113,18 @@ class Simulation:
                 notes = _write(folder, self)
             for note in notes:
                 progress.say("note", note)
-            write_result(folder, "simulate", {
-                "scene": self.name,
-                "set": list(self.edits),
-                "seconds": self.schedule.seconds,
-                "notes": notes,
-                "departures": [vars(d) for d in self.departures],
-                "versions": {name: version(name) for name in ("dynamics-pipeline", "mujoco", "numpy")},
-            })  # fmt: skip
+            write_result(
+                folder,
+                "simulate",
+                {
+                    "scene": self.name,
+                    "set": list(self.edits),
+                    "seconds": self.schedule.seconds,
+                    "notes": notes,
+                    "departures": [vars(d) for d in self.departures],
+                    "versions": {name: version(name) for name in ("dynamics-pipeline", "mujoco", "numpy")},
+                },
+            )
 
 
 def simulate(scene: str | Path | Scene, seconds: float = 1.0, edits: Sequence[str] = ()) -> Simulation:
@@ -136,7 +140,7 @@ def simulate(scene: str | Path | Scene, seconds: float = 1.0, edits: Sequence[st
 
     Raises:
         SceneError: For a scene without objects, or an edit that does not fit it.
-        SimulationError: Where the numbers go bad.
+        SimulationError: Where the simulation becomes unstable.
     """
     schedule = run_schedule(seconds)
     name = "scene" if isinstance(scene, Scene) else str(scene)
@@ -145,9 +149,14 @@ def simulate(scene: str | Path | Scene, seconds: float = 1.0, edits: Sequence[st
         raise SceneError(f"{name}: objects: there are none to simulate")
     after = edited(before, edits)
     return Simulation(
-        name=name, edits=tuple(edits), original=before, scene=after, schedule=schedule,
-        original_trace=run_scene(before, schedule.seconds), trace=run_scene(after, schedule.seconds),
-    )  # fmt: skip
+        name=name,
+        edits=tuple(edits),
+        original=before,
+        scene=after,
+        schedule=schedule,
+        original_trace=run_scene(before, schedule.seconds),
+        trace=run_scene(after, schedule.seconds),
+    )
 
 
 def run_schedule(seconds: float) -> Schedule:
@@ -188,8 +197,10 @@ def _write(folder: Path, run: Simulation) -> list[str]:
     frames = [r.pictures(backend) for r in (original, changed)]
     write_video(folder / "replay.mp4", side_by_side(frames[0], frames[1], (ORIGINAL, EDITED)), schedule.fps)
     shown = [Pictures(f, r.masks) for f, r in zip(frames, (original, changed), strict=True)]
-    motions = (MotionLayer(EDITED, changed.scene, run.trace, True, changed.events),
-               MotionLayer(ORIGINAL, original.scene, run.original_trace, False, original.events))  # fmt: skip
+    motions = (
+        MotionLayer(EDITED, changed.scene, run.trace, True, changed.events),
+        MotionLayer(ORIGINAL, original.scene, run.original_trace, False, original.events),
+    )
     notes = [*([note] if note else []), f"pictures by {reason}"]
     text = "\n".join(["### What if", "", *markdown(run.table()), "", *(f"- {n}" for n in notes)])
     place = Path(run.name)

@@ -96,9 +96,15 @@ def draw_clips(
 
 
 def _draw_still(
-    rng: np.random.Generator, shapes: tuple[str, ...], distribution: Distribution, filters: Filters,
-    outcome: Counter[str], tries: Counter[int], index: int, suite: str,
-) -> Scene:  # fmt: skip
+    rng: np.random.Generator,
+    shapes: tuple[str, ...],
+    distribution: Distribution,
+    filters: Filters,
+    outcome: Counter[str],
+    tries: Counter[int],
+    index: int,
+    suite: str,
+) -> Scene:
     """The next candidate that passes the filters on its initial state."""
     while tries[index] < filters.tries:
         tries[index] += 1

@@ -68,8 +68,16 @@ class Replay:
     def frame_flow(self) -> np.ndarray:
         """(F - 1, H, W, 2) float32, px, from every frame to the next."""
         assert self.scene.camera is not None
-        return exact_flow(self.scene.objects, self.position, self.quaternion, pinhole(self.scene.camera), self.width,
-                          self.height, self.scene.ground, rendering=self._rendering)  # fmt: skip
+        return exact_flow(
+            self.scene.objects,
+            self.position,
+            self.quaternion,
+            pinhole(self.scene.camera),
+            self.width,
+            self.height,
+            self.scene.ground,
+            rendering=self._rendering,
+        )
 
     @cached_property
     def events(self) -> tuple[Event, ...]:
@@ -95,14 +103,28 @@ class Replay:
         """
         chosen = slice(None) if frames is None else frames
         appearance = plain_appearance(len(self.scene.objects))
-        return render_rgb(self.scene, self.position[chosen], self.quaternion[chosen], appearance, width or self.width,
-                          height or self.height, backend)  # fmt: skip
+        return render_rgb(
+            self.scene,
+            self.position[chosen],
+            self.quaternion[chosen],
+            appearance,
+            width or self.width,
+            height or self.height,
+            backend,
+        )
 
     @cached_property
     def _rendering(self) -> Rendering:
         assert self.scene.camera is not None
-        return rasterise(self.scene.objects, self.position, self.quaternion, pinhole(self.scene.camera), self.width,
-                         self.height, self.scene.ground)  # fmt: skip
+        return rasterise(
+            self.scene.objects,
+            self.position,
+            self.quaternion,
+            pinhole(self.scene.camera),
+            self.width,
+            self.height,
+            self.scene.ground,
+        )
 
     @cached_property
     def _pairs(self) -> View:

@@ -37,8 +37,15 @@ def frame_masks(scene: Scene, trace: Trace, schedule: Schedule, width: int, heig
     """(F, H, W) masks of every frame of the clip."""
     assert scene.camera is not None
     steps = schedule.frame_steps
-    return rasterise(scene.objects, trace.position[steps], trace.quaternion[steps], pinhole(scene.camera), width,
-                     height, scene.ground).mask  # fmt: skip
+    return rasterise(
+        scene.objects,
+        trace.position[steps],
+        trace.quaternion[steps],
+        pinhole(scene.camera),
+        width,
+        height,
+        scene.ground,
+    ).mask
 
 
 def areas_px(masks: np.ndarray, objects: int) -> np.ndarray:
@@ -76,8 +83,7 @@ def pair_view(scene: Scene, position: np.ndarray, quaternion: np.ndarray, width:
     masks, depths, flows = [], [], []
     for p, q in zip(position, quaternion, strict=True):
         first = rasterise(scene.objects, p[:1], q[:1], pinhole(scene.camera), width, height, scene.ground)
-        moved = exact_flow(scene.objects, p, q, pinhole(scene.camera), width, height, scene.ground,
-                           rendering=first)  # fmt: skip
+        moved = exact_flow(scene.objects, p, q, pinhole(scene.camera), width, height, scene.ground, rendering=first)
         masks.append(first.mask[0])
         depths.append(first.depth[0])
         flows.append(moved[0])

@@ -49,9 +49,7 @@ def run(arguments: argparse.Namespace) -> None:
     a = arguments
     check_replaceable(a.out, a.force)
     with Progress(2, shown=True) as progress:
-        found = discover(
-            a.measured, a.scene, held_out=a.held_out, effects=a.effects, seed=a.seed, progress=progress
-        )  # fmt: skip
+        found = discover(a.measured, a.scene, held_out=a.held_out, effects=a.effects, seed=a.seed, progress=progress)
         with progress.step("report"), result_folder(a.out, a.force) as folder:
             found.write(folder)
     print(f"{'verdict':<11}{found.sentence}")

@@ -137,8 +137,12 @@ def _array_footage(path: Path, clip: int) -> Footage:
     read = {name: array[clip] for name, array in found.items()}
     flow = read.get("flow")
     frames = np.arange(0) if flow is None else Schedule(model_frames=len(flow)).pairs[:, 0]
-    return Footage(f"{path.stem}/{clip}", f"### clip {clip} of `{path}`", (),
-                   Pictures(read.get("rgb"), read.get("mask"), flow=flow, flow_frames=frames))  # fmt: skip
+    return Footage(
+        f"{path.stem}/{clip}",
+        f"### clip {clip} of `{path}`",
+        (),
+        Pictures(read.get("rgb"), read.get("mask"), flow=flow, flow_frames=frames),
+    )
 
 
 def _show_file(made: Path, file: Path | None) -> None:
@@ -265,8 +269,10 @@ def _trace(opened: Opened, scene: Scene) -> Trace:
 def _events(opened: Opened) -> tuple[Event, ...]:
     for clip in opened.clips.values():
         if "events" in clip.shard.tables:
-            return tuple(Event(e["time"], e["kind"], e["first"], None if e["second"] < 0 else e["second"])
-                         for e in clip.rows("events"))  # fmt: skip
+            return tuple(
+                Event(e["time"], e["kind"], e["first"], None if e["second"] < 0 else e["second"])
+                for e in clip.rows("events")
+            )
     return ()
 
 

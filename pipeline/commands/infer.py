@@ -53,8 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--temperature", type=positive, default=1.0, help="of sampling words (1)")
     add("--top-p", type=share, default=0.9, help="of sampling words (0.9)")
-    add("--middle", type=share, default=0.4, help="share of what the model thinks of a number, about its median, from "
-        "which samples are drawn (0.4)")  # fmt: skip
+    add(
+        "--middle",
+        type=share,
+        default=0.4,
+        help="share of what the model thinks of a number, about its median, from which samples are drawn (0.4)",
+    )
     add("--seed", type=count, default=0, help="of sampling and search (0)")
     add("--force", action="store_true", help="replace OUT where `dynamics` wrote it and nothing else is in it")
 
@@ -69,14 +73,27 @@ def run(arguments: argparse.Namespace) -> None:
     a = arguments
     with result_folder(a.out, a.force) as folder, Progress(5 + bool(a.search), shown=True) as progress:
         found = infer(
-            a.clip, start=a.start, seconds=a.seconds, fps=a.fps, masks=a.masks, model=load_model(a.model, "--model"),
-            samples=a.samples, temperature=a.temperature, top_p=a.top_p, middle=a.middle, search=a.search,
-            incline=a.incline, flow=a.flow, raft=a.raft, seed=a.seed, progress=progress,
-        )  # fmt: skip
+            a.clip,
+            start=a.start,
+            seconds=a.seconds,
+            fps=a.fps,
+            masks=a.masks,
+            model=load_model(a.model, "--model"),
+            samples=a.samples,
+            temperature=a.temperature,
+            top_p=a.top_p,
+            middle=a.middle,
+            search=a.search,
+            incline=a.incline,
+            flow=a.flow,
+            raft=a.raft,
+            seed=a.seed,
+            progress=progress,
+        )
         for line in aligned(method_table(found.methods)):
             progress.say("", line)
         if found.certainties:
-            progress.say("note", f"hardly determined by this clip: {uncertain(found.certainties)}")
+            progress.say("note", f"weakly determined by this clip: {uncertain(found.certainties)}")
         for line in found.doubts:
             progress.say("note", line)
         write_files(folder, found, progress)

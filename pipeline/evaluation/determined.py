@@ -14,8 +14,15 @@ from pipeline.scene.scene import Scene
 from pipeline.search.certainty import DETERMINED
 
 WITHIN = 2.0  # spreads
-HEADER = ["parameter", "unit", "numbers", "determined", "median spread", "truth within two spreads",
-          "95 % of truths within, spreads"]  # fmt: skip
+HEADER = [
+    "parameter",
+    "unit",
+    "numbers",
+    "determined",
+    "median spread",
+    "truth within two spreads",
+    "95 % of truths within, spreads",
+]
 _PLACE = re.compile(r"objects\[(\d+)\]\.(\w+)(?:\[(\d+)\])?")
 
 
@@ -40,8 +47,15 @@ class KindSpreads:
         determined = np.mean(np.array(self.shares) < DETERMINED)
         covered = f"{np.mean(np.array(self.errors) < WITHIN):.2f} of {len(self.errors)}" if self.errors else NONE
         quantile = f"{np.quantile(self.errors, 0.95):.1f}" if self.errors else NONE
-        return [name, self.unit, str(len(self.shares)), f"{determined:.2f}", f"{np.median(self.spreads):.3g}", covered,
-                quantile]  # fmt: skip
+        return [
+            name,
+            self.unit,
+            str(len(self.shares)),
+            f"{determined:.2f}",
+            f"{np.median(self.spreads):.3g}",
+            covered,
+            quantile,
+        ]
 
 
 def true_value(truth: Scene, place: str, shapes: Sequence[str], instances: Sequence[int]) -> float | None:
@@ -58,8 +72,12 @@ def true_value(truth: Scene, place: str, shapes: Sequence[str], instances: Seque
     """
     camera = truth.camera
     assert camera is not None
-    scene = {"camera.position[2]": camera.position[2], "camera.pitch": camera.pitch, "camera.fov": camera.fov,
-             "gravity": -truth.gravity[2]}  # fmt: skip
+    scene = {
+        "camera.position[2]": camera.position[2],
+        "camera.pitch": camera.pitch,
+        "camera.fov": camera.fov,
+        "gravity": -truth.gravity[2],
+    }
     match = _PLACE.fullmatch(place)
     if match is None:
         return scene.get(place)

@@ -34,8 +34,9 @@ def bars(summary: Summary, metric: str, label: str) -> str:
     figure, axes = plt.subplots(figsize=(6.4, 2.8))
     width = 0.8 / len(methods)
     for k, method in enumerate(methods):
-        found = [(i, summary.intervals[s, method][metric]) for i, s in enumerate(suites)
-                 if (s, method) in summary.intervals]  # fmt: skip
+        found = [
+            (i, summary.intervals[s, method][metric]) for i, s in enumerate(suites) if (s, method) in summary.intervals
+        ]
         found = [(i, e) for i, e in found if e.n]
         x = np.array([i for i, _ in found]) + (k - (len(methods) - 1) / 2) * width
         error = np.array([[e.mean - e.low for _, e in found], [e.high - e.mean for _, e in found]])

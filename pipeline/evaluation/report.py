@@ -14,9 +14,12 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
 _TEMPLATES = Environment(
-    loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+    loader=FileSystemLoader(Path(__file__).parent),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
     lstrip_blocks=True,
-)  # fmt: skip
+)
 _PARTS: Any = _TEMPLATES.get_template("parts.jinja").module
 _MARKDOWN = MarkdownIt("commonmark", {"html": False}).enable("table")
 _WITH_INTERVAL = re.compile(r"(-?[\d.e+-]+) \((-?[\d.e+-]+(?:–| to )-?[\d.e+-]+)\)")

@@ -55,7 +55,7 @@ METRICS: dict[str, bool] = {
 
 
 def score(scene: Scene, reference: Reference, schedule: Schedule) -> dict[str, float]:
-    """The metrics of one answer. A replay that goes bad scores as an empty view, with `valid` 0.
+    """The metrics of one answer. A replay that becomes unstable scores as an empty view, with `valid` 0.
 
     Parameter errors (`error.<name>`) are added where the true scene is known and the composition right.
     """

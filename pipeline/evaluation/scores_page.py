@@ -140,13 +140,16 @@ def scores_page(
     }
     first = "".join(clips[0].animation for clips in gallery.values() if clips)
     out = [
-        Section("Clips and replays", "The first clip of each suite, not chosen; the replay is the search's.",
-                f'<div class="pictures">{first}</div>'),
+        Section(
+            "Clips and replays",
+            "The first clip of each suite, not chosen; the replay is the search's.",
+            f'<div class="pictures">{first}</div>',
+        ),
         Section("Sequence IoU", "", text["Sequence IoU"] + html_table(*headline_table(run.summary))),
         Section("Curves", "", f'<div class="row">{"".join(_figures(run))}</div>', folded=True),
         *(Section(title, "", text[title] + html_table(*table), folded=True) for title, table in tables.items()),
         *(_clip_section(suite, clips) for suite, clips in gallery.items()),
-    ]  # fmt: skip
+    ]
     for folder, by_heading in benchmark_tables(results).items():
         text = prose_by_heading(results / folder / "README.md", f"../{results.as_posix()}/{folder}")
         out += [

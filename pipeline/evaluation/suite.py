@@ -100,16 +100,22 @@ class AnsweredSuite:
         for clip in tqdm(range(len(self)), desc=f"score {self.name}", unit="clip", disable=None):
             truth = reference(self.stages, clip, schedule)
             for method, (scene, cost) in self.answers(clip).items():
-                head = {"suite": self.group(clip), "clip": clip, "method": method, "simulations": cost,
-                        "seconds": seconds[method.split("@")[0]]}  # fmt: skip
+                head = {
+                    "suite": self.group(clip),
+                    "clip": clip,
+                    "method": method,
+                    "simulations": cost,
+                    "seconds": seconds[method.split("@")[0]],
+                }
                 rows.append({**head, **score(read_scene(scene), truth, schedule)})
         return rows
 
     def best_of_k_rows(self) -> list[Row]:
         """What more samples gain: rows of series, k, iou, the mean over clips that the model has not seen."""
         ranked = [self.stages["best_of_k"][clip].rows() for clip in self._unseen()]
-        curves = [best_of_k_curve(*(np.array([row[key] for row in rows]) for key in ("reward", "iou")))
-                  for rows in ranked]  # fmt: skip
+        curves = [
+            best_of_k_curve(*(np.array([row[key] for row in rows]) for key in ("reward", "iou"))) for rows in ranked
+        ]
         mean = np.mean(curves, 0) if curves else []
         return [{"series": self.name, "k": k + 1, "iou": float(v)} for k, v in enumerate(mean)]
 

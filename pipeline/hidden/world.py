@@ -58,10 +58,17 @@ def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
         clips += _measured(clip, scenario, effects, recipe, rng)
     truth = {
         "effects": [{"name": e.name, **{k: _plain(v) for k, v in e.parameters}} for e in effects],
-        "unlisted": recipe.unlisted, "wrong": recipe.wrong, "engine": engine, "scenario": scenario.name,
-        "strength": recipe.strength, "noise": recipe.noise, "clips": recipe.clips, "seed": recipe.seed,
-        "bounces": scenario.name == BOUNCING, "damaged": recipe.damaged,
-    }  # fmt: skip
+        "unlisted": recipe.unlisted,
+        "wrong": recipe.wrong,
+        "engine": engine,
+        "scenario": scenario.name,
+        "strength": recipe.strength,
+        "noise": recipe.noise,
+        "clips": recipe.clips,
+        "seed": recipe.seed,
+        "bounces": scenario.name == BOUNCING,
+        "damaged": recipe.damaged,
+    }
     return World(tuple(clips), known_scene_of(scenario), truth)
 
 

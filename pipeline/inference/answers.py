@@ -47,9 +47,13 @@ def answer_seed(*labels: object) -> int:
 
 
 def ask(
-    base: Base, show: Callable[[int], np.ndarray], seeds: Sequence[int], sampling: Sampling, batch_size: int,
+    base: Base,
+    show: Callable[[int], np.ndarray],
+    seeds: Sequence[int],
+    sampling: Sampling,
+    batch_size: int,
     prompt: Prompt | None = None,
-) -> list[list[Answer]]:  # fmt: skip
+) -> list[list[Answer]]:
     """Ask the model about clips.
 
     Args:

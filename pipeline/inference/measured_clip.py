@@ -88,8 +88,9 @@ def measure_clip(
         taken = read_user_clip(place, start, seconds, schedule.fps, fps, masks)
     with progress.step("flow"):
         pairs = schedule.pairs
-        flow = measured_flow(estimator, taken.clip.frames, taken.clip.source_times, pairs, 1 / schedule.fps,
-                             flow_iterations, flow_size)  # fmt: skip
+        flow = measured_flow(
+            estimator, taken.clip.frames, taken.clip.source_times, pairs, 1 / schedule.fps, flow_iterations, flow_size
+        )
     speed = np.linalg.norm(flow, axis=-1)
     seen = taken.masks[pairs[:, 0]]
     check_motion(place, speed, seen)

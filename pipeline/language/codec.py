@@ -85,8 +85,12 @@ class Codec:
             ids += new
             free += [not isinstance(element, Literal)] * len(new)
             numeric += [isinstance(element, Number)] * len(new)
-        return Tokens(np.array([*ids, self.end_id], np.int32), len(self.prompt_ids), np.array([*free, False]),
-                      np.array([*numeric, False]))  # fmt: skip
+        return Tokens(
+            np.array([*ids, self.end_id], np.int32),
+            len(self.prompt_ids),
+            np.array([*free, False]),
+            np.array([*numeric, False]),
+        )
 
     def decode(self, ids: list[int]) -> str:
         return str(self.tokenizer.decode(ids, skip_special_tokens=True))

@@ -36,9 +36,15 @@ PUSH = 0.02  # s from a touch on, within which a hit pushes
 LEVER = 0.1  # m; turning is rest where points at this distance move slower than `moving_speed`
 
 KINDS = (
-    "hits_object", "hits_ground", "enters", "leaves",
-    "starts_rolling", "stops_rolling", "starts_sliding", "stops_sliding",
-)  # fmt: skip
+    "hits_object",
+    "hits_ground",
+    "enters",
+    "leaves",
+    "starts_rolling",
+    "stops_rolling",
+    "starts_sliding",
+    "stops_sliding",
+)
 
 
 @dataclass(frozen=True)
@@ -75,8 +81,9 @@ class Thresholds:
 
 
 #: Outside the graph, which has its own in params.yaml (`events`, `sample.filters.visible_px`; a test compares them).
-DEFAULT_THRESHOLDS = Thresholds(impact_speed=0.2, separation=0.1, slip_speed=0.05, moving_speed=0.03, duration=0.1,
-                                visible_px=32.0, most=12)  # fmt: skip
+DEFAULT_THRESHOLDS = Thresholds(
+    impact_speed=0.2, separation=0.1, slip_speed=0.05, moving_speed=0.03, duration=0.1, visible_px=32.0, most=12
+)
 
 
 def find_events(
@@ -178,8 +185,9 @@ def ground_contact(trace: Trace, index: int, thresholds: Thresholds) -> tuple[np
     if not len(at):
         return np.zeros(steps, bool), np.zeros(steps)
     window = np.ones(max(round(thresholds.duration / 2 * trace.rate), 1))
-    number, total = (np.convolve(np.bincount(at, weights, steps), window)[:steps]
-                     for weights in (np.ones(len(at)), slips))  # fmt: skip
+    number, total = (
+        np.convolve(np.bincount(at, weights, steps), window)[:steps] for weights in (np.ones(len(at)), slips)
+    )
     near = np.flatnonzero(number > 0.5)
     slip = np.interp(np.arange(steps), near, total[near] / number[near])
     touched = np.unique(at)
@@ -286,8 +294,9 @@ def _settled(states: np.ndarray, length: int) -> np.ndarray:
     """
     cuts = [0, *(np.flatnonzero(np.diff(states)) + 1), len(states)]
     runs = [_Run(int(states[a]), int(a), int(b - a)) for a, b in itertools.pairwise(cuts) if b > a]
-    while between := [k for k in range(1, len(runs) - 1)
-                      if runs[k].own < length and runs[k - 1].state == runs[k + 1].state]:  # fmt: skip
+    while between := [
+        k for k in range(1, len(runs) - 1) if runs[k].own < length and runs[k - 1].state == runs[k + 1].state
+    ]:
         k = min(between, key=lambda k: runs[k].own)
         runs[k - 1].own += runs[k + 1].own
         del runs[k : k + 2]

@@ -19,6 +19,14 @@ def instructions(
     the pictures tell apart, px at a width of `width`."""
     assert pictures in PICTURES
     template = Environment(undefined=StrictUndefined).from_string(TEMPLATE.read_text(encoding="utf-8"))
-    return template.render(pictures=pictures, reasoning=reasoning, frames=frames, seconds=f"{seconds:g}", fps=fps,
-                           max_px=f"{max_px:g}", width=width, most_objects=MAX_OBJECTS,
-                           phrases=tuple(EVENT_PHRASES.values()))  # fmt: skip
+    return template.render(
+        pictures=pictures,
+        reasoning=reasoning,
+        frames=frames,
+        seconds=f"{seconds:g}",
+        fps=fps,
+        max_px=f"{max_px:g}",
+        width=width,
+        most_objects=MAX_OBJECTS,
+        phrases=tuple(EVENT_PHRASES.values()),
+    )

@@ -27,9 +27,13 @@ class Counts:
 
 @kernel
 def count_frame(
-    mask: np.ndarray, target: np.ndarray, shared: np.ndarray, predicted: np.ndarray, true: np.ndarray,
+    mask: np.ndarray,
+    target: np.ndarray,
+    shared: np.ndarray,
+    predicted: np.ndarray,
+    true: np.ndarray,
     foreground: np.ndarray,
-) -> None:  # fmt: skip
+) -> None:
     """Fill the counts of one frame from two masks (H, W) uint8 (0 background): shared (N, M), …, foreground (2,)."""
     shared[:] = 0
     predicted[:] = 0
@@ -53,8 +57,12 @@ def count_frame(
 def count(masks: np.ndarray, targets: np.ndarray, objects: int, target_objects: int) -> Counts:
     """Counts of predicted masks (F, H, W) against true ones of the same size."""
     frames = len(masks)
-    out = Counts(np.zeros((frames, objects, target_objects), np.int64), np.zeros((frames, objects), np.int64),
-                 np.zeros((frames, target_objects), np.int64), np.zeros((frames, 2), np.int64))  # fmt: skip
+    out = Counts(
+        np.zeros((frames, objects, target_objects), np.int64),
+        np.zeros((frames, objects), np.int64),
+        np.zeros((frames, target_objects), np.int64),
+        np.zeros((frames, 2), np.int64),
+    )
     for k in range(frames):
         count_frame(masks[k], targets[k], out.shared[k], out.predicted[k], out.true[k], out.foreground[k])
     return out

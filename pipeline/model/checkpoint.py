@@ -54,8 +54,9 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
                 raise ModelError(
                     f"{name!r} takes frames whose sides are multiples of {unit} px, not {width} x {height}"
                 )
-            layout = PatchLayout(width, height, frames, vision.patch_size, vision.temporal_patch_size,
-                                 vision.spatial_merge_size)  # fmt: skip
+            layout = PatchLayout(
+                width, height, frames, vision.patch_size, vision.temporal_patch_size, vision.spatial_merge_size
+            )
     except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
         raise unavailable(name, error) from None
     if layout.frames != frames:

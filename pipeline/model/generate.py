@@ -103,8 +103,10 @@ def generate(
     cache, logits = _prefill(base, prompt, where, clips)
     cache.batch_repeat_interleave(each)
     logits = logits.repeat_interleave(each, 0)
-    states = [GrammarState(completion_grammar(sampling.reasoning, sampling.seconds), base.codec, base.tries)
-              for _ in range(rows)]  # fmt: skip
+    states = [
+        GrammarState(completion_grammar(sampling.reasoning, sampling.seconds), base.codec, base.tries)
+        for _ in range(rows)
+    ]
     rngs = [np.random.default_rng((seeds[i // each], i % each)) for i in range(rows)]
     log_probability = np.zeros(rows)
     waiting: list[list[int]] = [s.forced() for s in states]  # tokens that are settled but not yet fed
@@ -131,8 +133,13 @@ def generate(
         ids = [(w[:step] or [base.codec.pad_id] * step) for w in waiting]
         waiting = [w[step:] for w in waiting]
         following = torch.arange(next_position + fed, next_position + fed + step, device=device).expand(3, rows, -1)
-        out = model(input_ids=torch.tensor(ids, device=device), position_ids=following, past_key_values=cache,
-                    use_cache=True, logits_to_keep=1)  # fmt: skip
+        out = model(
+            input_ids=torch.tensor(ids, device=device),
+            position_ids=following,
+            past_key_values=cache,
+            use_cache=True,
+            logits_to_keep=1,
+        )
         logits = out.logits[:, -1].float().cpu()
         fed += step
         assert fed < sampling.most_tokens, "the grammar's texts are finite"
@@ -147,9 +154,15 @@ def _prefill(base: Base, prompt: Prompt, where: torch.Tensor, clips: np.ndarray)
     videos = np.concatenate([np.concatenate([prompt.videos, clip[None]]) for clip in clips])
     patches, grid = video_inputs(base, torch.as_tensor(videos))
     cache = DynamicCache(config=base.model.config.get_text_config())
-    out = base.model(input_ids=ids, pixel_values_videos=patches, video_grid_thw=grid,
-                     position_ids=where[:, None].expand(-1, len(clips), -1).to(device),
-                     past_key_values=cache, use_cache=True, logits_to_keep=1)  # fmt: skip
+    out = base.model(
+        input_ids=ids,
+        pixel_values_videos=patches,
+        video_grid_thw=grid,
+        position_ids=where[:, None].expand(-1, len(clips), -1).to(device),
+        past_key_values=cache,
+        use_cache=True,
+        logits_to_keep=1,
+    )
     return cache, out.logits[:, -1].float().cpu()
 
 

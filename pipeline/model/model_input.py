@@ -48,9 +48,14 @@ class ModelInput:
 
     @classmethod
     def of(
-        cls, input: str, picture: str, flow_source: str, flow_size: tuple[int, int], flow_iterations: int,
+        cls,
+        input: str,
+        picture: str,
+        flow_source: str,
+        flow_size: tuple[int, int],
+        flow_iterations: int,
         reasoning: bool,
-    ) -> ModelInput:  # fmt: skip
+    ) -> ModelInput:
         """From settings in which those of flow are given whatever the input is."""
         if input == "rgb":
             return cls(input, None, None, None, None, reasoning)
@@ -76,8 +81,10 @@ class ModelInput:
 
 
 _VALID: dict[str, tuple[str, ...]] = {
-    "input": ("flow", "rgb"), "picture": ("channels", "wheel"), "flow_source": ("exact", "raft", "dis"),
-}  # fmt: skip
+    "input": ("flow", "rgb"),
+    "picture": ("channels", "wheel"),
+    "flow_source": ("exact", "raft", "dis"),
+}
 
 
 def _shown(value: object) -> str:

@@ -64,8 +64,10 @@ def places(layout: PatchLayout) -> torch.Tensor:
     the world, a small model would have to learn from the borders.
     """
     stripe = torch.arange(layout.patch) * 3 // layout.patch
-    across = [(2 * (torch.arange(n) + 0.5) / n - 1).reshape(shape)
-              for n, shape in zip(layout.grid, ((-1, 1, 1), (1, -1, 1), (1, 1, -1)), strict=True)]  # fmt: skip
+    across = [
+        (2 * (torch.arange(n) + 0.5) / n - 1).reshape(shape)
+        for n, shape in zip(layout.grid, ((-1, 1, 1), (1, -1, 1), (1, 1, -1)), strict=True)
+    ]
     time, row, column = torch.broadcast_tensors(*across)
     values = torch.stack([column, row, time], -1)[..., stripe]  # t, h, w, p
     return layout.places * values[:, None, :, None].expand(-1, 1, -1, layout.patch, -1, -1)
@@ -76,8 +78,9 @@ def resize_frames(frames: np.ndarray, width: int, height: int) -> np.ndarray:
     if frames.shape[1:3] == (height, width):
         return frames
     shrinks = frames.shape[2] > width
-    return np.stack([cv2.resize(f, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
-                     for f in frames])  # fmt: skip
+    return np.stack(
+        [cv2.resize(f, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR) for f in frames]
+    )
 
 
 def fit_layout(pictures: np.ndarray, layout: PatchLayout) -> np.ndarray:

@@ -80,9 +80,12 @@ def weighted_reward(rewards: Rewards, epe_weight: float) -> np.ndarray:
 
 
 def implicit_margin(
-    better: torch.Tensor, worse: torch.Tensor, reference_better: torch.Tensor, reference_worse: torch.Tensor,
+    better: torch.Tensor,
+    worse: torch.Tensor,
+    reference_better: torch.Tensor,
+    reference_worse: torch.Tensor,
     beta: float,
-) -> torch.Tensor:  # fmt: skip
+) -> torch.Tensor:
     """(B,) difference of the rewards that policy and reference imply (equation 5, without its constant), from the
     log-probabilities (B,), nats, of the better and the worse completions."""
     return beta * ((better - reference_better) - (worse - reference_worse))
@@ -105,9 +108,15 @@ class _Example:
 
 
 def prefer(
-    base: Base, pairs: Sequence[Pair], pictures: Mapping[int, np.ndarray], beta: float, sampling: Sampling,
-    plan: TrainingPlan, work: Path, report: Report,
-) -> None:  # fmt: skip
+    base: Base,
+    pairs: Sequence[Pair],
+    pictures: Mapping[int, np.ndarray],
+    beta: float,
+    sampling: Sampling,
+    plan: TrainingPlan,
+    work: Path,
+    report: Report,
+) -> None:
     """Train `base` in place on the pairs of clips (T, H, W, 3) uint8, with itself as it is now as the reference.
 
     work, report: as `train`; rows have loss, accuracy (share of pairs whose better completion has the higher implied
@@ -137,8 +146,9 @@ def _examples(
         for start in range(0, len(bare), batch_size):
             part = bare[start : start + batch_size]
             better, worse = (side.tolist() for side in _both(base, part))
-            out += [replace(e, reference_better=b, reference_worse=w)
-                    for e, b, w in zip(part, better, worse, strict=True)]  # fmt: skip
+            out += [
+                replace(e, reference_better=b, reference_worse=w) for e, b, w in zip(part, better, worse, strict=True)
+            ]
     return out
 
 

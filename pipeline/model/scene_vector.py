@@ -33,8 +33,12 @@ CLASSES = (None, *BASIC_SHAPES)  # of a slot; None: no object
 HEAD = (HEIGHT, PITCH, FOV, GRAVITY)
 #: A slot's numbers, with the bounds that the text gives them.
 SLOT: tuple[Number, ...] = (
-    *[SIZE] * 3, *MATERIAL.values(), *[v for v in VECTORS.values() for _ in range(3)], REAL_PART, *[IMAGINARY_PART] * 3,
-)  # fmt: skip
+    *[SIZE] * 3,
+    *MATERIAL.values(),
+    *[v for v in VECTORS.values() for _ in range(3)],
+    REAL_PART,
+    *[IMAGINARY_PART] * 3,
+)
 MASS = 3  # where the mass stands in a slot; it is scaled in the logarithm
 SIZES, MATERIALS = slice(0, 3), slice(3, 7)
 POSITION, VELOCITY, ANGULAR_VELOCITY, ORIENTATION = slice(7, 10), slice(10, 13), slice(13, 16), slice(16, 20)
@@ -63,8 +67,9 @@ class Scale:
 def scale_of(d: Distribution) -> Scale:
     """The ranges of everything that is drawn from a distribution."""
     height, target, distance = d.camera_height, d.camera_target_height, d.camera_distance
-    steepest, flattest = (-np.degrees(np.arctan2(h - t, distance))
-                          for h, t in ((height[1], target[0]), (height[0], target[1])))  # fmt: skip
+    steepest, flattest = (
+        -np.degrees(np.arctan2(h - t, distance)) for h, t in ((height[1], target[0]), (height[0], target[1]))
+    )
     head = np.array([height, (steepest, flattest), d.camera_fov, d.gravity]).T
     nothing = (0.0, 1.0)
     sizes = {
@@ -72,14 +77,22 @@ def scale_of(d: Distribution) -> Scale:
         "cylinder": (d.cylinder_radius, d.cylinder_height, nothing),
         "box": (d.box_side, d.box_side, d.box_side),
     }
-    reach = max(d.sphere_radius[1], np.hypot(d.cylinder_radius[1], d.cylinder_height[1] / 2),
-                np.sqrt(3) / 2 * d.box_side[1])  # fmt: skip
+    reach = max(
+        d.sphere_radius[1], np.hypot(d.cylinder_radius[1], d.cylinder_height[1] / 2), np.sqrt(3) / 2 * d.box_side[1]
+    )
     fastest, spin = d.speed[1], max(d.spin[1], d.speed[1] / min(d.sphere_radius[0], d.cylinder_radius[0]))
     rest = [
-        tuple(np.log(d.mass)), d.sliding_friction, d.rolling_friction, d.damping,
-        d.x, d.y, (0.0, reach + d.drop_height[1]), *[(-fastest, fastest)] * 3, *[(-spin, spin)] * 3,
+        tuple(np.log(d.mass)),
+        d.sliding_friction,
+        d.rolling_friction,
+        d.damping,
+        d.x,
+        d.y,
+        (0.0, reach + d.drop_height[1]),
+        *[(-fastest, fastest)] * 3,
+        *[(-spin, spin)] * 3,
         *[(n.low, n.high) for n in SLOT[ORIENTATION]],
-    ]  # fmt: skip
+    ]
     slot = np.array([[*sizes[shape], *rest] for shape in BASIC_SHAPES])
     return Scale(head, np.moveaxis(slot, -1, 0), distance)
 
@@ -95,8 +108,17 @@ def encode(scene: Scene, scale: Scale) -> SceneVector:
         kind = BASIC_SHAPES.index(obj.shape)
         shapes[i], present[i] = kind + 1, _has(obj.shape)
         material = [getattr(obj, key) for key in MATERIAL]
-        values = np.array([*obj.size, *[1.0] * (3 - len(obj.size)), *material, *obj.position, *obj.velocity,
-                           *obj.angular_velocity, *obj.orientation])  # fmt: skip
+        values = np.array(
+            [
+                *obj.size,
+                *[1.0] * (3 - len(obj.size)),
+                *material,
+                *obj.position,
+                *obj.velocity,
+                *obj.angular_velocity,
+                *obj.orientation,
+            ]
+        )
         values[MASS] = np.log(values[MASS])
         numbers[i] = np.where(present[i], _shrink(values, scale.slot[:, kind]), 0.0)
     return SceneVector(head, shapes, numbers, present)
@@ -127,10 +149,13 @@ def _object(shape: str | None, numbers: np.ndarray, span: np.ndarray) -> SceneOb
     values[MASS] = np.exp(values[MASS])
     values = np.where(_has(shape), _bounded(values, SLOT), 0.0)
     obj = SceneObject(
-        shape, tuple(values[SIZES][: len(SIZE_KEYS[shape])]), **dict(zip(MATERIAL, values[MATERIALS], strict=True)),
-        velocity=tuple(values[VELOCITY]), angular_velocity=tuple(values[ANGULAR_VELOCITY]),
+        shape,
+        tuple(values[SIZES][: len(SIZE_KEYS[shape])]),
+        **dict(zip(MATERIAL, values[MATERIALS], strict=True)),
+        velocity=tuple(values[VELOCITY]),
+        angular_velocity=tuple(values[ANGULAR_VELOCITY]),
         orientation=tuple(values[ORIENTATION]) if ANGLE_FREE[shape] else (1.0, 0.0, 0.0, 0.0),
-    )  # fmt: skip
+    )
     x, y, z = values[POSITION]
     lowest = np.ceil(1000 * reach_below(obj)) / 1000  # as the sampler puts what rests
     return replace(obj, position=(x, y, max(z, lowest)))

@@ -108,9 +108,15 @@ class _Report(TrainerCallback):
 
 
 def train(
-    base: HasModel, rows: Dataset, collate: Collate, objective: Objective, plan: TrainingPlan, work: Path,
-    report: Report, held_out: Dataset | None = None,
-) -> None:  # fmt: skip
+    base: HasModel,
+    rows: Dataset,
+    collate: Collate,
+    objective: Objective,
+    plan: TrainingPlan,
+    work: Path,
+    report: Report,
+    held_out: Dataset | None = None,
+) -> None:
     """Train `base` in place to lower the objective of batches of `rows`, which `collate` makes.
 
     objective: a batch's loss, and what else of it the log shall have. Checkpoints go to `work`, from the last of which
@@ -151,9 +157,13 @@ def train(
         dataloader_pin_memory=torch.cuda.is_available(),
     )
     trainer = _Trainer(
-        model=adapted if plan.lora_rank else whole, args=arguments, train_dataset=rows, eval_dataset=held_out,
-        data_collator=lambda members: {"batch": collate(members)}, callbacks=[_Report(report)],
-    )  # fmt: skip
+        model=adapted if plan.lora_rank else whole,
+        args=arguments,
+        train_dataset=rows,
+        eval_dataset=held_out,
+        data_collator=lambda members: {"batch": collate(members)},
+        callbacks=[_Report(report)],
+    )
     trainer.base, trainer.objective, trainer.measured = base, objective, defaultdict(list)
     if last is not None:
         for row in json.loads((last / STATE_FILE).read_text())["log_history"]:

@@ -71,9 +71,15 @@ class Regressor:
 def build_regressor(size: VivitSize, seed: int) -> Regressor:
     """A model with random weights, float32."""
     torch.manual_seed(seed)
-    config = VivitConfig(image_size=[size.height, size.width], num_frames=size.frames, tubelet_size=list(TUBELET),
-                         hidden_size=size.hidden, num_hidden_layers=size.layers, num_attention_heads=size.heads,
-                         intermediate_size=4 * size.hidden)  # fmt: skip
+    config = VivitConfig(
+        image_size=[size.height, size.width],
+        num_frames=size.frames,
+        tubelet_size=list(TUBELET),
+        hidden_size=size.hidden,
+        num_hidden_layers=size.layers,
+        num_attention_heads=size.heads,
+        intermediate_size=4 * size.hidden,
+    )
     return Regressor(VivitRegressor(config))
 
 
@@ -103,9 +109,13 @@ def regression_loss(predicted: Regressed, truth: Sequence[SceneVector]) -> tuple
 
 
 def regress(
-    regressor: Regressor, clips: ClipDataset[Example], val: ClipDataset[Example], plan: TrainingPlan, work: Path,
+    regressor: Regressor,
+    clips: ClipDataset[Example],
+    val: ClipDataset[Example],
+    plan: TrainingPlan,
+    work: Path,
     report: Report,
-) -> None:  # fmt: skip
+) -> None:
     """Train in place on pictures (T, H, W, 3) uint8 and vectors (`train` says what the rest means)."""
 
     def objective(batch: Sequence[Example]) -> tuple[torch.Tensor, Mapping[str, float]]:

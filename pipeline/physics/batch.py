@@ -29,8 +29,17 @@ from pipeline.scene.solid import bounding_radii, geom_sizes, unit_inertia
 logging.getLogger("absl").setLevel(logging.ERROR)
 NO_CAMERA = Camera((0.0, -2.0, 1.0), fov=45.0, pitch=-25.0)  # used for scenes without a camera
 #: Fields of a batch with a value for each object.
-OBJECT_FIELDS = ("half_size", "mass", "sliding_friction", "rolling_friction", "damping", "position", "velocity",
-                 "angular_velocity", "quaternion")  # fmt: skip
+OBJECT_FIELDS = (
+    "half_size",
+    "mass",
+    "sliding_friction",
+    "rolling_friction",
+    "damping",
+    "position",
+    "velocity",
+    "angular_velocity",
+    "quaternion",
+)
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
 
 
@@ -77,8 +86,10 @@ class SceneBatch:
 
     def repeated(self, count: int) -> SceneBatch:
         """A batch of `count` copies of the first scene."""
-        return SceneBatch(self.shapes, **{f.name: np.repeat(getattr(self, f.name)[:1], count, axis=0)
-                                          for f in fields(self) if f.name != "shapes"})  # fmt: skip
+        return SceneBatch(
+            self.shapes,
+            **{f.name: np.repeat(getattr(self, f.name)[:1], count, axis=0) for f in fields(self) if f.name != "shapes"},
+        )
 
     def copy_object(self, index: int, source: SceneBatch, row: int) -> None:
         """Copy object `index` of scene `row` of `source` into the first scene."""
@@ -125,13 +136,20 @@ def unstack(batch: SceneBatch, index: int, like: Scene) -> Scene:
     assert like.camera is not None
     b = index
     objects = tuple(
-        replace(obj, size=size_from_half(obj.shape, batch.half_size[b, i]), mass=float(batch.mass[b, i]),
-                sliding_friction=float(batch.sliding_friction[b, i]),
-                rolling_friction=float(batch.rolling_friction[b, i]), damping=float(batch.damping[b, i]),
-                position=tuple(batch.position[b, i]), velocity=tuple(batch.velocity[b, i]),
-                angular_velocity=tuple(batch.angular_velocity[b, i]), orientation=tuple(batch.quaternion[b, i]))
+        replace(
+            obj,
+            size=size_from_half(obj.shape, batch.half_size[b, i]),
+            mass=float(batch.mass[b, i]),
+            sliding_friction=float(batch.sliding_friction[b, i]),
+            rolling_friction=float(batch.rolling_friction[b, i]),
+            damping=float(batch.damping[b, i]),
+            position=tuple(batch.position[b, i]),
+            velocity=tuple(batch.velocity[b, i]),
+            angular_velocity=tuple(batch.angular_velocity[b, i]),
+            orientation=tuple(batch.quaternion[b, i]),
+        )
         for i, obj in enumerate(like.objects)
-    )  # fmt: skip
+    )
     camera = replace(like.camera, position=tuple(batch.camera_position[b]), fov=float(batch.fov[b]))
     if camera.pitch is not None:
         up = batch.camera_rotation[b, :, 1]
@@ -145,14 +163,26 @@ def unstack(batch: SceneBatch, index: int, like: Scene) -> Scene:
 @functools.lru_cache(maxsize=512)
 def composition_model(shapes: tuple[str, ...], ground: bool) -> mujoco.MjModel:
     """The compiled model of a composition, with placeholder values."""
-    objects = tuple(SceneObject(s, (0.2,) * len(SIZE_KEYS[s]) if s != "capsule" else (0.1, 0.3), 1.0,
-                                position=(float(i), 0, 1)) for i, s in enumerate(shapes))  # fmt: skip
+    objects = tuple(
+        SceneObject(s, (0.2,) * len(SIZE_KEYS[s]) if s != "capsule" else (0.1, 0.3), 1.0, position=(float(i), 0, 1))
+        for i, s in enumerate(shapes)
+    )
     return compile_xml(scene_xml(Scene(objects, ground=0.0 if ground else None)))
 
 
 #: Fields of a model in which scenes of one composition differ.
-MODEL_FIELDS = ("geom_size", "geom_rbound", "geom_aabb", "geom_pos", "geom_friction", "geom_solref", "body_mass",
-                "body_inertia", "opt.gravity", "bvh_aabb")  # fmt: skip
+MODEL_FIELDS = (
+    "geom_size",
+    "geom_rbound",
+    "geom_aabb",
+    "geom_pos",
+    "geom_friction",
+    "geom_solref",
+    "body_mass",
+    "body_inertia",
+    "opt.gravity",
+    "bvh_aabb",
+)
 
 
 def write_fields(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], scenes: SceneBatch) -> None:
@@ -180,8 +210,10 @@ def initial_state(scenes: SceneBatch) -> tuple[np.ndarray, np.ndarray]:
     starts = [start_quaternion(shape, scenes.quaternion[:, i]) for i, shape in enumerate(scenes.shapes)]
     quaternion = np.stack(starts, 1) if starts else scenes.quaternion
     spin = np.einsum("bnji,bnj->bni", matrix_from_quaternion(scenes.quaternion), scenes.angular_velocity)
-    return (np.concatenate([scenes.position, quaternion], -1).reshape(n, -1),
-            np.concatenate([scenes.velocity, spin], -1).reshape(n, -1))  # fmt: skip
+    return (
+        np.concatenate([scenes.position, quaternion], -1).reshape(n, -1),
+        np.concatenate([scenes.velocity, spin], -1).reshape(n, -1),
+    )
 
 
 def scene_model(scene: Scene) -> mujoco.MjModel:

@@ -63,8 +63,10 @@ def initial_qpos(scene: Scene) -> np.ndarray:
 
 def initial_qvel(scene: Scene) -> np.ndarray:
     """(6 N,): velocity in the world frame, m/s, and angular velocity in the body frame, rad/s, as a free joint has."""
-    rows = [np.concatenate([o.velocity, matrix_from_quaternion(np.array(o.orientation)).T @ o.angular_velocity])
-            for o in scene.objects]  # fmt: skip
+    rows = [
+        np.concatenate([o.velocity, matrix_from_quaternion(np.array(o.orientation)).T @ o.angular_velocity])
+        for o in scene.objects
+    ]
     return np.concatenate(rows) if rows else np.zeros(0)
 
 
@@ -99,8 +101,16 @@ def scene_mjcf(scene: Scene) -> mjcf.RootElement:
             shape["mesh"] = obj.name
         else:
             shape["size"] = geom_sizes(obj.shape, half_extents(obj)[None])[0]
-        body.add("geom", name=obj.name, mass=obj.mass, friction=friction(obj), solref=solref(np.array(obj.damping)),
-                 condim=6, priority=OBJECT_PRIORITY, **shape)  # fmt: skip
+        body.add(
+            "geom",
+            name=obj.name,
+            mass=obj.mass,
+            friction=friction(obj),
+            solref=solref(np.array(obj.damping)),
+            condim=6,
+            priority=OBJECT_PRIORITY,
+            **shape,
+        )
     root.keyframe.add("key", name="initial", qpos=initial_qpos(scene), qvel=initial_qvel(scene))
     _add_effects(root, scene)
     return root

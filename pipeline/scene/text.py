@@ -26,9 +26,15 @@ Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 
 OBJECT_KEYS = (
-    "mass", "sliding_friction", "rolling_friction", "damping",
-    "position", "velocity", "angular_velocity", "orientation",
-)  # fmt: skip
+    "mass",
+    "sliding_friction",
+    "rolling_friction",
+    "damping",
+    "position",
+    "velocity",
+    "angular_velocity",
+    "orientation",
+)
 
 
 class _Strict(BaseModel):
@@ -134,8 +140,10 @@ class _SceneText(_Strict):
         return data
 
 
-_SHAPE_MODELS = {m.model_fields["shape"].annotation.__args__[0]: m  # type: ignore[union-attr]
-                 for m in (_Sphere, _Cylinder, _Box, _Capsule, _Ellipsoid, _Mesh)}  # fmt: skip
+_SHAPE_MODELS = {
+    m.model_fields["shape"].annotation.__args__[0]: m  # type: ignore[union-attr]
+    for m in (_Sphere, _Cylinder, _Box, _Capsule, _Ellipsoid, _Mesh)
+}
 _PLACES: dict[str, type[BaseModel]] = {"": _SceneText, "camera": _CameraText, "ground": _GroundText}
 
 
@@ -161,8 +169,9 @@ def load_scene(path: Path | str) -> Scene:
         raise SceneError(f"{path}: cannot be read as text: {error}") from None
     scene = read_scene(text, str(path))
     folder = Path(path).resolve().parent
-    return replace(scene, objects=tuple(o if o.file is None else replace(o, file=str(folder / o.file))
-                                        for o in scene.objects))  # fmt: skip
+    return replace(
+        scene, objects=tuple(o if o.file is None else replace(o, file=str(folder / o.file)) for o in scene.objects)
+    )
 
 
 def scene_from_dict(data: dict[str, Any], source: str = "scene") -> Scene:

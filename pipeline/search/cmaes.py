@@ -63,8 +63,9 @@ class _Run:
         top = int(np.argmax(rewards.reward))
         self.reward = max(self.reward, float(rewards.reward[top]))
         if rewards.reward[top] > self._record.reward:
-            self._record.offer(self._space.scene(inside[top]), float(rewards.reward[top]), float(rewards.iou[top]),
-                               self._pairs)  # fmt: skip
+            self._record.offer(
+                self._space.scene(inside[top]), float(rewards.reward[top]), float(rewards.iou[top]), self._pairs
+            )
 
 
 def cmaes_search(

@@ -23,9 +23,13 @@ assert ROUNDS.keys() == set(BASIC_SHAPES)
 
 
 def propose_compositions(
-    evaluator: Evaluator, record: SearchRecord, simulations: int, rng: np.random.Generator, camera: Camera = CAMERA,
+    evaluator: Evaluator,
+    record: SearchRecord,
+    simulations: int,
+    rng: np.random.Generator,
+    camera: Camera = CAMERA,
     most: int = 1,
-) -> list[Scene]:  # fmt: skip
+) -> list[Scene]:
     """Scenes with the most likely shapes of the target's instances.
 
     The first has the best shape of each instance; others have the second best shape of one instance, where that is in

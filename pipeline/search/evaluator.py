@@ -102,14 +102,30 @@ class Evaluator:
         kinds = np.array([KINDS[s] for s in scenes.shapes])
         numba.set_num_threads(min(self.threads, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
         measure_kernel(
-            kinds, scenes.half_size,
+            kinds,
+            scenes.half_size,
             np.ascontiguousarray(states.position[:, inverse]),
             np.ascontiguousarray(states.quaternion[:, inverse]),
-            scenes.camera_position, np.ascontiguousarray(scenes.camera_rotation), scenes.fov, scenes.ground,
-            self.target.masks[:first], self.target.flow[:first], totals.area, totals.foreground, totals.speed,
-            totals.speed_frame, totals.speed_foreground, self._pooled_target.cell,
-            out.shared, out.predicted, out.true, out.foreground, out.epe_frame, out.epe, out.pooled,
-        )  # fmt: skip
+            scenes.camera_position,
+            np.ascontiguousarray(scenes.camera_rotation),
+            scenes.fov,
+            scenes.ground,
+            self.target.masks[:first],
+            self.target.flow[:first],
+            totals.area,
+            totals.foreground,
+            totals.speed,
+            totals.speed_frame,
+            totals.speed_foreground,
+            self._pooled_target.cell,
+            out.shared,
+            out.predicted,
+            out.true,
+            out.foreground,
+            out.epe_frame,
+            out.epe,
+            out.pooled,
+        )
         return out, states.valid
 
     def pairs(self, scene: Scene) -> np.ndarray:

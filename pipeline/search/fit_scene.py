@@ -59,9 +59,14 @@ class BasinHopping:
     """
 
     def __init__(
-        self, evaluator: Evaluator, record: SearchRecord, budget: int, rng: np.random.Generator, start: Scene,
+        self,
+        evaluator: Evaluator,
+        record: SearchRecord,
+        budget: int,
+        rng: np.random.Generator,
+        start: Scene,
         pairs: np.ndarray | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._evaluator, self._record, self._budget, self._rng = evaluator, record, budget, rng
         self.pairs = evaluator.pairs(start) if pairs is None else pairs
         self.best = self._evaluate(start)

@@ -54,8 +54,12 @@ def track_mask(masks: np.ndarray, instance: int) -> MaskTrack:
         feet.append(((left + right) / 2, bottom))
         sizes.append((right - left, bottom - top))
         whole.append(left > 0 and top > 0 and right < width and bottom < height)
-    return MaskTrack(np.array(frames, int), np.array(feet, float).reshape(-1, 2), np.array(sizes, float).reshape(-1, 2),
-                 np.array(whole, bool))  # fmt: skip
+    return MaskTrack(
+        np.array(frames, int),
+        np.array(feet, float).reshape(-1, 2),
+        np.array(sizes, float).reshape(-1, 2),
+        np.array(whole, bool),
+    )
 
 
 def on_ground(points_px: np.ndarray, camera: Pinhole, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
@@ -71,8 +75,9 @@ def on_ground(points_px: np.ndarray, camera: Pinhole, width: int, height: int) -
         Points (T, 3) m, and their planar depths (T,) m, clipped to `NEAREST` and `FARTHEST`.
     """
     focal = focal_px(camera.fov_y_deg, height)
-    local = np.stack([(points_px[:, 0] - width / 2) / focal, (height / 2 - points_px[:, 1]) / focal,
-                      -np.ones(len(points_px))], 1)  # fmt: skip
+    local = np.stack(
+        [(points_px[:, 0] - width / 2) / focal, (height / 2 - points_px[:, 1]) / focal, -np.ones(len(points_px))], 1
+    )
     rays = local @ camera.rotation_world.T
     fall = np.minimum(rays[:, 2], -1e-6)
     depth = np.clip(-camera.position_world[2] / fall, NEAREST, FARTHEST)
@@ -107,8 +112,9 @@ def guess_object(shape: str, seen: MaskTrack, target: Target, times: np.ndarray,
     behind = half[0] * (np.tan(np.arctan2(-sight[2], along) / 2) if shape == "sphere" else 1.0)
     middle = feet[0] + behind * np.array([sight[0], sight[1], 0]) / along - velocity * first
     spin = np.cross([0.0, 0.0, 1.0], velocity) / half[0] if shape == "sphere" else np.zeros(3)
-    obj = SceneObject(shape, _size(shape, *half), 1.0, 0.4, 0.002, 0.6, velocity=tuple(velocity),
-                      angular_velocity=tuple(spin))  # fmt: skip
+    obj = SceneObject(
+        shape, _size(shape, *half), 1.0, 0.4, 0.002, 0.6, velocity=tuple(velocity), angular_velocity=tuple(spin)
+    )
     return replace(obj, position=(middle[0], middle[1], reach_below(obj)))
 
 

@@ -136,12 +136,15 @@ def _random_turns(rng: np.random.Generator, quaternion: np.ndarray, alike: bool)
     yaw[:, 2] = rng.uniform(-np.pi, np.pi, count)
     about = quaternion_from_rotation_vector(yaw)
     lying = quaternion_multiply(about, quaternion_from_rotation_vector(np.array([[np.pi / 2, 0, 0]])))
-    anyhow = rng.normal(size=(count, 4))
-    anyhow /= np.linalg.norm(anyhow, axis=1, keepdims=True)
+    uniform = rng.normal(size=(count, 4))
+    uniform /= np.linalg.norm(uniform, axis=1, keepdims=True)
     tilted = quaternion_multiply(quaternion_from_rotation_vector(rng.normal(0, 0.4, (count, 3))), quaternion)
     kind = (np.full(count, rng.integers(5)) if alike else rng.integers(5, size=count))[:, None]
-    return np.select([kind == 0, kind == 1, kind == 2, kind == 3],
-                     [quaternion_multiply(about, quaternion), about, lying, anyhow], tilted)  # fmt: skip
+    return np.select(
+        [kind == 0, kind == 1, kind == 2, kind == 3],
+        [quaternion_multiply(about, quaternion), about, lying, uniform],
+        tilted,
+    )
 
 
 def _random_sizes(rng: np.random.Generator, shape: str, half: np.ndarray) -> np.ndarray:
@@ -164,5 +167,6 @@ def _random_spins(rng: np.random.Generator, batch: SceneBatch, i: int) -> np.nda
     kind = rng.integers(4, size=count)[:, None]
     about = np.zeros((count, 3))
     about[:, 2] = rng.normal(0, 4, count)
-    return np.select([kind == 0, kind == 1, kind == 2], [np.zeros((count, 3)), rolling, about],
-                     rng.normal(0, 4, (count, 3)))  # fmt: skip
+    return np.select(
+        [kind == 0, kind == 1, kind == 2], [np.zeros((count, 3)), rolling, about], rng.normal(0, 4, (count, 3))
+    )

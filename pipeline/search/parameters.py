@@ -121,9 +121,14 @@ class Space:
         camera = self.start.camera
         assert camera is not None
         if key.index < 0:
-            scene = {"camera_height": camera.position[2], "camera_pitch": camera.pitch, "camera_turn": 0.0,
-                     "fov": camera.fov, "gravity": -self.start.gravity[2],
-                     "gravity_along": self.start.gravity[key.part]}  # fmt: skip
+            scene = {
+                "camera_height": camera.position[2],
+                "camera_pitch": camera.pitch,
+                "camera_turn": 0.0,
+                "fov": camera.fov,
+                "gravity": -self.start.gravity[2],
+                "gravity_along": self.start.gravity[key.part],
+            }
             value = scene[key.name]
             assert value is not None
             return value

@@ -70,8 +70,11 @@ class Totals:
 
     @classmethod
     def of(cls, target: Target) -> Totals:
-        area = np.stack([(target.masks == j + 1).sum((1, 2)) for j in range(target.instances)], 1) if target.instances \
-            else np.zeros((len(target.masks), 0), np.int64)  # fmt: skip
+        area = (
+            np.stack([(target.masks == j + 1).sum((1, 2)) for j in range(target.instances)], 1)
+            if target.instances
+            else np.zeros((len(target.masks), 0), np.int64)
+        )
         front = target.masks > 0
         speed = np.linalg.norm(target.flow, axis=-1)
         return cls(area, front.sum((1, 2)), speed, speed.sum((1, 2), float), (speed * front).sum((1, 2), dtype=float))
@@ -79,13 +82,30 @@ class Totals:
 
 @parallel_kernel
 def measure_kernel(
-    kinds: np.ndarray, half_size: np.ndarray, position: np.ndarray, quaternion: np.ndarray,
-    camera_position: np.ndarray, camera_rotation: np.ndarray, fov: np.ndarray, ground: np.ndarray,
-    target_masks: np.ndarray, target_flow: np.ndarray, area: np.ndarray, area_foreground: np.ndarray,
-    speed: np.ndarray, speed_frame: np.ndarray, speed_foreground: np.ndarray, cell: int,
-    shared: np.ndarray, predicted: np.ndarray, true: np.ndarray, foreground: np.ndarray,
-    epe_frame: np.ndarray, epe: np.ndarray, pooled: np.ndarray,
-) -> None:  # fmt: skip
+    kinds: np.ndarray,
+    half_size: np.ndarray,
+    position: np.ndarray,
+    quaternion: np.ndarray,
+    camera_position: np.ndarray,
+    camera_rotation: np.ndarray,
+    fov: np.ndarray,
+    ground: np.ndarray,
+    target_masks: np.ndarray,
+    target_flow: np.ndarray,
+    area: np.ndarray,
+    area_foreground: np.ndarray,
+    speed: np.ndarray,
+    speed_frame: np.ndarray,
+    speed_foreground: np.ndarray,
+    cell: int,
+    shared: np.ndarray,
+    predicted: np.ndarray,
+    true: np.ndarray,
+    foreground: np.ndarray,
+    epe_frame: np.ndarray,
+    epe: np.ndarray,
+    pooled: np.ndarray,
+) -> None:
     """Fill the fields of `Measured`, which must be zero.
 
     Only the bounding rectangle of a candidate's objects is visited; outside it the sums of the target are used.
@@ -108,10 +128,31 @@ def measure_kernel(
         fill_background(camera_position[b], camera_rotation[b], fov[b], ground[b], background)
         total, front, pixels = 0.0, 0.0, 0
         for k in range(frames):
-            within = rasterise_frame(kinds, half_size[b], position[b, k, 0], quaternion[b, k, 0], camera_position[b],
-                                     camera_rotation[b], fov[b], background, mask, depth)  # fmt: skip
-            exact_flow_frame(position[b, k, 0], quaternion[b, k, 0], position[b, k, 1], quaternion[b, k, 1],
-                             camera_position[b], camera_rotation[b], fov[b], mask, depth, within, flow)  # fmt: skip
+            within = rasterise_frame(
+                kinds,
+                half_size[b],
+                position[b, k, 0],
+                quaternion[b, k, 0],
+                camera_position[b],
+                camera_rotation[b],
+                fov[b],
+                background,
+                mask,
+                depth,
+            )
+            exact_flow_frame(
+                position[b, k, 0],
+                quaternion[b, k, 0],
+                position[b, k, 1],
+                quaternion[b, k, 1],
+                camera_position[b],
+                camera_rotation[b],
+                fov[b],
+                mask,
+                depth,
+                within,
+                flow,
+            )
             true[b, k] = area[k]
             total += speed_frame[k]
             front += speed_foreground[k]

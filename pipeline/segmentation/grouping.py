@@ -75,9 +75,13 @@ class Pixels:
 
 @kernel
 def _assign(
-    vote: np.ndarray, colour: np.ndarray, centres: np.ndarray, radii: np.ndarray, palettes: np.ndarray,
+    vote: np.ndarray,
+    colour: np.ndarray,
+    centres: np.ndarray,
+    radii: np.ndarray,
+    palettes: np.ndarray,
     owner: np.ndarray,
-) -> None:  # fmt: skip
+) -> None:
     """Fill owner (M,): the track that each pixel fits best, -1 where none."""
     for m in range(vote.shape[0]):
         best, owner[m] = MOST_COST, -1

@@ -52,11 +52,21 @@ def track_figures(track: Track, prediction: Prediction) -> np.ndarray:
     shift = float(np.percentile(np.linalg.norm(centres - np.median(centres[:3], axis=0), axis=1), 90))
     radius = max(typical_radius(track), 1.0)
     area = np.mean([len(p.pixels) for p in track.pieces.values()])
-    return np.array([
-        moving, strongest, body, other, len(track.pieces) / count, np.log(radius),
-        min(area / (np.pi * radius**2), 3.0), np.mean(spread), np.log1p(shift), min(shift / radius, 10.0),
-        np.mean(edge),
-    ])  # fmt: skip
+    return np.array(
+        [
+            moving,
+            strongest,
+            body,
+            other,
+            len(track.pieces) / count,
+            np.log(radius),
+            min(area / (np.pi * radius**2), 3.0),
+            np.mean(spread),
+            np.log1p(shift),
+            min(shift / radius, 10.0),
+            np.mean(edge),
+        ]
+    )
 
 
 def score(figures: np.ndarray, regression: Mapping[str, float]) -> float:

@@ -57,8 +57,10 @@ def enlarge(soft: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, tuple[slic
     pad = 4
     left, right = max(x - pad, 0), min(x + bw + pad, w)
     top, bottom = max(y - pad, 0), min(y + bh + pad, h)
-    window = (slice(round(top * height / h), round(bottom * height / h)),
-              slice(round(left * width / w), round(right * width / w)))  # fmt: skip
+    window = (
+        slice(round(top * height / h), round(bottom * height / h)),
+        slice(round(left * width / w), round(right * width / w)),
+    )
     size = (window[1].stop - window[1].start, window[0].stop - window[0].start)
     large = cv2.resize(np.ascontiguousarray(soft[top:bottom, left:right]), size, interpolation=cv2.INTER_LINEAR)
     guide = frame[window].astype(np.float32) / 255

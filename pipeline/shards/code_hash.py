@@ -118,8 +118,11 @@ def _direct_imports(file: Path, root: Path) -> Iterator[str]:
 
 def _walked_packages(file: Path, root: Path) -> Iterator[str]:
     """The modules of packages that `file` imports and walks by their `__path__`, as registries do."""
-    walked = {n.value.id for n in _walk_runtime(_parse(file))
-              if isinstance(n, ast.Attribute) and n.attr == "__path__" and isinstance(n.value, ast.Name)}  # fmt: skip
+    walked = {
+        n.value.id
+        for n in _walk_runtime(_parse(file))
+        if isinstance(n, ast.Attribute) and n.attr == "__path__" and isinstance(n.value, ast.Name)
+    }
     for name in _direct_imports(file, root) if walked else ():
         folder = root.joinpath(*name.split("."))
         if name.rpartition(".")[2] in walked and folder.is_dir():

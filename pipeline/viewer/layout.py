@@ -36,9 +36,10 @@ def blueprint(footage: Footage) -> rrb.Blueprint:
         else rrb.Horizontal(*below),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=SIM_TIME, playback_speed=PLAYBACK_SPEED, loop_mode="all",
-                      play_state="playing"),
-    )  # fmt: skip
+        rrb.TimePanel(
+            state="collapsed", timeline=SIM_TIME, playback_speed=PLAYBACK_SPEED, loop_mode="all", play_state="playing"
+        ),
+    )
 
 
 def scene_view(footage: Footage) -> rrb.View:

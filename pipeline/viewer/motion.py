@@ -79,13 +79,16 @@ def log_contacts(recording: rr.RecordingStream, motion: MotionLayer, fps: float)
     colours = np.array([object_colour(int(i)) for i in c.first], np.uint8).reshape(-1, 3)
     force = np.linalg.norm(c.force, axis=1)
     names = [o.name for o in motion.scene.objects]
-    labels = [f"{names[a]} on {'the ground' if b == GROUND else names[b]}: {f:.2g} N"
-              for a, b, f in zip(c.first, c.second, force, strict=True)]  # fmt: skip
+    labels = [
+        f"{names[a]} on {'the ground' if b == GROUND else names[b]}: {f:.2g} N"
+        for a, b, f in zip(c.first, c.second, force, strict=True)
+    ]
 
     def arrows(rows: np.ndarray) -> rr.ComponentColumnList:
         points = np.concatenate([np.arange(starts[r], starts[r + 1]) for r in rows]).astype(int)
-        columns = rr.Arrows3D.columns(vectors=vectors[points], origins=origins[points], colors=colours[points],
-                                      labels=[labels[p] for p in points])  # fmt: skip
+        columns = rr.Arrows3D.columns(
+            vectors=vectors[points], origins=origins[points], colors=colours[points], labels=[labels[p] for p in points]
+        )
         return columns.partition(counts[rows])
 
     path = f"world/{motion.name}/contacts"
@@ -116,8 +119,9 @@ def log_plots(recording: rr.RecordingStream, motion: MotionLayer, fps: float) ->
     for plot, table in values.items():
         for i, obj in enumerate(motion.scene.objects):
             path = f"plots/{plot}/{motion.name}/{obj.name}"
-            style = rr.SeriesLines(colors=[object_colour(i)], names=[f"{obj.name} ({motion.name})"],
-                                  widths=[2.0 if motion.solid else 1.0])  # fmt: skip
+            style = rr.SeriesLines(
+                colors=[object_colour(i)], names=[f"{obj.name} ({motion.name})"], widths=[2.0 if motion.solid else 1.0]
+            )
             recording.log(path, style, static=True, strict=True)
 
             def scalars(rows: np.ndarray, series: np.ndarray = table[:, i]) -> rr.ComponentColumnList:

@@ -38,8 +38,9 @@ def log_masks(recording: rr.RecordingStream, path: str, masks: np.ndarray, fps: 
     recording.log(path, style, static=True, strict=True)
     height, width = masks.shape[1:]
     kind = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.U8)
-    columns = rr.SegmentationImage.columns(buffer=list(np.ascontiguousarray(masks).reshape(len(masks), -1)),
-                                           format=[kind] * len(masks))  # fmt: skip
+    columns = rr.SegmentationImage.columns(
+        buffer=list(np.ascontiguousarray(masks).reshape(len(masks), -1)), format=[kind] * len(masks)
+    )
     recording.send_columns(path, at_frames(np.arange(len(masks)), fps), columns, strict=True)
 
 
@@ -48,8 +49,12 @@ def log_depth(recording: rr.RecordingStream, path: str, depth: np.ndarray, frame
     finite = np.isfinite(depth)
     millimetres = np.where(finite, np.clip(depth * _MILLIMETRES, 0, 65535), 0).astype(np.uint16)
     near, far = (float(q) for q in np.quantile(depth[finite], [0, 0.98])) if finite.any() else (0.0, 1.0)
-    style = rr.EncodedDepthImage.from_fields(meter=_MILLIMETRES, depth_range=[near * _MILLIMETRES, far * _MILLIMETRES],
-                                            media_type="image/png", draw_order=-8.0)  # fmt: skip
+    style = rr.EncodedDepthImage.from_fields(
+        meter=_MILLIMETRES,
+        depth_range=[near * _MILLIMETRES, far * _MILLIMETRES],
+        media_type="image/png",
+        draw_order=-8.0,
+    )
     recording.log(path, style, static=True, strict=True)
     columns = rr.EncodedDepthImage.columns(blob=[_encoded(".png", d) for d in millimetres])
     recording.send_columns(path, at_frames(frames, fps), columns, strict=True)
@@ -58,9 +63,11 @@ def log_depth(recording: rr.RecordingStream, path: str, depth: np.ndarray, frame
 def mask_classes(names: list[str]) -> rr.AnnotationContext:
     """Names and colours of mask ids: 0 for the background, i + 1 for object i."""
     return rr.AnnotationContext(
-        [rr.AnnotationInfo(0, "background", (0, 0, 0, 0)),
-         *(rr.AnnotationInfo(i + 1, name, object_colour(i)) for i, name in enumerate(names))]
-    )  # fmt: skip
+        [
+            rr.AnnotationInfo(0, "background", (0, 0, 0, 0)),
+            *(rr.AnnotationInfo(i + 1, name, object_colour(i)) for i, name in enumerate(names)),
+        ]
+    )
 
 
 def _encoded(suffix: str, picture: np.ndarray, options: list[int] | None = None) -> bytes:
@@ -70,8 +77,13 @@ def _encoded(suffix: str, picture: np.ndarray, options: list[int] | None = None)
 
 
 def _send_blobs(
-    recording: rr.RecordingStream, path: str, frames: np.ndarray, fps: float, blobs: list[bytes], media: str,
+    recording: rr.RecordingStream,
+    path: str,
+    frames: np.ndarray,
+    fps: float,
+    blobs: list[bytes],
+    media: str,
     draw_order: float,
-) -> None:  # fmt: skip
+) -> None:
     recording.log(path, rr.EncodedImage.from_fields(media_type=media, draw_order=draw_order), static=True, strict=True)
     recording.send_columns(path, at_frames(frames, fps), rr.EncodedImage.columns(blob=blobs), strict=True)

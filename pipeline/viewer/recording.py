@@ -101,6 +101,11 @@ def log_camera(recording: rr.RecordingStream, camera: Camera, size: tuple[int, i
     """Log the camera of the scene, which does not move. Pictures below its entity appear in its image plane."""
     w, x, y, z = camera_quaternion(camera)
     pose = rr.Transform3D(translation=camera.position, quaternion=rr.Quaternion(xyzw=(x, y, z, w)))
-    lens = rr.Pinhole(focal_length=focal_px(camera.fov, size[1]), width=size[0], height=size[1],
-                      camera_xyz=rr.ViewCoordinates.RUB, image_plane_distance=0.4)  # fmt: skip
+    lens = rr.Pinhole(
+        focal_length=focal_px(camera.fov, size[1]),
+        width=size[0],
+        height=size[1],
+        camera_xyz=rr.ViewCoordinates.RUB,
+        image_plane_distance=0.4,
+    )
     recording.log(CAMERA, pose, lens, static=True, strict=True)

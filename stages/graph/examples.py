@@ -31,8 +31,10 @@ def choose_examples(shots: int, suite: str, kind: str) -> list[Example]:
         raise ParamsError(f"`infer.shots` is {shots}: the examples are clips of {SUITE}; valid: any other suite")
     told, shown = (open_shards(folder(stage, SUITE)) for stage in ("tokenize", picture_stage(kind)))
     if shots > min(len(told), len(shown)):
-        raise ParamsError(f"`infer.shots` is {shots}, but {told.folder} has {len(told)} clips and {shown.folder} "
-                          f"{len(shown)}; valid: at most as many")  # fmt: skip
+        raise ParamsError(
+            f"`infer.shots` is {shots}, but {told.folder} has {len(told)} clips and {shown.folder} "
+            f"{len(shown)}; valid: at most as many"
+        )
     return [Example(k, told[k].row()["completion"], shown[k].shard.entry.content) for k in range(shots)]
 
 

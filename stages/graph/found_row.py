@@ -19,6 +19,11 @@ FOUND = [
 
 def found_row(found: SearchResult) -> dict[str, Any]:
     """The values of the columns FOUND."""
-    return {"scene": write_scene(found.scene), "reward": found.reward, "iou": found.iou,
-            "simulations": found.simulations, "spent": found.spent.tolist(),
-            "history": found.history.tolist()}  # fmt: skip
+    return {
+        "scene": write_scene(found.scene),
+        "reward": found.reward,
+        "iou": found.iou,
+        "simulations": found.simulations,
+        "spent": found.spent.tolist(),
+        "history": found.history.tolist(),
+    }

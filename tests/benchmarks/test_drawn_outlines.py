@@ -15,13 +15,18 @@ FOLDER = Path(__file__).parents[2] / "benchmarks" / "outlines"
 
 def small() -> dict[str, Any]:
     return {
-        "clip": "a.mp4", "width": 20, "height": 10, "fps": 240, "file_fps": 30.0, "stretch_frames": [2, 9],
+        "clip": "a.mp4",
+        "width": 20,
+        "height": 10,
+        "fps": 240,
+        "file_fps": 30.0,
+        "stretch_frames": [2, 9],
         "stretch_file_seconds": [0.067, 0.3],
         "objects": [{"name": "ball", "shape": "sphere", "moves": True}],
         "frames": {"3": [{"object": "ball", "polygon": [[1, 1], [5, 1], [5, 4]]}], "7": []},
         "static": {"ramp_edge": [[0, 9], [19, 8]], "length_marks": {"px": [[1, 1], [4, 5]], "m": 0.5}},
         "notes": "none",
-    }  # fmt: skip
+    }
 
 
 def write(folder: Path, data: Any) -> Path:

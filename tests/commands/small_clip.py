@@ -107,8 +107,16 @@ def write_model(folder: Path, model_input: ModelInput | None = None) -> Path:
     from pipeline.model.tiny import TinySize, build_tiny
 
     tokenizer = build_tokenizer()
-    size = TinySize(hidden=24, layers=1, heads=2, intermediate=32, vision_hidden=32, vision_depth=1, vision_heads=2,
-                    vision_intermediate=32)  # fmt: skip
+    size = TinySize(
+        hidden=24,
+        layers=1,
+        heads=2,
+        intermediate=32,
+        vision_hidden=32,
+        vision_depth=1,
+        vision_heads=2,
+        vision_intermediate=32,
+    )
     layout = PatchLayout(96, 64, SCHEDULE.model_frames, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
     codec = Codec(tokenizer, layout.tokens)
     Base(build_tiny(tokenizer, size, 1), tokenizer, layout, codec, model_input or INPUT).save(folder)

@@ -91,8 +91,18 @@ def test_a_portrait_clip_with_raft_and_masks_from_motion(run: Run, shelf: Path, 
     RAFT("small").save(tmp_path / "raft")
     small_clip.write(tmp_path / "portrait.mp4", np.ascontiguousarray(small_clip.frames().swapaxes(1, 2)))
     model = small_clip.write_model(tmp_path / "model", replace(small_clip.INPUT, flow_iterations=1))
-    done = run("infer", tmp_path / "portrait.mp4", "-o", tmp_path / "out", "--model", model, "--raft",
-               tmp_path / "raft", "--samples", 0)  # fmt: skip
+    done = run(
+        "infer",
+        tmp_path / "portrait.mp4",
+        "-o",
+        tmp_path / "out",
+        "--model",
+        model,
+        "--raft",
+        tmp_path / "raft",
+        "--samples",
+        0,
+    )
     assert done.code == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["assumed"]["masks_from"] == "motion"
@@ -209,9 +219,15 @@ def broken(shelf: Path, tmp_path: Path) -> Path:
     ],
 )
 def test_bad_input_is_one_error_and_nothing_is_written(
-    run: Run, shelf: Path, tmp_path: Path, broken: Path, monkeypatch: pytest.MonkeyPatch, clip: str,
-    more: tuple[object, ...], said: str,
-) -> None:  # fmt: skip
+    run: Run,
+    shelf: Path,
+    tmp_path: Path,
+    broken: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    clip: str,
+    more: tuple[object, ...],
+    said: str,
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HF_HOME", str(tmp_path / "hub"))
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")

@@ -31,8 +31,17 @@ print({heavy} & set(sys.modules))"""
     assert done.stdout.strip() == "set()"
 
 
-@pytest.mark.parametrize("words", [(), ("guess",), ("infer",), ("infer", "a.mp4"), ("simulate", "a", "--seconds", "-1"),
-                                   ("infer", "a.mp4", "-o", "b", "--samples", "1.5")])  # fmt: skip
+@pytest.mark.parametrize(
+    "words",
+    [
+        (),
+        ("guess",),
+        ("infer",),
+        ("infer", "a.mp4"),
+        ("simulate", "a", "--seconds", "-1"),
+        ("infer", "a.mp4", "-o", "b", "--samples", "1.5"),
+    ],
+)
 def test_words_that_do_not_fit_are_exit_code_2(run: Run, words: tuple[str, ...]) -> None:
     done = run(*words)
     assert done.code == 2

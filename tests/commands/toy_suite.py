@@ -45,8 +45,11 @@ def given_scenes(shard: Shard, inputs: Sequence[OpenShard], parameters: None) ->
 def given_answers(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardResult:
     """In the place of `infer`: a greedy answer that is the truth, and a sample."""
     text = write_scene(small_clip.scene())
-    rows = [{"clip": c, "sample": k, "text": "", "scene": text, "log_probability": 0.0}
-            for c in shard.clips for k in (-1, 0)]  # fmt: skip
+    rows = [
+        {"clip": c, "sample": k, "text": "", "scene": text, "log_probability": 0.0}
+        for c in shard.clips
+        for k in (-1, 0)
+    ]
     return ShardResult({"clips": table_from_rows(rows, infer.SCHEMA)})
 
 
@@ -55,8 +58,17 @@ def make_suite(root: Path) -> None:
 
     def stage(name: str, compute: Compute[Any], parameters: object, *inputs: str) -> None:
         cut = {} if inputs else {"clips": CLIPS, "shard_size": 1}
-        map_shards(name, "toy", root / "data" / name / "toy", compute, parameters=parameters,
-                   inputs=[root / "data" / i / "toy" for i in inputs], workers=1, store=store, **cut)  # fmt: skip
+        map_shards(
+            name,
+            "toy",
+            root / "data" / name / "toy",
+            compute,
+            parameters=parameters,
+            inputs=[root / "data" / i / "toy" for i in inputs],
+            workers=1,
+            store=store,
+            **cut,
+        )
 
     stage("sample", given_scenes, None)
     stage("compile", compile_stage.compute, None, "sample")

@@ -21,8 +21,15 @@ def thrown(
     out = []
     for c in range(clips):
         velocity = (*rng.normal(0, 2.5, 2), rng.uniform(0, 2))
-        ball = SceneObject("sphere", (0.05,), 0.2, position=(*rng.normal(0, 0.3, 2), 6.5), velocity=velocity,
-                           angular_velocity=tuple(rng.normal(0, 20, 3)), name="ball")  # fmt: skip
+        ball = SceneObject(
+            "sphere",
+            (0.05,),
+            0.2,
+            position=(*rng.normal(0, 0.3, 2), 6.5),
+            velocity=velocity,
+            angular_velocity=tuple(rng.normal(0, 20, 3)),
+            name="ball",
+        )
         trace = simulate(Scene((ball,), effects=effects))
         steps = np.arange(0, 241, 4)
         position = trace.position[steps, 0] + rng.normal(0, NOISE, (len(steps), 3))

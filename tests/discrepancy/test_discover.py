@@ -26,9 +26,12 @@ from pipeline.scene.text import load_scene
 
 ALL = tuple(effect_kinds())
 STRONG = {
-    "air_drag": {"coefficient": 0.01}, "magnus_lift": {"coefficient": 0.002}, "tilted_gravity": {"tilt": (0.05, 0.02)},
-    "rotating_frame": {"angular_velocity": 0.3}, "impulse": {"time": 0.4, "momentum": (0.1, 0.0, 0.1)},
-}  # fmt: skip
+    "air_drag": {"coefficient": 0.01},
+    "magnus_lift": {"coefficient": 0.002},
+    "tilted_gravity": {"tilt": (0.05, 0.02)},
+    "rotating_frame": {"angular_velocity": 0.3},
+    "impulse": {"time": 0.4, "momentum": (0.1, 0.0, 0.1)},
+}
 
 
 @pytest.mark.parametrize("name", sorted(STRONG))
@@ -53,8 +56,9 @@ def test_the_augmented_scene_has_the_friction_fitted_with_the_effect() -> None:
     for c in range(8):
         angle = rng.uniform(-np.pi, np.pi)
         velocity = rng.uniform(0.8, 2.0) * np.array([np.cos(angle), np.sin(angle), 0.0])
-        puck = SceneObject("cylinder", (0.05, 0.02), 0.2, friction, position=(0, 0, 0.01), velocity=tuple(velocity),
-                           name="puck")  # fmt: skip
+        puck = SceneObject(
+            "cylinder", (0.05, 0.02), 0.2, friction, position=(0, 0, 0.01), velocity=tuple(velocity), name="puck"
+        )
         scene = Scene((puck,), effects=(effect("moving_ground", velocity=(0.4, 0.2)),))
         times = np.arange(61) / 60
         position = run_events(scene, times)[0][:, 0] + rng.normal(0, 0.002, (61, 3))

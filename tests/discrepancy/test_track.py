@@ -77,7 +77,7 @@ FAULTS = [
     (lambda f: f.assign(sigma=0.0), r"clip a, object ball, row 1: sigma must be greater than 0"),
     (lambda f: f.iloc[:0], r"no rows"),
     (lambda f: changed(f, 2, "object", None), r"row 3: no object"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("damage", "said"), FAULTS)

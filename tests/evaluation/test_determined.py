@@ -37,5 +37,7 @@ def test_truths_within_two_spreads_are_counted_and_factors_are_compared_as_ratio
     ]
     header, cells = determined_table(spreads_by_kind([(rows, truth, [0, 1], truth), (rows[1:], truth, [0, 1], None)]))
     assert header == HEADER
-    assert cells == [["mass", "factor", "1", "1.00", "2", "1.00 of 1", "1.6"],
-                     ["damping", "-", "2", "0.00", "1", "0.00 of 1", "3.0"]]  # fmt: skip
+    assert cells == [
+        ["mass", "factor", "1", "1.00", "2", "1.00 of 1", "1.6"],
+        ["damping", "-", "2", "0.00", "1", "0.00 of 1", "3.0"],
+    ]

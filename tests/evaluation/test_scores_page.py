@@ -15,8 +15,12 @@ RESULTS, REPORTS = Path("benchmarks/results"), Path("reports")
 
 
 def run_of(rng: np.random.Generator) -> RunScores:
-    rows = [{"suite": s, "method": m, "simulations": 8, "seconds": 0.5, "iou": float(rng.random())}
-            for s in ("id", "real") for m in ("greedy", "search") for _ in range(3)]  # fmt: skip
+    rows = [
+        {"suite": s, "method": m, "simulations": 8, "seconds": 0.5, "iou": float(rng.random())}
+        for s in ("id", "real")
+        for m in ("greedy", "search")
+        for _ in range(3)
+    ]
     curve = [{"series": "id", "k": k, "simulations": k, "iou": 0.1 * k, "reward": 0.1 * k} for k in (1, 2, 3)]
     summary = summarise(rows, ["iou", "composition", *ERRORS], 50, rng)
     losses = {"train": ([1.0, 2.0], [2.0, 1.5])}
@@ -25,8 +29,10 @@ def run_of(rng: np.random.Generator) -> RunScores:
 
 
 def test_pictures_come_first_then_one_table_then_everything_else_folded(rng: np.random.Generator) -> None:
-    clips = {suite: [ShownClip(f"<i>{suite}{k}</i>", "stills", "<think>", "a: 1") for k in range(2)]
-             for suite in ("id", "real")}  # fmt: skip
+    clips = {
+        suite: [ShownClip(f"<i>{suite}{k}</i>", "stills", "<think>", "a: 1") for k in range(2)]
+        for suite in ("id", "real")
+    }
     text = scores_page(run_of(rng), clips, {"machine": "abacus & sons"}, REPORTS, RESULTS)
     shown, _, rest = text.partition('<details class="section">')
     assert "abacus &amp; sons" in shown and shown.count("<table") == 1

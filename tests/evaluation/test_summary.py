@@ -21,8 +21,12 @@ from pipeline.evaluation.tables import headline_table, markdown, metrics_table
 
 @pytest.fixture
 def summary(rng: np.random.Generator) -> Summary:
-    rows = [{"suite": s, "method": m, "simulations": 8, "seconds": 0.5, "iou": float(rng.random()), "composition": 1.0}
-            for s in ("id", "more") for m in ("greedy", "cmaes") for _ in range(5)]  # fmt: skip
+    rows = [
+        {"suite": s, "method": m, "simulations": 8, "seconds": 0.5, "iou": float(rng.random()), "composition": 1.0}
+        for s in ("id", "more")
+        for m in ("greedy", "cmaes")
+        for _ in range(5)
+    ]
     return summarise(rows, ["iou", "composition", "error.mass"], 200, rng)
 
 

@@ -20,8 +20,11 @@ def share(n: float, slope: float) -> float:
 
 
 def checkpoints(counts: list[int], slope: float) -> list[dict[str, str]]:
-    return [{"clips_seen": str(n), "minutes": "1.5", "metric": m, **MeanInterval(share(n, slope), 0, 1, 9).row()}
-            for n in counts for m in CHECKPOINT]  # fmt: skip
+    return [
+        {"clips_seen": str(n), "minutes": "1.5", "metric": m, **MeanInterval(share(n, slope), 0, 1, 9).row()}
+        for n in counts
+        for m in CHECKPOINT
+    ]
 
 
 def test_scores_that_follow_the_line_are_extrapolated_exactly(rng: np.random.Generator) -> None:
@@ -41,8 +44,10 @@ def test_nothing_is_extrapolated_from_two_checkpoints() -> None:
 
 
 def test_a_pair_of_models_is_one_line() -> None:
-    rows = [{"suite": "id", "first": "a", "second": "b", "what": what, **MeanInterval(v, v - 0.1, v + 0.1, 7).row()}
-            for what, v in (("first", 0.5), ("second", 0.3), ("difference", 0.2))]  # fmt: skip
+    rows = [
+        {"suite": "id", "first": "a", "second": "b", "what": what, **MeanInterval(v, v - 0.1, v + 0.1, 7).row()}
+        for what, v in (("first", 0.5), ("second", 0.3), ("difference", 0.2))
+    ]
     _, (line,) = differences_table(rows)
     assert line == ["id", "a", "b", "7", "0.5 (0.4–0.6)", "0.3 (0.2–0.4)", "0.2 (0.1–0.3)"]
 

@@ -24,13 +24,15 @@ BALL = SceneObject(
 @pytest.mark.parametrize(
     "effect",
     [
-        Effect("air_drag", (("coefficient", 0.01),)), Effect("magnus_lift", (("coefficient", 0.002),)),
-        Effect("rotating_frame", (("angular_velocity", 0.5),)), Effect("buoyancy", (("fraction", 0.3),)),
+        Effect("air_drag", (("coefficient", 0.01),)),
+        Effect("magnus_lift", (("coefficient", 0.002),)),
+        Effect("rotating_frame", (("angular_velocity", 0.5),)),
+        Effect("buoyancy", (("fraction", 0.3),)),
         Effect("impulse", (("time", 0.2), ("momentum", (0.1, 0.0, 0.1)))),
         Effect("tilted_gravity", (("tilt", (0.1, 0.05)),)),
     ],
     ids=lambda e: e.name,
-)  # fmt: skip
+)
 def test_in_the_air_both_engines_agree(effect: Effect) -> None:
     scene = Scene((BALL,), effects=(effect,))
     ours, mujoco = (run(scene, TIMES, LawPerturbation()).position for run in (run_event_driven, run_mujoco))
@@ -53,7 +55,7 @@ def test_bullet_agrees_in_the_air(name: str, coefficient: float) -> None:
 def test_a_ball_bounces_off_with_its_restitution_at_once() -> None:
     ball = SceneObject("sphere", (0.05,), 0.2, 0.0, position=(0, 0, 0.55), name="ball")
     scene = Scene((ball,), effects=(Effect("restitution", (("coefficient", 0.8),)),))
-    z = run_event_driven(scene, np.arange(241) / 240, LawPerturbation()).position[:, 0, 2]  # fmt: skip
+    z = run_event_driven(scene, np.arange(241) / 240, LawPerturbation()).position[:, 0, 2]
     assert z.min() > 0.049
     assert z[100:].max() - 0.05 == pytest.approx(0.5 * 0.8**2, rel=0.02)
 

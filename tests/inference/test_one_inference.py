@@ -38,9 +38,18 @@ def write_params(**changes: Any) -> None:
     """params.yaml with changes, as flow__picture="wheel"."""
     yaml = YAML()
     params = yaml.load(ROOT / "params.yaml")
-    usual = {"executor__workers": 1, "suites__real__path": "clips", "flow__source": "dis", "flow__iterations": 1,
-             "model__base": "base", "finetune__steps": 1, "finetune__batch_size": 1, "finetune__checkpoint_steps": 1,
-             "infer__samples": 2, "fit__simulations": SIMULATIONS}  # fmt: skip
+    usual = {
+        "executor__workers": 1,
+        "suites__real__path": "clips",
+        "flow__source": "dis",
+        "flow__iterations": 1,
+        "model__base": "base",
+        "finetune__steps": 1,
+        "finetune__batch_size": 1,
+        "finetune__checkpoint_steps": 1,
+        "infer__samples": 2,
+        "fit__simulations": SIMULATIONS,
+    }
     for name, value in (usual | changes).items():
         *path, last = name.split("__")
         section = params
@@ -55,8 +64,13 @@ def tokens(shard: Shard, inputs: Sequence[OpenShard], parameters: Any) -> ShardR
     base = load_base("base")
     text = write_completion(rounded_scene(small_clip.scene()), [], 1.0)
     made = base.codec.encode(text, True, 1.0)
-    row = {"completion": text, "ids": made.ids.tolist(), "prompt_length": made.prompt_length,
-           "free": made.free.tolist(), "numeric": made.numeric.tolist()}  # fmt: skip
+    row = {
+        "completion": text,
+        "ids": made.ids.tolist(),
+        "prompt_length": made.prompt_length,
+        "free": made.free.tolist(),
+        "numeric": made.numeric.tolist(),
+    }
     return ShardResult({"clips": table_from_rows([{"clip": c, **row} for c in shard.clips], tokenize.SCHEMA)})
 
 
@@ -78,8 +92,16 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     small_clip.write_model(tmp_path / "base")
     for name, compute in (("tokenize", tokens), ("flow", gray), ("render", gray)):
         for suite in ("train", "val"):
-            map_shards(name, suite, tmp_path / "data" / name / suite, compute, parameters=None, clips=1, shard_size=1,
-                       workers=1)  # fmt: skip
+            map_shards(
+                name,
+                suite,
+                tmp_path / "data" / name / suite,
+                compute,
+                parameters=None,
+                clips=1,
+                shard_size=1,
+                workers=1,
+            )
     return tmp_path
 
 
@@ -145,8 +167,16 @@ def test_the_same_clip_becomes_the_same_scene(project: Path, monkeypatch: pytest
     import_clips.main()
     for run in (flow.main, stages.infer.main, best_of_k.main, fit.main):
         run("real")
-    found = infer(project / "clips" / "one", model=str(FINETUNED), samples=2, temperature=1e-3, middle=1e-12,
-                  search=SIMULATIONS, flow="dis", seed=SEED)  # fmt: skip
+    found = infer(
+        project / "clips" / "one",
+        model=str(FINETUNED),
+        samples=2,
+        temperature=1e-3,
+        middle=1e-12,
+        search=SIMULATIONS,
+        flow="dis",
+        seed=SEED,
+    )
     answers = open_shards(project / "data/infer/real")[0].rows()
     assert [row["text"] for row in answers] == [a.text for a in found.answers]
     assert [row["sample"] for row in answers] == [a.sample for a in found.answers]

@@ -84,8 +84,10 @@ class _Clip:
         step = int(c.step[row])
         before = max(step - 1, 0)
         now = before + 1
-        a, b = ([self.carried(int(body), c.position[row], step, s) for s in (before, now)]
-                for body in (c.first[row], c.second[row]))  # fmt: skip
+        a, b = (
+            [self.carried(int(body), c.position[row], step, s) for s in (before, now)]
+            for body in (c.first[row], c.second[row])
+        )
         return ((a[1] - a[0]) - (b[1] - b[0])) * RATE
 
     def hit(self, time: float, first: int, second: int) -> list[str]:

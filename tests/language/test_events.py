@@ -168,8 +168,16 @@ def test_an_upright_cylinder_that_slides_to_a_stop_never_rolls(rng: np.random.Ge
 
 def test_a_cylinder_on_its_side_rolls_and_a_box_tumbles() -> None:
     on_its_side = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)
-    roll = SceneObject("cylinder", (0.1, 0.3), 1.0, sliding_friction=0.8, position=(0, 0, 0.1), velocity=(1, 0, 0),
-                       angular_velocity=(0, 10, 0), orientation=on_its_side)  # fmt: skip
+    roll = SceneObject(
+        "cylinder",
+        (0.1, 0.3),
+        1.0,
+        sliding_friction=0.8,
+        position=(0, 0, 0.1),
+        velocity=(1, 0, 0),
+        angular_velocity=(0, 10, 0),
+        orientation=on_its_side,
+    )
     table = regimes(run(roll), ("cylinder",), THRESHOLDS)
     assert set(table[:, 0]) == {ROLL}
     cube = box(size=(0.2, 0.2, 0.2), position=(0, 0, 0.1), velocity=(2.5, 0, 0), angular_velocity=(0, 15, 0))
@@ -177,8 +185,15 @@ def test_a_cylinder_on_its_side_rolls_and_a_box_tumbles() -> None:
 
 
 def test_a_box_that_chatters_over_the_ground_slides() -> None:
-    chattering = box(size=(0.285, 0.276, 0.206), mass=0.33, sliding_friction=0.49, damping=0.3, position=(0, 0, 0.103),
-                     velocity=(-0.8, -1.06, 0), angular_velocity=(0, 0, 0.94))  # fmt: skip
+    chattering = box(
+        size=(0.285, 0.276, 0.206),
+        mass=0.33,
+        sliding_friction=0.49,
+        damping=0.3,
+        position=(0, 0, 0.103),
+        velocity=(-0.8, -1.06, 0),
+        angular_velocity=(0, 0, 0.94),
+    )
     trace = run(chattering)
     contacts = np.bincount(trace.contacts.step, minlength=240)
     assert (contacts[:100] == 0).mean() > 0.2, "it hops"

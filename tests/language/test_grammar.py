@@ -20,7 +20,7 @@ from pipeline.language.completion import (
     read_completion,
     think_text,
     write_completion,
-)  # fmt: skip
+)
 from pipeline.language.events import KINDS, Event, find_events
 from pipeline.language.grammar import Choice, Grammar, GrammarError, Literal, Number, spell, split
 from pipeline.language.tokenizer import build_tokenizer

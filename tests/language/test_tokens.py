@@ -22,14 +22,23 @@ def byte_level_bpe() -> PreTrainedTokenizerFast:
     core = Tokenizer(models.BPE())
     core.pre_tokenizer = pre_tokenizers.ByteLevel(add_prefix_space=False)
     core.decoder = decoders.ByteLevel()
-    trainer = trainers.BpeTrainer(vocab_size=400, initial_alphabet=pre_tokenizers.ByteLevel.alphabet(),
-                                  special_tokens=list(SPECIAL_TOKENS), show_progress=False)  # fmt: skip
+    trainer = trainers.BpeTrainer(
+        vocab_size=400,
+        initial_alphabet=pre_tokenizers.ByteLevel.alphabet(),
+        special_tokens=list(SPECIAL_TOKENS),
+        show_progress=False,
+    )
     rng = np.random.default_rng(0)
     core.train_from_iterator(
         [random_walk(rng, completion_grammar(True, 1.0))[0] for _ in range(20)] + [PROMPT], trainer
     )
-    return PreTrainedTokenizerFast(tokenizer_object=core, pad_token="<|endoftext|>", eos_token="<|im_end|>",
-                                   chat_template=CHAT_TEMPLATE, clean_up_tokenization_spaces=False)  # fmt: skip
+    return PreTrainedTokenizerFast(
+        tokenizer_object=core,
+        pad_token="<|endoftext|>",
+        eos_token="<|im_end|>",
+        chat_template=CHAT_TEMPLATE,
+        clean_up_tokenization_spaces=False,
+    )
 
 
 #: In the form of Qwen2.5-VL's: without a system's turn it adds one of its own.
@@ -111,8 +120,11 @@ def test_a_few_shot_prompt_is_the_templates_chat_with_completions_cut_as_they_ar
     codec = Codec(tokenizer, 12)
     texts = [random_walk(rng, completion_grammar(True, 1.0))[0] for _ in range(3)]
     ids = codec.few_shot_ids("Look, then write.", texts, True, 1.0)
-    turns = "".join(f"user\n<|vision_start|>{VIDEO_TOKEN * 12}<|vision_end|>{PROMPT}<|im_end|>\n<|im_start|>assistant\n"
-                    f"{text}<|im_end|>\n<|im_start|>" for text in texts)  # fmt: skip
+    turns = "".join(
+        f"user\n<|vision_start|>{VIDEO_TOKEN * 12}<|vision_end|>{PROMPT}<|im_end|>\n<|im_start|>assistant\n"
+        f"{text}<|im_end|>\n<|im_start|>"
+        for text in texts
+    )
     assert tokenizer.decode(ids).startswith(
         f"<|im_start|>system\nLook, then write.<|im_end|>\n<|im_start|>{turns}user\n"
     )

@@ -11,7 +11,7 @@ from pipeline.metrics.overlap import (
     foreground_iou,
     pair_iou,
     sequence_iou,
-)  # fmt: skip
+)
 
 
 def masks(*frames: str) -> np.ndarray:

@@ -16,8 +16,17 @@ from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.scene.scene import Camera, Scene, SceneObject
 
 LAYOUT = PatchLayout(64, 32, 4, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
-SIZE = TinySize(hidden=48, layers=2, heads=2, intermediate=64, vision_hidden=32, vision_depth=2, vision_heads=2,
-                vision_intermediate=64, patch=16)  # fmt: skip
+SIZE = TinySize(
+    hidden=48,
+    layers=2,
+    heads=2,
+    intermediate=64,
+    vision_hidden=32,
+    vision_depth=2,
+    vision_heads=2,
+    vision_intermediate=64,
+    patch=16,
+)
 
 
 INPUT = ModelInput("flow", "channels", "exact", (240, 160), 4, True)

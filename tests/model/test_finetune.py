@@ -12,8 +12,15 @@ from pipeline.model.trainer import ClipDataset, TrainingPlan, last_checkpoint
 
 
 def plan(**values: object) -> TrainingPlan:
-    given = {"steps": 8, "epochs": 1.0, "batch_size": 2, "learning_rate": 3e-3, "lora_rank": 0, "checkpoint_steps": 4,
-             "seed": 3} | values  # fmt: skip
+    given = {
+        "steps": 8,
+        "epochs": 1.0,
+        "batch_size": 2,
+        "learning_rate": 3e-3,
+        "lora_rank": 0,
+        "checkpoint_steps": 4,
+        "seed": 3,
+    } | values
     return TrainingPlan(**given)  # type: ignore[arg-type]
 
 
@@ -38,8 +45,14 @@ def test_fine_tuning_lowers_the_loss_on_what_it_is_shown(
     rows = examples(rng, base, 2)
     curve: list[dict] = []
     rate = 3e-3 if not lora_rank else 3e-2
-    finetune(base, dataset(rows), dataset(rows), plan(steps=16, learning_rate=rate, lora_rank=lora_rank,
-                                                      checkpoint_steps=8), tmp_path, curve.append)  # fmt: skip
+    finetune(
+        base,
+        dataset(rows),
+        dataset(rows),
+        plan(steps=16, learning_rate=rate, lora_rank=lora_rank, checkpoint_steps=8),
+        tmp_path,
+        curve.append,
+    )
     losses = [row["eval_loss"] for row in curve if "eval_loss" in row]
     assert [row["step"] for row in curve if "eval_loss" in row] == [0, 8, 16]
     assert losses[-1] < losses[0] - 0.3

@@ -82,9 +82,14 @@ def quantiles_of_numbers(clip: np.ndarray, text: str) -> Iterator[tuple[float, f
                 below, share = 0.0, 1.0
 
 
-@pytest.mark.parametrize(("sampling", "low", "high"), [
-    (Sampling(), 0.5, 0.5), (Sampling(3, 1.0, middle=0.4), 0.3, 0.7), (Sampling(3, 1.0, middle=1.0), 0.0, 1.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("sampling", "low", "high"),
+    [
+        (Sampling(), 0.5, 0.5),
+        (Sampling(3, 1.0, middle=0.4), 0.3, 0.7),
+        (Sampling(3, 1.0, middle=1.0), 0.0, 1.0),
+    ],
+)
 def test_numbers_are_medians_or_in_the_middle(
     rng: np.random.Generator, sampling: Sampling, low: float, high: float
 ) -> None:

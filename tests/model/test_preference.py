@@ -151,8 +151,15 @@ def test_the_same_seed_gives_the_same_pairs_however_many_are_decoded_at_a_time(r
 
 
 def plan(**values: object) -> TrainingPlan:
-    given = {"steps": 8, "epochs": 1.0, "batch_size": 2, "learning_rate": 3e-3, "lora_rank": 0, "checkpoint_steps": 4,
-             "seed": 3} | values  # fmt: skip
+    given = {
+        "steps": 8,
+        "epochs": 1.0,
+        "batch_size": 2,
+        "learning_rate": 3e-3,
+        "lora_rank": 0,
+        "checkpoint_steps": 4,
+        "seed": 3,
+    } | values
     return TrainingPlan(**given)  # type: ignore[arg-type]
 
 
@@ -168,8 +175,16 @@ def test_a_few_steps_raise_the_margin(rng: np.random.Generator, tmp_path: Path, 
     pairs = toy_pairs(rng, clips)
     rows: list[dict] = []
     rate = 1e-3 if not lora_rank else 1e-2
-    prefer(base, pairs, dict(enumerate(clips)), 0.1, DRAWN, plan(learning_rate=rate, lora_rank=lora_rank), tmp_path,
-           rows.append)  # fmt: skip
+    prefer(
+        base,
+        pairs,
+        dict(enumerate(clips)),
+        0.1,
+        DRAWN,
+        plan(learning_rate=rate, lora_rank=lora_rank),
+        tmp_path,
+        rows.append,
+    )
     curve = [row for row in rows if "loss" in row]
     assert [row["step"] for row in curve] == list(range(1, 9))
     assert curve[0]["loss"] == pytest.approx(np.log(2), abs=1e-3), "policy and reference are the same at first"

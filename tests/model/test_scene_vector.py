@@ -49,8 +49,10 @@ def test_slots_are_in_the_order_of_the_text_and_empty_ones_follow(rng: np.random
     scene = draw_scene(rng, shapes, distribution())
     vector = encode(scene, SCALE)
     assert [CLASSES[k] for k in vector.shapes] == shapes + [None] * (SLOTS - len(shapes))
-    assert (vector.present.sum(1) == [{"sphere": 14, "cylinder": 18, "box": 20}[s] for s in shapes]
-            + [0] * (SLOTS - len(shapes))).all()  # fmt: skip
+    assert (
+        vector.present.sum(1)
+        == [{"sphere": 14, "cylinder": 18, "box": 20}[s] for s in shapes] + [0] * (SLOTS - len(shapes))
+    ).all()
     x = vector.numbers[: len(shapes), POSITION.start]
     low, high = distribution().x
     np.testing.assert_allclose(low + x * (high - low), [o.position[0] for o in scene.objects])

@@ -24,11 +24,17 @@ def random_scene(rng: np.random.Generator, shapes: tuple[str, ...], ground: floa
         size = rng.uniform(0.1, 0.3, len(SIZE_KEYS[shape]))
         if shape == "capsule":
             size[1] += 2 * size[0]
-        objects.append(SceneObject(
-            shape, tuple(size), *rng.uniform(0.1, 1, 4), position=(i, 0, (ground or 0) + 0.8),
-            velocity=tuple(rng.normal(size=3)), angular_velocity=tuple(rng.normal(size=3)),
-            orientation=tuple(rng.normal(size=4)),
-        ))  # fmt: skip
+        objects.append(
+            SceneObject(
+                shape,
+                tuple(size),
+                *rng.uniform(0.1, 1, 4),
+                position=(i, 0, (ground or 0) + 0.8),
+                velocity=tuple(rng.normal(size=3)),
+                angular_velocity=tuple(rng.normal(size=3)),
+                orientation=tuple(rng.normal(size=4)),
+            )
+        )
     return Scene(tuple(objects), gravity=(0.1, 0, -rng.uniform(2, 12)), ground=ground)
 
 
@@ -94,8 +100,14 @@ def test_a_batch_moves_as_single_scenes_do_until_they_touch(rng: np.random.Gener
 def test_a_batch_lands_and_slides_as_single_scenes_do(rng: np.random.Generator) -> None:
     scenes = []
     for _ in range(4):
-        ball = SceneObject("sphere", (rng.uniform(0.05, 0.2),), *rng.uniform(0.2, 1, 4), position=(0, 0, 0.3),
-                           velocity=(1, rng.normal(), 0), angular_velocity=tuple(rng.normal(size=3)))  # fmt: skip
+        ball = SceneObject(
+            "sphere",
+            (rng.uniform(0.05, 0.2),),
+            *rng.uniform(0.2, 1, 4),
+            position=(0, 0, 0.3),
+            velocity=(1, rng.normal(), 0),
+            angular_velocity=tuple(rng.normal(size=3)),
+        )
         brick = SceneObject(
             "box", (0.4, 0.4, 0.1), *rng.uniform(0.2, 1, 4), position=(1, 0, 0.051), velocity=(0.5, 1, 0)
         )

@@ -96,8 +96,10 @@ def test_lift_turns_the_velocity_and_keeps_the_speed() -> None:
 
 
 def test_full_buoyancy_and_no_gravity_are_the_same() -> None:
-    float_, none = (Scene((BALL,), ground=None, effects=(e,)) for e in
-                    (effect("buoyancy", fraction=1.0), effect("gravity_error", gravity=0.0)))  # fmt: skip
+    float_, none = (
+        Scene((BALL,), ground=None, effects=(e,))
+        for e in (effect("buoyancy", fraction=1.0), effect("gravity_error", gravity=0.0))
+    )
     np.testing.assert_allclose(end(float_), end(none), atol=1e-9)
     np.testing.assert_allclose(end(none), np.array(BALL.position) + 0.5 * np.array(BALL.velocity), atol=1e-9)
 
@@ -165,8 +167,9 @@ def test_anisotropic_friction_stops_a_puck_sooner_along_the_rough_direction() ->
 
 def test_adhesion_presses_a_puck_on_the_ground() -> None:
     ball = SceneObject("sphere", (0.1,), 0.5, 0.3, position=(0, 0, 0.1), velocity=(2, 0, 0))
-    loss = [2 - simulate(Scene((ball,), effects=e), 0.08).velocity[-1, 0, 0]
-            for e in ((), (effect("adhesion", force=5.0),))]  # fmt: skip
+    loss = [
+        2 - simulate(Scene((ball,), effects=e), 0.08).velocity[-1, 0, 0] for e in ((), (effect("adhesion", force=5.0),))
+    ]
     assert 1.25 < loss[1] / loss[0] < 1.1 + 5 / 0.5 / 9.81  # MuJoCo's adhesion pauses where the contact does
 
 
@@ -178,8 +181,10 @@ def test_rolling_resistance_slows_a_rolling_ball() -> None:
 
 def test_spin_friction_slows_a_spinning_ball() -> None:
     ball = SceneObject("sphere", (0.1,), 0.5, position=(0, 0, 0.1), angular_velocity=(0, 0, 30))
-    plain, slowed = (simulate(Scene((ball,), effects=e), 0.3).angular_velocity[-1, 0, 2]
-                     for e in ((), (effect("spin_friction", coefficient=0.005),)))  # fmt: skip
+    plain, slowed = (
+        simulate(Scene((ball,), effects=e), 0.3).angular_velocity[-1, 0, 2]
+        for e in ((), (effect("spin_friction", coefficient=0.005),))
+    )
     assert slowed - plain == pytest.approx(-0.3 * 0.005 * 9.81 / (0.4 * 0.1**2), rel=0.1)
 
 
@@ -206,18 +211,29 @@ def test_an_off_center_body_turns_about_its_centre_of_mass() -> None:
 
 
 EXAMPLES = {
-    "air_drag": {"coefficient": 0.02}, "linear_drag": {"coefficient": 0.1}, "magnus_lift": {"coefficient": 0.002},
-    "wind": {"velocity": (1.0, 2.0, 0.0), "coefficient": 0.02}, "buoyancy": {"fraction": 0.2},
-    "gravity_error": {"gravity": 8.0}, "tilted_gravity": {"tilt": (0.1, 0.05)},
-    "rolling_resistance": {"coefficient": 0.003}, "spin_friction": {"coefficient": 0.01},
-    "viscous_friction": {"coefficient": 0.3}, "anisotropic_friction": {"ratio": 0.5, "angle": 0.4},
-    "restitution": {"coefficient": 0.8}, "off_center_mass": {"offset": (0.01, 0.0, 0.02)},
+    "air_drag": {"coefficient": 0.02},
+    "linear_drag": {"coefficient": 0.1},
+    "magnus_lift": {"coefficient": 0.002},
+    "wind": {"velocity": (1.0, 2.0, 0.0), "coefficient": 0.02},
+    "buoyancy": {"fraction": 0.2},
+    "gravity_error": {"gravity": 8.0},
+    "tilted_gravity": {"tilt": (0.1, 0.05)},
+    "rolling_resistance": {"coefficient": 0.003},
+    "spin_friction": {"coefficient": 0.01},
+    "viscous_friction": {"coefficient": 0.3},
+    "anisotropic_friction": {"ratio": 0.5, "angle": 0.4},
+    "restitution": {"coefficient": 0.8},
+    "off_center_mass": {"offset": (0.01, 0.0, 0.02)},
     "hidden_obstacle": {"position": (0.6, 0.2, 2.3), "size": 0.2},
-    "hidden_attractor": {"position": (1.0, 1.0, 1.0), "strength": 0.3}, "pair_attraction": {"strength": 0.05},
-    "moving_ground": {"velocity": (0.3, 0.1)}, "rotating_frame": {"angular_velocity": 0.4},
-    "impulse": {"time": 0.2, "momentum": (0.1, 0.0, 0.2)}, "adhesion": {"force": 2.0}, "clock_rate": {"ratio": 1.1},
+    "hidden_attractor": {"position": (1.0, 1.0, 1.0), "strength": 0.3},
+    "pair_attraction": {"strength": 0.05},
+    "moving_ground": {"velocity": (0.3, 0.1)},
+    "rotating_frame": {"angular_velocity": 0.4},
+    "impulse": {"time": 0.2, "momentum": (0.1, 0.0, 0.2)},
+    "adhesion": {"force": 2.0},
+    "clock_rate": {"ratio": 1.1},
     "length_scale": {"ratio": 0.9},
-}  # fmt: skip
+}
 
 
 def test_there_is_an_example_of_every_effect() -> None:

@@ -39,8 +39,13 @@ def test_a_ball_in_a_box_overlaps_by_the_depth_of_its_surface(order: tuple[int, 
     [("box", "box"), ("box", "cylinder"), ("cylinder", "cylinder"), ("capsule", "box"), ("ellipsoid", "sphere")],
 )
 def test_stacked_bodies_overlap_by_what_their_heights_exceed_their_distance(first: str, second: str) -> None:
-    size = {"box": (0.3, 0.3, 0.2), "cylinder": (0.15, 0.2), "capsule": (0.05, 0.2), "ellipsoid": (0.2, 0.2, 0.2),
-            "sphere": (0.1,)}  # fmt: skip
+    size = {
+        "box": (0.3, 0.3, 0.2),
+        "cylinder": (0.15, 0.2),
+        "capsule": (0.05, 0.2),
+        "ellipsoid": (0.2, 0.2, 0.2),
+        "sphere": (0.1,),
+    }
     depth = 0.008
     low = SceneObject(first, size[first], 1.0, position=(0, 0, 0.5))
     high = SceneObject(second, size[second], 1.0, position=(0, 0, 0.7 - depth))
@@ -59,8 +64,10 @@ def test_a_body_in_the_ground_overlaps_by_how_deep_it_reaches(rng: np.random.Gen
 
 def test_bodies_apart_do_not_overlap(rng: np.random.Generator) -> None:
     shapes = rng.choice(["sphere", "box", "cylinder"], 4)
-    objects = tuple(SceneObject(str(s), (0.2,) * len(SIZE_KEYS[s]), 1.0, position=(i, 0, 1),
-                                orientation=tuple(rng.normal(size=4))) for i, s in enumerate(shapes))  # fmt: skip
+    objects = tuple(
+        SceneObject(str(s), (0.2,) * len(SIZE_KEYS[s]), 1.0, position=(i, 0, 1), orientation=tuple(rng.normal(size=4)))
+        for i, s in enumerate(shapes)
+    )
     assert penetration(Scene(objects)) == 0
     assert penetration(Scene(())) == 0
 

@@ -56,10 +56,26 @@ def test_a_ball_off_the_ground_turns_evenly(rng: np.random.Generator) -> None:
 
 
 def test_momentum_is_conserved_in_a_collision_in_the_air(rng: np.random.Generator) -> None:
-    left = SceneObject("box", (0.2, 0.3, 0.25), 0.7, position=(-0.4, 0, 0), velocity=(1.5, 0.1, 0), damping=0.2,
-                       angular_velocity=tuple(rng.normal(size=3)), orientation=random_turn(rng))  # fmt: skip
-    right = SceneObject("cylinder", (0.15, 0.3), 1.9, position=(0.3, 0.05, 0), velocity=(-1, 0, 0), damping=0.4,
-                        angular_velocity=tuple(rng.normal(size=3)), orientation=random_turn(rng))  # fmt: skip
+    left = SceneObject(
+        "box",
+        (0.2, 0.3, 0.25),
+        0.7,
+        position=(-0.4, 0, 0),
+        velocity=(1.5, 0.1, 0),
+        damping=0.2,
+        angular_velocity=tuple(rng.normal(size=3)),
+        orientation=random_turn(rng),
+    )
+    right = SceneObject(
+        "cylinder",
+        (0.15, 0.3),
+        1.9,
+        position=(0.3, 0.05, 0),
+        velocity=(-1, 0, 0),
+        damping=0.4,
+        angular_velocity=tuple(rng.normal(size=3)),
+        orientation=random_turn(rng),
+    )
     scene = Scene((left, right), **FREE)  # type: ignore[arg-type]
     trace = simulate(scene)
     assert len(trace.contacts) > 0
@@ -77,8 +93,15 @@ def test_momentum_is_conserved_in_a_collision_in_the_air(rng: np.random.Generato
 
 
 def test_energy_does_not_grow_without_a_contact(rng: np.random.Generator) -> None:
-    obj = SceneObject("box", (0.2, 0.3, 0.4), 1.0, position=(0, 0, 20), velocity=tuple(rng.normal(size=3)),
-                      angular_velocity=tuple(rng.normal(size=3)), orientation=random_turn(rng))  # fmt: skip
+    obj = SceneObject(
+        "box",
+        (0.2, 0.3, 0.4),
+        1.0,
+        position=(0, 0, 20),
+        velocity=tuple(rng.normal(size=3)),
+        angular_velocity=tuple(rng.normal(size=3)),
+        orientation=random_turn(rng),
+    )
     scene = Scene((obj,), gravity=(0, 0, 0), ground=None)
     e = energy(scene, simulate(scene))
     assert np.abs(e - e[0]).max() < 0.05 * e[0]  # steps of 1/240 s turn a body that is no ball so well
@@ -113,16 +136,19 @@ def test_sampled_scenes_rarely_gain_energy(rng: np.random.Generator) -> None:
 def test_an_upright_cylinder_that_spins_is_not_thrown_up(rng: np.random.Generator) -> None:
     """`mjc_PlaneCylinder` would find one in sixty of them a radius deep in the ground."""
     for _ in range(60):
-        can = SceneObject("cylinder", (0.13, 0.11), 0.2, 0.6, 0.007, 0.31, (0, 0, 0.0555), (1.7, -0.8, 0),
-                          (0, 0, rng.uniform(-8, 8)))  # fmt: skip
+        can = SceneObject(
+            "cylinder", (0.13, 0.11), 0.2, 0.6, 0.007, 0.31, (0, 0, 0.0555), (1.7, -0.8, 0), (0, 0, rng.uniform(-8, 8))
+        )
         trace = simulate(Scene((can,)), 0.1)
         assert trace.position[:, 0, 2].max() < 0.08
 
 
 def test_on_the_ground_an_objects_own_numbers_count_and_between_two_mujocos_rule(rng: np.random.Generator) -> None:
     friction, rolling, damping = rng.uniform(0.1, 1, 2), rng.uniform(0, 0.01, 2), rng.uniform(0.3, 1, 2)
-    pair = [ball(position=(x, 0, 0.0999), sliding_friction=f, rolling_friction=r, damping=d)
-            for x, f, r, d in zip((-0.0999, 0.0999), friction, rolling, damping, strict=True)]  # fmt: skip
+    pair = [
+        ball(position=(x, 0, 0.0999), sliding_friction=f, rolling_friction=r, damping=d)
+        for x, f, r, d in zip((-0.0999, 0.0999), friction, rolling, damping, strict=True)
+    ]
     scene = Scene(tuple(pair))
     model = compile_xml(scene_xml(scene))
     data = mujoco.MjData(model)

@@ -19,8 +19,15 @@ def random_object(rng: np.random.Generator, shape: str) -> SceneObject:
     size = rng.uniform(0.1, 0.4, len(SIZE_KEYS[shape]))
     if shape == "capsule":
         size[1] += 2 * size[0]
-    return SceneObject(shape, tuple(size), 1.0, position=(0.1, 0, 0.5), orientation=tuple(rng.normal(size=4)),
-                       velocity=(0.3, 0.2, 1.0), angular_velocity=tuple(rng.normal(size=3)))  # fmt: skip
+    return SceneObject(
+        shape,
+        tuple(size),
+        1.0,
+        position=(0.1, 0, 0.5),
+        orientation=tuple(rng.normal(size=4)),
+        velocity=(0.3, 0.2, 1.0),
+        angular_velocity=tuple(rng.normal(size=3)),
+    )
 
 
 def inertia_world(obj: SceneObject) -> np.ndarray:
@@ -35,8 +42,10 @@ def test_the_canonical_description_is_of_the_same_body(rng: np.random.Generator,
         same = canonical_object(obj)
         assert sorted(same.size) == sorted(obj.size)
         np.testing.assert_allclose(inertia_world(same), inertia_world(obj), atol=1e-6)
-        masks = [rasterise((o,), np.array([[o.position]]), np.array([[o.orientation]]), pinhole(CAMERA), 120, 80).mask
-                 for o in (obj, same)]  # fmt: skip
+        masks = [
+            rasterise((o,), np.array([[o.position]]), np.array([[o.orientation]]), pinhole(CAMERA), 120, 80).mask
+            for o in (obj, same)
+        ]
         assert (masks[0] != masks[1]).sum() <= 2  # orientations have six digits
 
 

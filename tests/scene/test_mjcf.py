@@ -69,8 +69,9 @@ def test_velocities_in_the_trace_start_as_the_scenes_in_the_worlds_frame() -> No
 
 def test_the_angular_velocity_turns_the_body_about_the_worlds_axis(rng: np.random.Generator) -> None:
     omega = rng.normal(size=3)
-    ball = SceneObject("sphere", (0.1,), 1.0, position=(0, 0, 5), angular_velocity=tuple(omega),
-                       orientation=tuple(rng.normal(size=4)))  # fmt: skip
+    ball = SceneObject(
+        "sphere", (0.1,), 1.0, position=(0, 0, 5), angular_velocity=tuple(omega), orientation=tuple(rng.normal(size=4))
+    )
     trace = simulate(Scene((ball,), ground=None), 0.1)
     start, end = matrix_from_quaternion(trace.quaternion[[0, -1], 0])
     axis = np.array(ball.angular_velocity) / np.linalg.norm(ball.angular_velocity)

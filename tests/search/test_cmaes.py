@@ -32,8 +32,11 @@ def test_a_scene_inside_the_bounds_is_decoded_as_it_was_encoded(rng: np.random.G
         assert again.camera is not None
         assert scene.camera is not None
         np.testing.assert_allclose(again.camera.position, scene.camera.position, rtol=2e-6)
-        np.testing.assert_allclose([again.camera.pitch, again.camera.fov, *again.gravity],
-                                   [scene.camera.pitch, scene.camera.fov, *scene.gravity], rtol=2e-6)  # fmt: skip
+        np.testing.assert_allclose(
+            [again.camera.pitch, again.camera.fov, *again.gravity],
+            [scene.camera.pitch, scene.camera.fov, *scene.gravity],
+            rtol=2e-6,
+        )
         for a, b in zip(again.objects, scene.objects, strict=True):
             for key in ("size", "mass", "sliding_friction", "rolling_friction", "damping", "velocity"):
                 np.testing.assert_allclose(getattr(a, key), getattr(b, key), rtol=1e-5, atol=1e-6)

@@ -30,8 +30,9 @@ def pairs(scene: Scene) -> np.ndarray:
 
 def apart() -> Scene:
     """Two balls that never meet."""
-    balls = tuple(SceneObject("sphere", (0.15,), 1.0, position=(x, 0.2, 0.15), velocity=(0, -0.3, 0))
-                  for x in (-0.5, 0.5))  # fmt: skip
+    balls = tuple(
+        SceneObject("sphere", (0.15,), 1.0, position=(x, 0.2, 0.15), velocity=(0, -0.3, 0)) for x in (-0.5, 0.5)
+    )
     return replace(sampled(np.random.default_rng(0), 1), objects=balls)
 
 
@@ -91,9 +92,18 @@ def test_a_point_on_the_ground_is_where_its_ray_meets_it(rng: np.random.Generato
 
 
 def test_the_guess_of_a_ball_on_the_ground_is_near_it_where_the_camera_is_known(rng: np.random.Generator) -> None:
-    scene = replace(sampled(rng, 1), objects=(
-        SceneObject("sphere", (rng.uniform(0.1, 0.2),), 1.0, position=(rng.uniform(-0.3, 0.3), 0.2, 0.2),
-                    velocity=(rng.uniform(-0.4, 0.4), 0.2, 0)),))  # fmt: skip
+    scene = replace(
+        sampled(rng, 1),
+        objects=(
+            SceneObject(
+                "sphere",
+                (rng.uniform(0.1, 0.2),),
+                1.0,
+                position=(rng.uniform(-0.3, 0.3), 0.2, 0.2),
+                velocity=(rng.uniform(-0.4, 0.4), 0.2, 0),
+            ),
+        ),
+    )
     ball = replace(scene.objects[0], position=(*scene.objects[0].position[:2], scene.objects[0].size[0]))
     scene = replace(scene, objects=(ball,))
     target = exact_target(scene, 240, 160)
@@ -145,8 +155,10 @@ def test_variations_by_one_kind_of_jump_all_change(rng: np.random.Generator) -> 
     start = stack_scenes([sampled(rng, 2)])
     for _ in range(8):
         batch = propose_jumps(rng, start, 30, [1], same_kind=True)
-        same = [np.all(getattr(batch, name)[1:, 1] == getattr(start, name)[0, 1], axis=-1)
-                for name in ("quaternion", "position", "half_size", "velocity", "angular_velocity")]  # fmt: skip
+        same = [
+            np.all(getattr(batch, name)[1:, 1] == getattr(start, name)[0, 1], axis=-1)
+            for name in ("quaternion", "position", "half_size", "velocity", "angular_velocity")
+        ]
         assert np.mean(np.all(same, axis=0)) < 0.3, "a resting ball may be given the spin that it has"
 
 

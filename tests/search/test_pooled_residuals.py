@@ -35,8 +35,11 @@ def test_pooled_sums_give_area_centroid_and_flow(rng: np.random.Generator, cell:
 
 
 def moved_by(e: Evaluator, scene: Scene, metres: list[float]) -> Residuals:
-    scenes = [replace(scene, objects=(replace(o, position=(o.position[0] + m, *o.position[1:])),))
-              for m in metres for o in scene.objects]  # fmt: skip
+    scenes = [
+        replace(scene, objects=(replace(o, position=(o.position[0] + m, *o.position[1:])),))
+        for m in metres
+        for o in scene.objects
+    ]
     return e.residuals(stack_scenes(scenes), PAIR)[0]
 
 

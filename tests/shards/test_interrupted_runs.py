@@ -22,8 +22,9 @@ def start(root: Path, then: str) -> subprocess.Popen[str]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, toy_stage.__file__, str(root), then]
     pipe = subprocess.PIPE
-    return subprocess.Popen(command, env=environment, stdout=pipe, stderr=pipe, text=True, start_new_session=True,
-                            preexec_fn=hear_ctrl_c)  # fmt: skip
+    return subprocess.Popen(
+        command, env=environment, stdout=pipe, stderr=pipe, text=True, start_new_session=True, preexec_fn=hear_ctrl_c
+    )
 
 
 def hear_ctrl_c() -> None:

@@ -37,9 +37,13 @@ def train(folder: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramet
 
 def run(root: Path) -> None:
     keep_folder(
-        "train", root / "model", train, parameters=Training(root / "stop"),
-        inputs=[root / "drop" / "train"], store=Store(root / "store"),
-    )  # fmt: skip
+        "train",
+        root / "model",
+        train,
+        parameters=Training(root / "stop"),
+        inputs=[root / "drop" / "train"],
+        store=Store(root / "store"),
+    )
 
 
 def test_a_result_is_computed_once_and_then_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

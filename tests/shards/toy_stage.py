@@ -74,18 +74,32 @@ def drop_until_shard_2(shard: Shard, inputs: Sequence[OpenShard], parameters: Dr
 def make(root: Path, clips: int = 20, shard_size: int = 4, workers: int = 1, seed: int = 1, **more: Any) -> Manifest:
     """Run `drop` into root/drop/train with root/store as the store."""
     return map_shards(
-        "drop", "train", root / "drop" / "train", more.pop("compute", drop),
+        "drop",
+        "train",
+        root / "drop" / "train",
+        more.pop("compute", drop),
         parameters=Drop(seed, **more.pop("extra", {})),
-        clips=clips, shard_size=shard_size, workers=workers, store=Store(root / "store"), **more,
-    )  # fmt: skip
+        clips=clips,
+        shard_size=shard_size,
+        workers=workers,
+        store=Store(root / "store"),
+        **more,
+    )
 
 
 def make_weights(root: Path, workers: int = 1, **more: Any) -> Manifest:
     """Run `weigh` on what `make` left."""
     return map_shards(
-        "weigh", "train", root / "weigh" / "train", weigh,
-        parameters=None, inputs=[root / "drop" / "train"], workers=workers, store=Store(root / "store"), **more,
-    )  # fmt: skip
+        "weigh",
+        "train",
+        root / "weigh" / "train",
+        weigh,
+        parameters=None,
+        inputs=[root / "drop" / "train"],
+        workers=workers,
+        store=Store(root / "store"),
+        **more,
+    )
 
 
 def main(root: str, then: str) -> None:

@@ -36,8 +36,17 @@ def noise(shard: Shard, inputs: Sequence[OpenShard], parameters: int) -> ShardRe
 def texts(shard: Shard, inputs: Sequence[OpenShard], parameters: int) -> ShardResult:
     """In the place of `tokenize`: random completions."""
     rng = np.random.default_rng((parameters, shard.start))
-    rows = [{"clip": c, "completion": random_walk(rng, completion_grammar(True, 1.0))[0], "ids": [],
-             "prompt_length": 0, "free": [], "numeric": []} for c in shard.clips]  # fmt: skip
+    rows = [
+        {
+            "clip": c,
+            "completion": random_walk(rng, completion_grammar(True, 1.0))[0],
+            "ids": [],
+            "prompt_length": 0,
+            "free": [],
+            "numeric": [],
+        }
+        for c in shard.clips
+    ]
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
 
 
@@ -57,10 +66,21 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rng: np.random.Gener
     monkeypatch.setenv("DYNAMICS_STORE", str(tmp_path / "store"))
     small_base(int(rng.integers(1000))).save(Path("base"))
     seed = int(rng.integers(2**31))
-    for name, suite, compute, clips in (("flow", "train", noise, TRAIN), ("tokenize", "train", texts, TRAIN),
-                                        ("flow", "id", noise, 3)):  # fmt: skip
-        map_shards(name, suite, tmp_path / "data" / name / suite, compute, parameters=seed, clips=clips, shard_size=2,
-                   workers=1)  # fmt: skip
+    for name, suite, compute, clips in (
+        ("flow", "train", noise, TRAIN),
+        ("tokenize", "train", texts, TRAIN),
+        ("flow", "id", noise, 3),
+    ):
+        map_shards(
+            name,
+            suite,
+            tmp_path / "data" / name / suite,
+            compute,
+            parameters=seed,
+            clips=clips,
+            shard_size=2,
+            workers=1,
+        )
     return tmp_path
 
 
@@ -84,8 +104,7 @@ def test_the_base_answers_from_examples_of_train_and_nothing_is_fine_tuned(
     capsys.readouterr()
     infer.main("id")
     assert "0 computed" in capsys.readouterr().out
-    map_shards("flow", "train", folder / "data/flow/train", noise, parameters=0, clips=TRAIN, shard_size=2,
-               workers=1)  # fmt: skip
+    map_shards("flow", "train", folder / "data/flow/train", noise, parameters=0, clips=TRAIN, shard_size=2, workers=1)
     infer.main("id")
     after = [row["log_probability"] for row in open_shards(folder / "data/infer/id").table().to_pylist()]
     assert not np.allclose(before, after, atol=1e-3), "the examples' pictures matter, and are in the key"
@@ -108,9 +127,12 @@ def test_a_clip_of_train_is_not_asked_with_examples_of_train(folder: Path) -> No
 
 @pytest.mark.parametrize(
     ("shots", "lost", "said"),
-    [(TRAIN + 1, None, "`infer.shots` is 5, but data/tokenize/train has 4 clips and data/flow/train 4; valid"),
-     (3, "flow", "data/flow/train"), (3, "tokenize", "data/tokenize/train")],
-)  # fmt: skip
+    [
+        (TRAIN + 1, None, "`infer.shots` is 5, but data/tokenize/train has 4 clips and data/flow/train 4; valid"),
+        (3, "flow", "data/flow/train"),
+        (3, "tokenize", "data/tokenize/train"),
+    ],
+)
 def test_without_enough_examples_it_ends_with_code_2_and_names_the_place(
     folder: Path, capsys: pytest.CaptureFixture[str], shots: int, lost: str | None, said: str
 ) -> None:

@@ -26,6 +26,6 @@ def test_the_kind_of_machine_does_not_name_the_host() -> None:
         ("processor\t: 0\nCPU implementer\t: 0x41\n", ""),
         ("", ""),
     ],
-)  # fmt: skip
+)
 def test_the_model_is_the_first_processor_s_where_it_is_named(cpuinfo: str, name: str) -> None:
     assert model_name(cpuinfo) == name

@@ -62,7 +62,7 @@ def test_every_stage_that_declares_parameters_is_a_module() -> None:
         ("discover", [], {"discover": {"effects": "air_drga"}}, r"discover\.effects: unknown effect 'air_drga'.*valid"),
         ("flow", ["id"], {"flow": {"raft": "models/nowhere"}}, r"flow\.raft: models/nowhere is missing"),
     ],
-)  # fmt: skip
+)
 def test_parameters_that_do_not_fit_together_are_an_error_that_names_the_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str, words: list[str], change: dict, message: str
 ) -> None:

@@ -56,7 +56,8 @@ def test_numbers_are_those_of_yaml_1_2(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         (
-            "{clips: 320", "{clisp: 320, clips: 320",
+            "{clips: 320",
+            "{clisp: 320, clips: 320",
             "`sample.suites.train.clisp` is not a parameter (did you mean 'clips'?); valid here: clips, objects",
         ),
         ("seed: 0", "seed: 0\nseeds: 1", "`seeds` is not a parameter (did you mean 'seed'?); valid here: sample, seed"),
@@ -71,7 +72,7 @@ def test_numbers_are_those_of_yaml_1_2(tmp_path: Path) -> None:
         ("seed: 0", "seed: 0\nseed: 1", 'line 2: found duplicate key "seed"'),
         ("[1, 3]}", "[1, 3]", "line 8: "),
     ],
-)  # fmt: skip
+)
 def test_an_error_is_one_line_with_the_key(tmp_path: Path, old: str, new: str, message: str) -> None:
     assert old in TEXT
     with pytest.raises(ParamsError) as caught:

@@ -41,8 +41,14 @@ def write_params(**prefer_values: Any) -> None:
     yaml = YAML()
     params = yaml.load(ROOT / "params.yaml")
     params["clip"]["model_frames"] = LAYOUT.frames
-    params["prefer"] |= {"samples": 4, "steps": 4, "checkpoint_steps": 2, "batch_size": 2, "margin": 0.0,
-                         **prefer_values}  # fmt: skip
+    params["prefer"] |= {
+        "samples": 4,
+        "steps": 4,
+        "checkpoint_steps": 2,
+        "batch_size": 2,
+        "margin": 0.0,
+        **prefer_values,
+    }
     yaml.dump(params, Path("params.yaml"))
 
 
@@ -52,8 +58,16 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("DYNAMICS_STORE", str(tmp_path / "store"))
     small_base().save(FINETUNED)
     for name, compute in (("render", discs), ("flow", still)):
-        map_shards(name, "real", tmp_path / "data" / name / "real", compute, parameters=None, clips=CLIPS, shard_size=2,
-                   workers=1)  # fmt: skip
+        map_shards(
+            name,
+            "real",
+            tmp_path / "data" / name / "real",
+            compute,
+            parameters=None,
+            clips=CLIPS,
+            shard_size=2,
+            workers=1,
+        )
     return tmp_path
 
 

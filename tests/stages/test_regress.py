@@ -45,8 +45,17 @@ def write_params(**values: Any) -> None:
     yaml = YAML()
     params = yaml.load(ROOT / "params.yaml")
     params["clip"]["model_frames"] = FRAMES
-    params["regress"] |= {"width": 32, "height": 16, "hidden": 16, "layers": 1, "heads": 2, "steps": 4,
-                          "checkpoint_steps": 2, "batch_size": 2, **values}  # fmt: skip
+    params["regress"] |= {
+        "width": 32,
+        "height": 16,
+        "hidden": 16,
+        "layers": 1,
+        "heads": 2,
+        "steps": 4,
+        "checkpoint_steps": 2,
+        "batch_size": 2,
+        **values,
+    }
     params["executor"]["workers"] = 1
     yaml.dump(params, Path("params.yaml"))
 
@@ -73,11 +82,13 @@ def test_where_it_is_enabled_every_clip_has_a_valid_scene_that_is_scored(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for suite in ("train", "val"):
-        map_shards("sample", suite, folder / "data/sample" / suite, sampled, parameters=None, clips=4, shard_size=2,
-                   workers=1)  # fmt: skip
+        map_shards(
+            "sample", suite, folder / "data/sample" / suite, sampled, parameters=None, clips=4, shard_size=2, workers=1
+        )
     for suite in ("train", "val", *regress.SUITES):
-        map_shards("flow", suite, folder / "data/flow" / suite, noise, parameters=None, clips=4, shard_size=2,
-                   workers=1)  # fmt: skip
+        map_shards(
+            "flow", suite, folder / "data/flow" / suite, noise, parameters=None, clips=4, shard_size=2, workers=1
+        )
     write_params(enabled=True)
     regress.main()
     assert len((folder / "data/regress/model/eval_loss.csv").read_text().splitlines()) == 4

@@ -84,8 +84,21 @@ def fall(segments, position, velocity, rolls, seconds=0.5, gravity=9.81, bounce=
     steps = round(seconds * STEPS_PER_SECOND)
     positions, angles = np.empty((steps, 1, 2)), np.empty((steps, 1))
     start, speed, lines = (np.array(v, float) for v in ([position], [velocity], segments))
-    integrate(start, speed, np.zeros(1), np.array([0.1]), np.array([rolls]), np.zeros(1), lines,
-              gravity, 0.0, bounce, 1 / STEPS_PER_SECOND, positions, angles)  # fmt: skip
+    integrate(
+        start,
+        speed,
+        np.zeros(1),
+        np.array([0.1]),
+        np.array([rolls]),
+        np.zeros(1),
+        lines,
+        gravity,
+        0.0,
+        bounce,
+        1 / STEPS_PER_SECOND,
+        positions,
+        angles,
+    )
     return positions[:, 0], angles[:, 0]
 
 

@@ -100,9 +100,16 @@ def _darken(
 
 
 def _mirrored(
-    frame: np.ndarray, other: np.ndarray, sprite: Sprite, centre: np.ndarray, radius: float, angle: float, line: float,
-    strength: float, soft: float,
-) -> None:  # fmt: skip
+    frame: np.ndarray,
+    other: np.ndarray,
+    sprite: Sprite,
+    centre: np.ndarray,
+    radius: float,
+    angle: float,
+    line: float,
+    strength: float,
+    soft: float,
+) -> None:
     """Add the image of a body in a glossy surface that begins at row `line`, in place."""
     height, width = frame.shape[:2]
     image = np.array([centre[0], 2 * line - centre[1]])
@@ -247,8 +254,15 @@ def _resampled(sprite: Sprite, radius: float) -> Sprite:
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     grown = [cv2.resize(p, (size, size), interpolation=how) for p in (sprite.picture, sprite.alpha, sprite.shading)]
     unit = sprite.unit * size / sprite.picture.shape[0]
-    return Sprite(np.clip(grown[0], 0, 1), np.clip(grown[1], 0, 1), grown[2], unit, sprite.round, sprite.turns_visibly,
-                  sprite.reach)  # fmt: skip
+    return Sprite(
+        np.clip(grown[0], 0, 1),
+        np.clip(grown[1], 0, 1),
+        grown[2],
+        unit,
+        sprite.round,
+        sprite.turns_visibly,
+        sprite.reach,
+    )
 
 
 def _front(rng: np.random.Generator, width: int, height: int) -> np.ndarray:

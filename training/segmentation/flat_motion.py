@@ -29,10 +29,20 @@ class FlatMotion:
 
 @kernel
 def integrate(
-    position: np.ndarray, velocity: np.ndarray, spin: np.ndarray, radius: np.ndarray, rolls: np.ndarray,
-    release: np.ndarray, segments: np.ndarray, gravity: float, drag: float, bounce: float, step: float,
-    positions: np.ndarray, angles: np.ndarray,
-) -> None:  # fmt: skip
+    position: np.ndarray,
+    velocity: np.ndarray,
+    spin: np.ndarray,
+    radius: np.ndarray,
+    rolls: np.ndarray,
+    release: np.ndarray,
+    segments: np.ndarray,
+    gravity: float,
+    drag: float,
+    bounce: float,
+    step: float,
+    positions: np.ndarray,
+    angles: np.ndarray,
+) -> None:
     """Fill positions (S, N, 2) and angles (S, N). velocity (N, 2) per s, spin (N,) rad/s, rolls (N,): else a body that
     touches lies along the segment."""
     count = position.shape[0]
@@ -183,8 +193,21 @@ def sample_motion(rng: np.random.Generator, aspect: float, rolls: np.ndarray, se
     lines = np.array(segments)
     steps = round(seconds * STEPS_PER_SECOND)
     positions, angles = np.empty((steps, count, 2)), np.empty((steps, count))
-    integrate(position.astype(float), velocity.astype(float), spin.astype(float), radius, rolls, release, lines,
-              gravity, drag, bounce, 1 / STEPS_PER_SECOND, positions, angles)  # fmt: skip
+    integrate(
+        position.astype(float),
+        velocity.astype(float),
+        spin.astype(float),
+        radius,
+        rolls,
+        release,
+        lines,
+        gravity,
+        drag,
+        bounce,
+        1 / STEPS_PER_SECOND,
+        positions,
+        angles,
+    )
     if kind == "carried":  # by a hand along a smooth path, then put down
         way = np.linspace(0, 1, steps)[:, None, None]
         s = np.clip((way - 0.05) / rng.uniform(0.3, 0.9), 0, 1)

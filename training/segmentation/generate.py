@@ -57,9 +57,19 @@ def make_clip(seed: int, index: int, kind: str | None = None) -> TrainingClip:
     state = np.where(faint(frames, mask, len(drawn.state)), UNSEEN, drawn.state).astype(np.uint8)
     features = clip_features(frames)
     return TrainingClip(
-        frames, mask, other, drawn.centre[order].astype(np.float32), drawn.radius[order].astype(np.float32), state,
-        features.background, features.low, features.high, features.flicker, features.forward, features.backward,
-    )  # fmt: skip
+        frames,
+        mask,
+        other,
+        drawn.centre[order].astype(np.float32),
+        drawn.radius[order].astype(np.float32),
+        state,
+        features.background,
+        features.low,
+        features.high,
+        features.flicker,
+        features.forward,
+        features.backward,
+    )
 
 
 def main() -> None:

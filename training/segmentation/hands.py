@@ -56,9 +56,14 @@ def sample_skin(rng: np.random.Generator) -> np.ndarray:
 
 
 def sample_hand(
-    rng: np.random.Generator, width: int, height: int, target: np.ndarray, palm: float, times: np.ndarray,
+    rng: np.random.Generator,
+    width: int,
+    height: int,
+    target: np.ndarray,
+    palm: float,
+    times: np.ndarray,
     release: float | None,
-) -> Hand:  # fmt: skip
+) -> Hand:
     """A hand whose finger tips are at target (T, 2), px, until `release`, and then withdraws; or moves freely (None).
 
     times: (T,) of the frames in [0, 1]. palm: radius, px.
@@ -94,9 +99,19 @@ def sample_hand(
     skin = (sample_skin(rng) * grain).astype(np.float32)
     sleeve = sample_background(rng, 128, 128)
     angle = rng.uniform(0, 2 * math.pi)
-    return Hand(base, wrist, opening.reshape(count), palm, lengths, bend, skin, sleeve,
-                float(rng.choice([rng.uniform(0.0, 0.3), rng.uniform(0.3, 1.5)])), float(rng.choice([-1.0, 1.0])),
-                np.array([math.cos(angle), math.sin(angle)]))  # fmt: skip
+    return Hand(
+        base,
+        wrist,
+        opening.reshape(count),
+        palm,
+        lengths,
+        bend,
+        skin,
+        sleeve,
+        float(rng.choice([rng.uniform(0.0, 0.3), rng.uniform(0.3, 1.5)])),
+        float(rng.choice([-1.0, 1.0])),
+        np.array([math.cos(angle), math.sin(angle)]),
+    )
 
 
 def draw_hand(hand: Hand, t: int, width: int, height: int) -> np.ndarray:

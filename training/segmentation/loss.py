@@ -54,6 +54,12 @@ def segmentation_loss(network: SegmentationNetwork, batch: dict[str, Tensor]) ->
     weight = batch["weight"] / (batch["weight"].sum() + 1e-6)
     offset = ((votes[:, :2] - batch["offset"]).abs().sum(1) * weight).sum()
     radius = ((votes[:, 2] - batch["log_radius"]).abs() * weight).sum()
-    shown = [*parts, offset * VOTE_SCALE_PX, radius, overlap(logits[:, MOVING], moving, known),
-             overlap(logits[:, BODY], body, visible), overlap(logits[:, OTHER], other, everywhere)]  # fmt: skip
+    shown = [
+        *parts,
+        offset * VOTE_SCALE_PX,
+        radius,
+        overlap(logits[:, MOVING], moving, known),
+        overlap(logits[:, BODY], body, visible),
+        overlap(logits[:, OTHER], other, everywhere),
+    ]
     return area + 1.5 * offset + 0.3 * radius, torch.stack(shown).detach()

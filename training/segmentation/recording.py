@@ -73,10 +73,12 @@ def shaken(rng: np.random.Generator, frames: np.ndarray) -> np.ndarray:
     walk = np.cumsum(rng.normal(0, 1, (count, 2)), 0) if rng.random() < 0.5 else rng.normal(0, 1, (count, 2))
     walk *= rng.uniform(0.1, 0.7) / (np.abs(walk).max() + 1e-6)
     moves = [np.array([[1, 0, x], [0, 1, y]], np.float32) for x, y in walk]
-    return np.stack([
-        cv2.warpAffine(f, m, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        for f, m in zip(frames, moves, strict=True)
-    ])  # fmt: skip
+    return np.stack(
+        [
+            cv2.warpAffine(f, m, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            for f, m in zip(frames, moves, strict=True)
+        ]
+    )
 
 
 def captioned(rng: np.random.Generator, frames: np.ndarray) -> np.ndarray:

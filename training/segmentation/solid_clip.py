@@ -39,9 +39,16 @@ def poses_at(trace: Trace, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def render(
-    scene: Scene, position: np.ndarray, quaternion: np.ndarray, camera: Pinhole, look: Appearance, width: int,
-    height: int, mujoco: bool, shadows: bool,
-) -> np.ndarray:  # fmt: skip
+    scene: Scene,
+    position: np.ndarray,
+    quaternion: np.ndarray,
+    camera: Pinhole,
+    look: Appearance,
+    width: int,
+    height: int,
+    mujoco: bool,
+    shadows: bool,
+) -> np.ndarray:
     """Pictures float32 (T, H, W, 3), 0 to 255, four rays a pixel."""
     size = (2 * width, 2 * height)
     if mujoco:
@@ -54,9 +61,16 @@ def render(
 
 
 def mirror_image(
-    rng: np.random.Generator, scene: Scene, position: np.ndarray, quaternion: np.ndarray, camera: Pinhole,
-    look: Appearance, frames: np.ndarray, mask: np.ndarray, ground: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    rng: np.random.Generator,
+    scene: Scene,
+    position: np.ndarray,
+    quaternion: np.ndarray,
+    camera: Pinhole,
+    look: Appearance,
+    frames: np.ndarray,
+    mask: np.ndarray,
+    ground: np.ndarray,
+) -> np.ndarray:
     """Add the bodies' images in a glossy floor to frames (T, H, W, 3), in place; where they are, (T, H, W) bool.
 
     ground: (T, H, W) bool, where the floor is seen.
@@ -108,8 +122,11 @@ def draw_solid_clip(rng: np.random.Generator, width: int, height: int, mujoco: b
     pictured = rng.random() < 0.5
     if pictured:
         grey = (float(rng.uniform(0.6, 0.95)),) * 3
-        look = replace(look, floor=replace(look.floor, texture="plain", colour=grey, second_colour=grey),
-                       backdrop=replace(look.backdrop, horizon=grey, zenith=grey, clouds=0.0))  # fmt: skip
+        look = replace(
+            look,
+            floor=replace(look.floor, texture="plain", colour=grey, second_colour=grey),
+            backdrop=replace(look.backdrop, horizon=grey, zenith=grey, clouds=0.0),
+        )
     shadows = bool(rng.random() < 0.9)
     frames = render(scene, position, quaternion, camera, look, width, height, mujoco, shadows)
     if rng.random() < 0.25:  # motion blur
@@ -141,9 +158,13 @@ def draw_solid_clip(rng: np.random.Generator, width: int, height: int, mujoco: b
 
 
 def _add_intruders(
-    rng: np.random.Generator, frames: np.ndarray, mask: np.ndarray, other: np.ndarray, centre: np.ndarray,
+    rng: np.random.Generator,
+    frames: np.ndarray,
+    mask: np.ndarray,
+    other: np.ndarray,
+    centre: np.ndarray,
     times: np.ndarray,
-) -> None:  # fmt: skip
+) -> None:
     """Draw hands and cloth over frames (T, H, W, 3), and write them into mask and other (T, H, W), in place."""
     height, width = mask.shape[1:]
     layers = []

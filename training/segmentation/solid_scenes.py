@@ -39,8 +39,12 @@ RANGES: dict[str, Any] = {
     "spin": (0.5, 8.0),
     "lying": 0.4,
 }
-SIZES = {"sphere_radius": (0.07, 0.24), "cylinder_radius": (0.06, 0.2), "cylinder_height": (0.1, 0.4),
-         "box_side": (0.12, 0.4)}  # fmt: skip
+SIZES = {
+    "sphere_radius": (0.07, 0.24),
+    "cylinder_radius": (0.06, 0.2),
+    "cylinder_height": (0.1, 0.4),
+    "box_side": (0.12, 0.4),
+}
 
 
 def sample_distribution(rng: np.random.Generator) -> Distribution:

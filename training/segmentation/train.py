@@ -115,8 +115,14 @@ def main() -> None:
     log = arguments.work / "log.csv"
 
     def save() -> None:
-        state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "average": average,
-                 "step": step, "spent": spent, "shown": shown}  # fmt: skip
+        state = {
+            "network": network.state_dict(),
+            "optimiser": optimiser.state_dict(),
+            "average": average,
+            "step": step,
+            "spent": spent,
+            "shown": shown,
+        }
         torch.save(state, checkpoint.with_suffix(".part"))
         checkpoint.with_suffix(".part").replace(checkpoint)
         config = {"steps": step, "frames_shown": shown, "clips": len(clips.paths), "minutes": round(spent / 60, 1)}
@@ -139,8 +145,12 @@ def main() -> None:
         now = time.monotonic()
         spent, before = spent + now - before, now
         if step % 50 == 0:
-            row = {"step": step, "minutes": round(spent / 60, 2), "clips": len(clips.paths),
-                   **{k: round(float(v), 4) for k, v in zip(PARTS, mean, strict=True)}}  # fmt: skip
+            row = {
+                "step": step,
+                "minutes": round(spent / 60, 2),
+                "clips": len(clips.paths),
+                **{k: round(float(v), 4) for k, v in zip(PARTS, mean, strict=True)},
+            }
             print(row, flush=True)
             with log.open("a", newline="") as file:
                 writer = csv.DictWriter(file, list(row))

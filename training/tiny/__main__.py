@@ -59,9 +59,12 @@ def train(args: argparse.Namespace) -> None:
     source = context.Queue(maxsize=2 * args.workers + 2)
     noise = context.Value("d", noise_strength(minutes, args.noise_ramp))
     most = context.Value("i", max_objects(minutes, args.vision_only, args.few_objects))
-    workers = [context.Process(target=generate, daemon=True,
-                              args=(params, kind, progress.chunk + i, args.workers, source, noise, most))
-              for i in range(args.workers)]  # fmt: skip
+    workers = [
+        context.Process(
+            target=generate, daemon=True, args=(params, kind, progress.chunk + i, args.workers, source, noise, most)
+        )
+        for i in range(args.workers)
+    ]
     for worker in workers:
         worker.start()
     measured = MeasuredExamples(args.measured) if args.measured else None
@@ -83,8 +86,14 @@ def train(args: argparse.Namespace) -> None:
 
     def log(share: float) -> None:
         losses = dict(zip(("train_loss", "patch_loss"), np.mean(recent or [(np.nan,) * 2], 0).tolist(), strict=True))
-        row = {"step": progress.step, "clips": progress.step * args.batch, "fresh_clips": progress.chunk * CHUNK,
-               "minutes": round(progress.seconds / 60, 2), "rate": round(share, 4), **losses}  # fmt: skip
+        row = {
+            "step": progress.step,
+            "clips": progress.step * args.batch,
+            "fresh_clips": progress.chunk * CHUNK,
+            "minutes": round(progress.seconds / 60, 2),
+            "rate": round(share, 4),
+            **losses,
+        }
         row |= trainer.validate(held, args.batch)
         print({k: round(v, 6) for k, v in row.items()}, flush=True)
         append_row(args.work / LOG, row)
@@ -142,8 +151,12 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path(".train/tiny"), help="checkpoint and log")
     parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"))
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--matmul", default="medium", choices=("highest", "high", "medium"),
-                        help="medium: matrix products in bfloat16, where the processor has it")  # fmt: skip
+    parser.add_argument(
+        "--matmul",
+        default="medium",
+        choices=("highest", "high", "medium"),
+        help="medium: matrix products in bfloat16, where the processor has it",
+    )
     parser.add_argument("--workers", type=int, default=1, help="processes that make clips")
     parser.add_argument("--input", default="flow", choices=("flow", "rgb"), help="what the model is shown")
     parser.add_argument("--without-reasoning", type=float, default=0.25, help="share of the clips without reasoning")

@@ -36,8 +36,12 @@ from training.tiny.trainer import LOG
 
 LEARNED = Path("benchmarks/results/learned/learned.csv")
 SUITE = "tiny-card"  # names the random streams of the clips
-SHOWN = {"composition": "composition right", "iou_initial": "IoU, first frame", "iou": "IoU, sequence",
-         "epe_frame": "EPE, whole frame, px"}  # fmt: skip
+SHOWN = {
+    "composition": "composition right",
+    "iou_initial": "IoU, first frame",
+    "iou": "IoU, sequence",
+    "epe_frame": "EPE, whole frame, px",
+}
 SUITES = {
     "id": "1 to 3 objects",
     "held_out": "4 objects in combinations that the training leaves out",
@@ -113,8 +117,11 @@ LIMITS = (
 
 def table_of(learned: Summary) -> str:
     """The rows of the shipped model, by suite."""
-    rows = [[suite, method.removeprefix("tiny").strip(", ") or "greedy", *(cell(found[m]) for m in SHOWN)]
-            for (suite, method), found in learned.intervals.items() if method.split(",")[0] == "tiny"]  # fmt: skip
+    rows = [
+        [suite, method.removeprefix("tiny").strip(", ") or "greedy", *(cell(found[m]) for m in SHOWN)]
+        for (suite, method), found in learned.intervals.items()
+        if method.split(",")[0] == "tiny"
+    ]
     return markdown(["suite", "answer", *SHOWN.values()], rows)
 
 

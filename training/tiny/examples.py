@@ -77,8 +77,14 @@ class ExampleKind:
     def model_input(self, params: Params) -> ModelInput:
         """How the input of a model of such examples is made."""
         source, f = "raft" if self.input == "raft" else "exact", params.flow
-        return ModelInput.of("rgb" if self.input == "rgb" else "flow", f.picture, source, (f.width, f.height),
-                             f.iterations, self.without_reasoning < 1)  # fmt: skip
+        return ModelInput.of(
+            "rgb" if self.input == "rgb" else "flow",
+            f.picture,
+            source,
+            (f.width, f.height),
+            f.iterations,
+            self.without_reasoning < 1,
+        )
 
     def reasons(self, chunk: int) -> bool:
         """Whether the completions of a chunk are with reasoning."""
@@ -91,8 +97,16 @@ def frames_of(
     """RGB (F, height, width, 3) uint8 at steps (F,) of the trace, with the clip's own random appearance and sensor."""
     rng = clip_rng(params.seed, suite, index, "appearance")
     appearance = sample_appearance(rng, len(scene.objects))
-    frames = render_rgb(scene, trace.position[steps], trace.quaternion[steps], appearance, width, height, "raycast",
-                        params.render.shadows)  # fmt: skip
+    frames = render_rgb(
+        scene,
+        trace.position[steps],
+        trace.quaternion[steps],
+        appearance,
+        width,
+        height,
+        "raycast",
+        params.render.shadows,
+    )
     return apply_sensor(frames, sample_sensor(rng), rng)
 
 
@@ -129,9 +143,15 @@ def picture(
 
 
 def make_examples(
-    params: Params, codec: Codec, kind: ExampleKind, suite: str, indices: range, reasoning: bool, noise: float = 1.0,
+    params: Params,
+    codec: Codec,
+    kind: ExampleKind,
+    suite: str,
+    indices: range,
+    reasoning: bool,
+    noise: float = 1.0,
     most: int = MAX_OBJECTS,
-) -> list[Example]:  # fmt: skip
+) -> list[Example]:
     """Training examples.
 
     Args:
@@ -166,9 +186,14 @@ def make_examples(
 
 
 def generate(
-    params: Params, kind: ExampleKind, first: int, stride: int, out: multiprocessing.Queue, noise: Synchronized,
+    params: Params,
+    kind: ExampleKind,
+    first: int,
+    stride: int,
+    out: multiprocessing.Queue,
+    noise: Synchronized,
     most: Synchronized,
-) -> None:  # fmt: skip
+) -> None:
     """A worker process: make chunks while the trainer lives.
 
     Args:

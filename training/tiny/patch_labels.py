@@ -72,9 +72,17 @@ def patch_labels(view: View, scene: Scene, trace: Trace, schedule: Schedule, lay
                 values[where, 1] = np.broadcast_to((x + 0.5) / p - columns, (h, w))[where]
                 values[where, 2] = np.broadcast_to(((y + 0.5) / p - rows)[:, None], (h, w))[where]
                 reach = support(name, halves[i][None].repeat(3, 0), matrix_from_quaternion(trace.quaternion[step, i]))
-                values[where, 3:] = np.concatenate([sizes[i], np.log(reach), trace.position[step, i],
-                                                  trace.velocity[step, i], trace.position[0, i], trace.velocity[0, i],
-                                                  scene.objects[i].orientation[1:]])  # fmt: skip
+                values[where, 3:] = np.concatenate(
+                    [
+                        sizes[i],
+                        np.log(reach),
+                        trace.position[step, i],
+                        trace.velocity[step, i],
+                        trace.position[0, i],
+                        trace.velocity[0, i],
+                        scene.objects[i].orientation[1:],
+                    ]
+                )
     return PatchLabels(shape, place, numbers)
 
 

@@ -60,8 +60,9 @@ def read_checkpoint(path: Path) -> tuple[Base, Progress]:
 
 def progress_of_row(row: dict[str, str], batch: int) -> Progress:
     """How far a training was at a row of its log."""
-    return Progress(step=int(row["clips"]) // batch, seconds=60 * float(row["minutes"]),
-                    chunk=int(row["fresh_clips"]) // CHUNK)  # fmt: skip
+    return Progress(
+        step=int(row["clips"]) // batch, seconds=60 * float(row["minutes"]), chunk=int(row["fresh_clips"]) // CHUNK
+    )
 
 
 class Trainer:
@@ -113,8 +114,11 @@ class Trainer:
     def save(self, path: Path) -> None:
         """Write a checkpoint for `load`, under a temporary name first."""
         temporary = path.with_suffix(".tmp")
-        weights = {"model": self.base.model.state_dict(), "head": self.head.state_dict(),
-                   "optimizers": [o.state_dict() for o in self.optimizers]}  # fmt: skip
+        weights = {
+            "model": self.base.model.state_dict(),
+            "head": self.head.state_dict(),
+            "optimizers": [o.state_dict() for o in self.optimizers],
+        }
         torch.save(weights | asdict(self.progress), temporary)
         os.replace(temporary, path)
 
@@ -196,5 +200,7 @@ def make_optimizers(base: Base, head: PatchHead, rate: float, muon_rate: float) 
     hidden = [p for p in inner if p.ndim == 2]
     chosen = {id(p) for p in hidden}
     rest = [p for p in [*base.model.parameters(), *head.parameters()] if id(p) not in chosen]
-    return [Muon(hidden, muon_rate, weight_decay=0.05),
-            torch.optim.AdamW(rest, rate, betas=(0.9, 0.95), weight_decay=0.05)]  # fmt: skip
+    return [
+        Muon(hidden, muon_rate, weight_decay=0.05),
+        torch.optim.AdamW(rest, rate, betas=(0.9, 0.95), weight_decay=0.05),
+    ]

@@ -11,10 +11,17 @@ from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.report.localisation import regime_of
 
 SCHEMA = pa.schema(
-    [("clip", pa.string()), ("object", pa.string()), ("time", pa.float64()), ("regime", pa.string()),
-     ("arc", pa.int64()),     ("held_out", pa.bool_()), ("used", pa.bool_())]
+    [
+        ("clip", pa.string()),
+        ("object", pa.string()),
+        ("time", pa.float64()),
+        ("regime", pa.string()),
+        ("arc", pa.int64()),
+        ("held_out", pa.bool_()),
+        ("used", pa.bool_()),
+    ]
     + [(f"{kind}_{axis}", pa.float64()) for kind in ("measured", "before", "after") for axis in "xyz"]
-)  # fmt: skip
+)
 """measured: m. before, after: residuals, m, of the calibrated model and of the one with the verdict's effects; 0 for z
 on the ground. used: False for outliers."""
 

@@ -21,9 +21,14 @@ SCENE_FITTABLE = ("gravity",)
 """Parameters of the whole scene that may be fitted."""
 FITTABLE = (*FITTED, *SCENE_FITTABLE)
 OBJECT_DEFAULTS: dict[str, Any] = {
-    "sliding_friction": 0.5, "rolling_friction": 0.0, "damping": 1.0, "position": [0.0, 0.0, 0.0],
-    "velocity": [0.0, 0.0, 0.0], "angular_velocity": [0.0, 0.0, 0.0], "orientation": [1.0, 0.0, 0.0, 0.0],
-}  # fmt: skip
+    "sliding_friction": 0.5,
+    "rolling_friction": 0.0,
+    "damping": 1.0,
+    "position": [0.0, 0.0, 0.0],
+    "velocity": [0.0, 0.0, 0.0],
+    "angular_velocity": [0.0, 0.0, 0.0],
+    "orientation": [1.0, 0.0, 0.0, 0.0],
+}
 SCENE_DEFAULTS: dict[str, Any] = {"camera": None, "gravity": 9.81, "ground": {"height": 0.0}}
 
 

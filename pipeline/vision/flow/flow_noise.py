@@ -136,8 +136,9 @@ def shadow_to_object(rng: np.random.Generator, shape: tuple[int, ...]) -> np.nda
     height, width = shape
     squash = rng.uniform(0.25, 0.7)
     fall = rng.uniform(0.02, 0.2) * height
-    place = np.array([[1, rng.uniform(-0.3, 0.3), rng.uniform(-0.12, 0.12) * width],
-                      [0, squash, (1 - squash) * height / 2 + fall]])  # fmt: skip
+    place = np.array(
+        [[1, rng.uniform(-0.3, 0.3), rng.uniform(-0.12, 0.12) * width], [0, squash, (1 - squash) * height / 2 + fall]]
+    )
     return cv2.invertAffineTransform(place)
 
 
@@ -167,9 +168,13 @@ def bounds(where: np.ndarray, margin_px: float) -> tuple[slice, slice]:
 
 
 def disturb_objects(
-    rng: np.random.Generator, flow: np.ndarray, foreground: np.ndarray, still: np.ndarray, noise: FlowNoise,
+    rng: np.random.Generator,
+    flow: np.ndarray,
+    foreground: np.ndarray,
+    still: np.ndarray,
+    noise: FlowNoise,
     scale: float,
-) -> None:  # fmt: skip
+) -> None:
     """Add the errors on and near objects in place; `still`, the background's error, becomes 0 there."""
     if noise.leak > 0:
         nearest = nearest_foreground(foreground, NEAR_PX * scale)
@@ -319,9 +324,14 @@ def _drop_out(flow: np.ndarray, foreground: np.ndarray, field: np.ndarray, thres
 
 @kernel
 def _waver(
-    flow: np.ndarray, foreground: np.ndarray, waver: np.ndarray, still: np.ndarray, scale: float, waver_px: float,
+    flow: np.ndarray,
+    foreground: np.ndarray,
+    waver: np.ndarray,
+    still: np.ndarray,
+    scale: float,
+    waver_px: float,
     waver_share: float,
-) -> None:  # fmt: skip
+) -> None:
     """Add the smooth error `waver` (H, W, 2) to moving pixels, and set the background's error `still` to 0 there."""
     height, width = foreground.shape
     for y in range(height):

@@ -9,9 +9,14 @@ from pipeline.vision.flow.raft import RAFT
 
 
 def measured_flow(
-    estimator: RAFT | DIS, frames: np.ndarray, recorded: np.ndarray, pairs: np.ndarray, interval: float,
-    iterations: int, size: tuple[int, int],
-) -> np.ndarray:  # fmt: skip
+    estimator: RAFT | DIS,
+    frames: np.ndarray,
+    recorded: np.ndarray,
+    pairs: np.ndarray,
+    interval: float,
+    iterations: int,
+    size: tuple[int, int],
+) -> np.ndarray:
     """Flow of pairs of frames per interval.
 
     Args:

@@ -78,8 +78,10 @@ def _given_masks(path: Path, clip: Clip, video: Path, assume_fps: float | None) 
         return masks
     times = frame_times(video, assume_fps)
     if len(masks) != len(times):
-        raise VideoError(f"{path} has {len(masks)} masks; valid: {len(clip.frames)}, one for each frame of the clip at "
-                         f"{1 / clip.times[1]:g} FPS, or {len(times)}, one for each frame of {video.name}")  # fmt: skip
+        raise VideoError(
+            f"{path} has {len(masks)} masks; valid: {len(clip.frames)}, one for each frame of the clip at "
+            f"{1 / clip.times[1]:g} FPS, or {len(times)}, one for each frame of {video.name}"
+        )
     masks = masks[np.abs(times - clip.source_times[:, None]).argmin(1)]
     values = np.unique(np.append(0, masks))
     if len(values) == 1:
