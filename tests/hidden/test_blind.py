@@ -42,7 +42,7 @@ def test_no_stage_but_verify_depends_on_the_truth() -> None:
 
 
 def test_the_discovery_imports_nothing_of_what_hides() -> None:
-    for module in ("stages/discover.py", "pipeline/commands/verbs/discover.py"):
+    for module in ("stages/discover.py", "pipeline/commands/discover.py"):
         closure = module_closure(ROOT / module)
         assert not [path for path in closure if Path("pipeline/hidden") in path.relative_to(ROOT).parents]
         assert (
