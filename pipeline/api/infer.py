@@ -47,7 +47,7 @@ DECODE_BATCH_SIZE = 64  # sequences decoded at a time
 FLOW_SIZE, FLOW_ITERATIONS = (240, 160), 4  # of flow for a model that is not shown any
 LEAST_SEARCH = 200
 DOUBTFUL_IOU = 0.2
-DOUBT = "the replay weakly_identified meets what moves in the clip: do not rely on this answer"
+DOUBT = "the replay overlaps little of what moves in the clip: do not rely on this answer"
 
 
 @dataclass(frozen=True)
