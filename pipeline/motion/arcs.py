@@ -1,0 +1,158 @@
+"""Arcs: the stretches of a track in which the acceleration in the picture is constant, cut where it jumps.
+
+The cuts are those that minimise the squared residuals of a line or a quadratic for each stretch plus a price for each of
+their coefficients, found by dynamic programming (Jackson et al., "An algorithm for optimal partitioning of data on an
+interval", 2005). Residuals are capped, so that single bad outlines do not cut a track.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.motion.image_track import ImageTrack
+
+LEAST_SAMPLES = 3  # of an arc without acceleration; one more with it
+PRICE = 2.0  # of an arc: so many times what the Bayesian information criterion charges for its parameters
+CAP = 4.0  # standard deviations: an outlier's residual costs no more
+DEGREES = (1, 2)  # of an arc's polynomial in time: without and with acceleration
+ROUNDS = 3  # in which outliers are found and left out
+LEAST_SIGMA = 0.1  # px, of a centre
+SYSTEMATIC = 0.01  # radii: errors of outlines that are alike from frame to frame (shading, shadows, blur)
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A stretch of constant acceleration.
+
+    Attributes:
+        body: The track's.
+        start: Index of its first sample in the track.
+        stop: Index after its last.
+        time: s, its middle, at which position and velocity are given.
+        span: s, from its first sample to its last.
+        position: (2,) px.
+        velocity: (2,) px/s.
+        acceleration: (2,) px/s²; 0 where a straight line at constant speed explains the arc as well.
+        covariance: (3, 3) of (position, velocity, acceleration), the same for both coordinates; that of a quadratic.
+        rms: px, of its residuals.
+    """
+
+    body: int
+    start: int
+    stop: int
+    time: float
+    span: float
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    covariance: np.ndarray
+    rms: float
+
+    @property
+    def acceleration_sigma(self) -> float:
+        """px/s², of each coordinate."""
+        return float(np.sqrt(self.covariance[2, 2]))
+
+    @property
+    def velocity_sigma(self) -> float:
+        """px/s, of each coordinate."""
+        return float(np.sqrt(self.covariance[1, 1]))
+
+    def velocity_at(self, time: float) -> np.ndarray:
+        """(2,) px/s at a time, s."""
+        return self.velocity + (time - self.time) * self.acceleration
+
+    def position_at(self, times: np.ndarray) -> np.ndarray:
+        """(T, 2) px at times (T,) s."""
+        t = (np.asarray(times, float) - self.time)[:, None]
+        return self.position + t * self.velocity + 0.5 * t**2 * self.acceleration
+
+
+def design(times: np.ndarray) -> np.ndarray:
+    """(T, 3): a position at times (T,) s from position, velocity and acceleration at time 0."""
+    return np.stack([np.ones_like(times), times, 0.5 * times**2], 1)
+
+
+def cut_arcs(track: ImageTrack) -> list[Arc]:
+    """The arcs of a track, in order. A track of fewer than `LEAST_SAMPLES` whole outlines has none."""
+    use = np.flatnonzero(track.whole)
+    if len(use) < LEAST_SAMPLES:
+        return []
+    sigma = float(np.sqrt(track.sigma**2 + LEAST_SIGMA**2 + (SYSTEMATIC * track.radius) ** 2))
+    good = np.ones(len(use), bool)
+    for _ in range(ROUNDS):
+        index = use[good]
+        if len(index) < LEAST_SAMPLES:
+            return []
+        parts = _partition(track.times[index], track.centre[index], sigma)
+        arcs = [_fit(track, index[a:b], degree, sigma) for a, b, degree in parts]
+        residual = np.full(len(use), np.inf)
+        for arc in arcs:
+            near = np.abs(track.centre[use] - arc.position_at(track.times[use])).max(1)
+            inside = (use >= arc.start) & (use < arc.stop)
+            residual[inside] = near[inside]
+        spread = max(sigma, float(np.median([a.rms for a in arcs])))
+        kept = residual < CAP * spread
+        if (kept == good).all():
+            break
+        good = kept
+    return arcs
+
+
+def _partition(times: np.ndarray, centre: np.ndarray, sigma: float) -> list[tuple[int, int, int]]:
+    """The best partition of samples at times (T,) with centres (T, 2): start, stop and degree of each part."""
+    count = len(times)
+    price = PRICE * np.log(max(2 * count, 2))
+    best, before = np.full(count + 1, np.inf), np.zeros((count + 1, 2), int)
+    best[0] = 0.0
+    for stop in range(LEAST_SAMPLES, count + 1):
+        for start in range(0, stop - LEAST_SAMPLES + 1):
+            if not np.isfinite(best[start]):
+                continue
+            costs = _costs(times[start:stop], centre[start:stop], sigma)
+            for degree, cost in zip(DEGREES, costs, strict=True):
+                if stop - start < degree + 2:
+                    continue
+                total = best[start] + 2 * (degree + 1) * price + cost
+                if total < best[stop]:
+                    best[stop], before[stop] = total, (start, degree)
+    parts = [(int(before[count, 0]), count, int(before[count, 1]))]
+    while parts[-1][0]:
+        stop = parts[-1][0]
+        parts.append((int(before[stop, 0]), stop, int(before[stop, 1])))
+    return parts[::-1]
+
+
+def _costs(times: np.ndarray, centre: np.ndarray, sigma: float) -> list[float]:
+    """Capped squared residuals, in sigmas, of the best polynomial of each degree through centres (T, 2)."""
+    scale = max(times[-1] - times[0], 1e-9)
+    basis, _ = np.linalg.qr(design((times - times.mean()) / scale))
+    parts = basis.T @ centre
+    residual = (centre - basis @ parts) / sigma
+    straight = residual + basis[:, 2:] @ parts[2:] / sigma
+    return [float(np.minimum(r**2, CAP**2).sum()) for r in (straight, residual)]
+
+
+def _fit(track: ImageTrack, index: np.ndarray, degree: int, sigma: float) -> Arc:
+    times, centre = track.times[index], track.centre[index]
+    middle = 0.5 * (times[0] + times[-1])
+    matrix = design(times - middle)
+    found = np.zeros((3, 2))
+    found[: degree + 1] = np.linalg.lstsq(matrix[:, : degree + 1], centre, rcond=None)[0]
+    residual = centre - matrix @ found
+    rms = float(np.sqrt((residual**2).sum() / max(2 * (len(index) - degree - 1), 1)))
+    covariance = np.linalg.pinv(matrix.T @ matrix) * max(rms, sigma) ** 2
+    return Arc(
+        body=track.body,
+        start=int(index[0]),
+        stop=int(index[-1]) + 1,
+        time=middle,
+        span=float(times[-1] - times[0]),
+        position=found[0],
+        velocity=found[1],
+        acceleration=found[2],
+        covariance=covariance,
+        rms=rms,
+    )

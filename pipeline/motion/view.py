@@ -1,0 +1,174 @@
+"""Which view of the world a clip shows, from the tracks in the picture alone.
+
+A camera that looks from the side sees free fall as one acceleration, down the picture, of whatever flies; what rolls or
+slides on a slope speeds up along a straight line. From above, bodies move along straight lines in any direction and
+only slow down. Over a table, bodies that come nearer grow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.motion.arcs import Arc
+from pipeline.motion.image_track import ImageTrack
+
+VIEWS = ("table", "side", "incline", "flight", "top")
+SIGNIFICANT = 4.0  # standard errors from which an acceleration counts
+STRAIGHT = 0.012  # of the chord: largest sagitta of a straight arc
+STEEP_DEG = 78.0  # of a line to the horizontal, from which it counts as vertical
+LEVEL_DEG = 2.0  # of a line to the horizontal, below which it counts as level
+OFF_DOWN_DEG = 25.0  # largest angle of free fall to the picture's vertical
+LEAST_PATH = 0.6  # radii: shorter arcs tell nothing
+LEAST_SHARE_FREE, LEAST_SHARE_SLOPE = 0.2, 0.5  # of the way of all bodies that must fall, or speed up on a slope
+ALIKE = 0.3  # largest mean deviation of the accelerations of free arcs, as a share
+ALIKE_DEG = 2.0  # largest mean deviation of slopes
+LEAST_ERROR = 0.05  # of an acceleration, as a share: outlines are blurred and shaded alike
+LEAST_GROWTH = 0.12  # change of the logarithm of a body's radius over its way that perspective must explain
+DOWN = np.array([0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class ArcMotion:
+    """What an arc's motion looks like.
+
+    Attributes:
+        arc: The arc.
+        kind: "free" (falls), "slope" (on a straight line, sped up downhill), "straight", "rest", or "other".
+        path: px, length of the way.
+        slope_deg: Of the line's direction to the horizontal, positive where it descends to the right, -90 to 90.
+    """
+
+    arc: Arc
+    kind: str
+    path: float
+    slope_deg: float
+
+
+@dataclass(frozen=True)
+class View:
+    """A view of the world.
+
+    Attributes:
+        kind: Of `VIEWS`.
+        arcs: The motion of each arc.
+        gravity_px: (2,) px/s², the acceleration of free fall in the picture; None where nothing falls freely.
+        slope_deg: Of the incline to the picture's horizontal, positive where it descends to the right; 0 elsewhere.
+        reason: What told, in words.
+    """
+
+    kind: str
+    arcs: tuple[ArcMotion, ...]
+    gravity_px: np.ndarray | None
+    slope_deg: float
+    reason: str
+
+
+def describe_arc(arc: Arc, radius: float) -> ArcMotion:
+    """The kind of an arc of a body with a radius, px."""
+    half = arc.span / 2
+    ends = arc.position_at(np.array([arc.time - half, arc.time, arc.time + half]))
+    path = float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum())
+    chord = ends[2] - ends[0]
+    if path < LEAST_PATH * radius:
+        return ArcMotion(arc, "rest", path, 0.0)
+    along = chord if np.linalg.norm(chord) > 0.3 * path else arc.acceleration
+    along = along / np.linalg.norm(along)
+    slope = float(np.degrees(np.arctan2(along[1], along[0])))
+    slope = slope - 180 if slope > 90 else slope + 180 if slope <= -90 else slope
+    parallel = float(arc.acceleration @ along)
+    across = arc.acceleration - parallel * along
+    sagitta = float(np.linalg.norm(across)) * arc.span**2 / 8
+    curved = sagitta > STRAIGHT * path and np.linalg.norm(across) > SIGNIFICANT * arc.acceleration_sigma
+    size = float(np.linalg.norm(arc.acceleration))
+    significant = size > SIGNIFICANT * arc.acceleration_sigma
+    falls = significant and arc.acceleration @ DOWN > np.cos(np.radians(OFF_DOWN_DEG)) * size
+    if curved:
+        return ArcMotion(arc, "free" if falls else "other", path, slope)
+    if falls and abs(slope) > STEEP_DEG:
+        return ArcMotion(arc, "free", path, slope)
+    downhill = along if along @ DOWN > 0 else -along
+    if significant and arc.acceleration @ downhill > 0 and LEVEL_DEG < abs(slope) <= STEEP_DEG:
+        return ArcMotion(arc, "slope", path, slope)
+    return ArcMotion(arc, "straight", path, slope)
+
+
+def growth(tracks: Sequence[ImageTrack]) -> float:
+    """How much larger bodies are lower in the picture: change of the logarithm of the radius over the largest way down
+    that one body makes; 0 where that is not more than its own error."""
+    x, y, weights, ways = [], [], [], [0.0]
+    for track in tracks:
+        use = track.whole
+        if use.sum() < 6:
+            continue
+        down = track.centre[use, 1]
+        log_radius = 0.5 * np.log(track.area[use])
+        x.append(down - down.mean())
+        y.append(log_radius - log_radius.mean())
+        weights.append(np.ones(use.sum()))
+        ways.append(float(np.ptp(down)))
+    if not x:
+        return 0.0
+    down, log_radius = np.concatenate(x), np.concatenate(y)
+    spread = float((down**2).sum())
+    if spread < 1e-6:
+        return 0.0
+    slope = float((down * log_radius).sum()) / spread
+    error = float(np.std(log_radius - slope * down)) / np.sqrt(spread)
+    return slope * max(ways) if abs(slope) > SIGNIFICANT * error else 0.0
+
+
+def find_view(tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]]) -> View:
+    """The view that the tracks of a clip and their arcs tell of."""
+    motions = tuple(describe_arc(a, t.radius) for t, own in zip(tracks, arcs, strict=True) for a in own)
+    moving = [m for m in motions if m.kind != "rest"]
+    total = sum(m.path for m in moving)
+    if total == 0:
+        return View("table", motions, None, 0.0, "no body moves far enough to tell the view")
+    larger = growth(tracks)
+    if larger > LEAST_GROWTH:
+        words = f"bodies are {np.expm1(larger):.0%} larger where they are lower in the picture: a table in perspective"
+        return View("table", motions, None, 0.0, words)
+    gravity = free_fall([m for m in moving if m.kind == "free"], total)
+    if gravity is not None:
+        kind = "flight" if all(m.kind in ("free", "rest") for m in motions) else "side"
+        return View(kind, motions, gravity, 0.0, f"bodies fall with {np.linalg.norm(gravity):.0f} px/s²")
+    slope = common_slope([m for m in moving if m.kind == "slope"], total)
+    if slope is not None:
+        return View("incline", motions, None, slope, f"bodies speed up along a line of {abs(slope):.1f}°")
+    if sum(m.path for m in moving if m.kind == "other") > LEAST_SHARE_FREE * total:
+        return View("table", motions, None, 0.0, "paths bend, and not as free fall does")
+    slopes = [m.slope_deg for m in moving]
+    if max(map(abs, slopes)) > 3 * LEVEL_DEG and len(moving) > 1:
+        return View("top", motions, None, 0.0, "bodies move along straight lines and grow nowhere: seen from above")
+    return View("side", motions, None, 0.0, "bodies move along level lines")
+
+
+def free_fall(free: Sequence[ArcMotion], total: float) -> np.ndarray | None:
+    """The common acceleration (2,) px/s² of arcs that fall; None where they are too few or do not agree.
+
+    total: px, the way of all bodies.
+    """
+    paths = np.array([m.path for m in free])
+    if paths.sum() <= LEAST_SHARE_FREE * total:
+        return None
+    found = np.array([m.arc.acceleration for m in free])
+    errors = np.hypot(LEAST_ERROR * np.linalg.norm(found, axis=1), [m.arc.acceleration_sigma for m in free])
+    gravity = np.average(found, axis=0, weights=1 / errors**2)
+    off = np.linalg.norm(found - gravity, axis=1) / np.linalg.norm(gravity)
+    return np.asarray(gravity) if np.average(off, weights=paths) < ALIKE else None
+
+
+def common_slope(sloping: Sequence[ArcMotion], total: float) -> float | None:
+    """The slope, deg, of the line along which bodies speed up downhill; None where there is none.
+
+    total: px, the way of all bodies.
+    """
+    paths = np.array([m.path for m in sloping])
+    if paths.sum() <= LEAST_SHARE_SLOPE * total:
+        return None
+    slopes = np.array([m.slope_deg for m in sloping])
+    middle = float(np.average(slopes, weights=paths))
+    return middle if np.average(np.abs(slopes - middle), weights=paths) < ALIKE_DEG else None

@@ -1,0 +1,190 @@
+"""A scene in which bodies move in a plane parallel to the picture, as their tracks tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pipeline.motion.arcs import Arc, design
+from pipeline.motion.image_track import ImageTrack
+from pipeline.motion.view import View
+from pipeline.planar.collisions import find_collisions
+from pipeline.planar.plane import Plane
+from pipeline.planar.silhouette import Silhouette
+from pipeline.planar.supports import Support, changes_between
+from pipeline.scene.scene import FixedBody, Scene, SceneObject
+
+FRICTION = 0.4  # of bodies whose tracks tell nothing of it
+LEAST_FRICTION, MOST_FRICTION = 0.001, 1.0
+DAMPING = 0.6
+THICKNESS, DEPTH = 2.0, 12.0  # of supports, in radii of the largest body
+SPRING = 2.36  # -log of the restitution over the damping ratio, of bodies of 10 cm that fall 50 cm (simulated)
+PUCK_HEIGHT = 0.6  # of a disc seen from above, in radii
+
+
+def planar_scene(
+    view: View,
+    tracks: Sequence[ImageTrack],
+    arcs: Sequence[Sequence[Arc]],
+    silhouettes: Sequence[Silhouette],
+    supports: Sequence[Support],
+    *,
+    plane: Plane,
+    gravity: float,
+    start: float,
+) -> Scene:
+    """The scene at time `start`, s, in which each body goes on as its first arc.
+
+    Args:
+        view: Of the clip: not a table.
+        tracks: Of its bodies.
+        arcs: Of each track, at least one.
+        silhouettes: Of each body.
+        supports: What carries bodies; none in a top view, where the ground does.
+        plane: In which they move.
+        gravity: m/s².
+        start: s, of the scene's initial state.
+    """
+    largest = max(s.width for s in silhouettes) / 2 / plane.px_per_m
+    objects = [
+        planar_object(view, track, own, outline, plane=plane, gravity=gravity, start=start, carried=bool(supports))
+        for track, own, outline in zip(tracks, arcs, silhouettes, strict=True)
+    ]
+    collisions = find_collisions(tracks, arcs)
+    bounces = [s.restitution for s in supports if s.restitution is not None] + [c.restitution for c in collisions]
+    for hit in collisions[:1]:
+        objects[hit.second] = replace(objects[hit.second], mass=objects[hit.first].mass * hit.mass_ratio)
+    if bounces:
+        objects = [replace(o, damping=damping_of(float(np.median(bounces)))) for o in objects]
+    fixed = tuple(support_body(s, plane, largest, f"support_{i}") for i, s in enumerate(supports))
+    camera = plane.camera()
+    if view.kind == "top":
+        top = max(2 * o.position[2] for o in objects)
+        x, y, z = camera.position
+        camera = replace(camera, position=(x, y, z + top))
+        return Scene(tuple(objects), camera, (0.0, 0.0, -gravity), ground=0.0)
+    return Scene(tuple(objects), camera, (0.0, 0.0, -gravity), ground=None, fixed=fixed)
+
+
+def planar_object(
+    view: View,
+    track: ImageTrack,
+    arcs: Sequence[Arc],
+    outline: Silhouette,
+    *,
+    plane: Plane,
+    gravity: float,
+    start: float,
+    carried: bool,
+) -> SceneObject:
+    """One body at time `start`, s; see `planar_scene`. carried: there are supports, on which a disc rolls."""
+    first = arcs[0]
+    kind = next(m.kind for m in view.arcs if m.arc is first)
+    place_px, velocity_px = initial_motion(view, track, arcs, start)
+    position, velocity = plane.to_world(place_px), plane.directions(velocity_px)
+    half = 0.5 * np.array([outline.width, outline.height]) / plane.px_per_m
+    shape = outline.shape
+    if view.kind == "top" and outline.round:
+        shape = "cylinder"
+    off, spin = 0.0, np.zeros(3)
+    orientation = np.array([1.0, 0.0, 0.0, 0.0])
+    if shape == "sphere":
+        size: tuple[float, ...] = (float(half[0]),)
+    elif shape == "cylinder" and view.kind == "top":
+        size = (float(half[0]), PUCK_HEIGHT * float(half[0]))
+        off = size[1] / 2
+    elif shape == "cylinder":  # seen along its axis
+        size = (float(half[0]), 2 * float(half[0]))
+        orientation = Rotation.from_euler("x", -90, degrees=True).as_quat(scalar_first=True)
+    else:
+        depth = 2 * float(half.min())
+        angle = float(track.angle[0]) - plane.roll
+        if view.kind == "top":
+            size = (2 * float(half[0]), 2 * float(half[1]), depth)
+            orientation = Rotation.from_euler("z", -angle).as_quat(scalar_first=True)
+            off = depth / 2
+        else:
+            size = (2 * float(half[0]), depth, 2 * float(half[1]))
+            orientation = Rotation.from_euler("y", angle).as_quat(scalar_first=True)
+    friction = FRICTION
+    if view.kind == "top":
+        friction = _braking(first, plane, gravity)
+    elif carried and shape != "box" and kind != "free":
+        spin = np.array([0.0, float(np.sign(velocity[0]) * np.linalg.norm(velocity) / half[0]), 0.0])
+    elif carried and shape == "box" and kind in ("slope", "straight"):
+        friction = _sliding(first, view.slope_deg, plane, gravity)
+    return SceneObject(
+        shape,
+        size,
+        1.0,
+        sliding_friction=friction,
+        damping=DAMPING,
+        position=tuple(plane.in_space(position, off)),
+        velocity=tuple(plane.in_space(velocity)),
+        angular_velocity=tuple(spin),
+        orientation=tuple(orientation),
+    )
+
+
+def initial_motion(
+    view: View, track: ImageTrack, arcs: Sequence[Arc], start: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Place (2,) px and velocity (2,) px/s of a body at time `start`, s.
+
+    All samples count up to the first jump of the velocity. A body that falls does so with the gravity of the clip.
+    """
+    kinds = [m.kind for m in view.arcs if m.arc.body == track.body]
+    if kinds[0] == "rest":
+        return arcs[0].position, np.zeros(2)
+    free, last = kinds[0] == "free", 0
+    while (
+        last + 1 < len(arcs)
+        and (kinds[last + 1] == "free") == free
+        and not changes_between(track, arcs[last], arcs[last + 1])
+    ):
+        last += 1
+    use = np.arange(arcs[0].start, arcs[last].stop)
+    use = use[track.whole[use]]
+    time, centre = track.times[use] - start, track.centre[use]
+    matrix = design(time)
+    if free and view.gravity_px is not None:
+        centre, matrix = centre - 0.5 * time[:, None] ** 2 * view.gravity_px, matrix[:, :2]
+    elif all(not a.acceleration.any() for a in arcs[: last + 1]):
+        matrix = matrix[:, :2]
+    found = np.linalg.lstsq(matrix, centre, rcond=None)[0]
+    return found[0], found[1]
+
+
+def support_body(support: Support, plane: Plane, radius: float, name: str) -> FixedBody:
+    """The fixed box whose upper face is a support. radius: m, of the largest body."""
+    a, b = plane.to_world(support.start), plane.to_world(support.stop)
+    along, into = b - a, plane.directions(support.into)
+    into = into / np.linalg.norm(into)
+    thickness = THICKNESS * radius
+    middle = 0.5 * (a + b) + 0.5 * thickness * into
+    angle = -np.arctan2(along[1], along[0])  # about y, which turns x towards -z
+    turn = Rotation.from_euler("y", angle).as_quat(scalar_first=True)
+    size = (float(np.linalg.norm(along)), DEPTH * radius, thickness)
+    return FixedBody("box", size, tuple(plane.in_space(middle)), tuple(turn), name=name)
+
+
+def damping_of(restitution: float) -> float:
+    """The damping ratio of contacts that return this share of the normal speed."""
+    return float(-np.log(np.clip(restitution, 0.05, 0.97)) / SPRING)
+
+
+def _braking(arc: Arc, plane: Plane, gravity: float) -> float:
+    """Sliding friction from the deceleration of an arc on level ground."""
+    speed = np.linalg.norm(arc.velocity)
+    brake = -float(arc.acceleration @ arc.velocity) / max(float(speed), 1e-9) / plane.px_per_m
+    return float(np.clip(brake / gravity, LEAST_FRICTION, MOST_FRICTION))
+
+
+def _sliding(arc: Arc, slope_deg: float, plane: Plane, gravity: float) -> float:
+    """Sliding friction from the acceleration of an arc down a slope."""
+    slope = np.radians(abs(slope_deg))
+    size = float(np.linalg.norm(arc.acceleration)) / plane.px_per_m
+    return float(np.clip((np.sin(slope) - size / gravity) / np.cos(slope), LEAST_FRICTION, MOST_FRICTION))

@@ -1,0 +1,57 @@
+"""What fixes the scale of a clip: gravity, a known length, or nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.motion.view import View
+from pipeline.planar.silhouette import Silhouette
+
+GRAVITY = 9.81  # m/s²
+RELATIVE_RADIUS = 0.05  # m, of the largest body where nothing fixes the scale
+SLIDING_FRICTION = 0.3  # of a box on an incline whose scale is not known
+#: Acceleration of a solid body that rolls down an incline, over that of one that slides without friction.
+ROLLING = {"sphere": 5 / 7, "cylinder": 2 / 3}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The scale of the plane in which bodies move.
+
+    Attributes:
+        px_per_m: px of the picture.
+        by: "gravity", "length", "size" or "none", as result.json says it.
+        error: Standard error, as a share.
+    """
+
+    px_per_m: float
+    by: str
+    error: float
+
+
+def find_scale(view: View, silhouettes: Sequence[Silhouette], gravity: float = GRAVITY) -> Scale:
+    """The scale that gravity gives where bodies fall or speed up on a slope; else lengths are relative.
+
+    On a slope a round body is taken to roll and to be solid, another to slide with a friction of SLIDING_FRICTION.
+    """
+    if view.gravity_px is not None:
+        free = [m.arc for m in view.arcs if m.kind == "free"]
+        error = float(1 / np.sqrt(sum(1 / a.acceleration_sigma**2 for a in free)))
+        size = float(np.linalg.norm(view.gravity_px))
+        return Scale(size / gravity, "gravity", max(error / size, 0.02))
+    if view.kind == "incline":
+        arcs = [m for m in view.arcs if m.kind == "slope"]
+        weights = [m.arc.covariance[2, 2] ** -1 for m in arcs]
+        size = float(np.average([np.linalg.norm(m.arc.acceleration) for m in arcs], weights=weights))
+        slope = np.radians(abs(view.slope_deg))
+        shapes = {s.shape for s in silhouettes}
+        if shapes <= ROLLING.keys():
+            share = float(np.mean([ROLLING[s] for s in shapes]))
+            return Scale(size / (gravity * np.sin(slope) * share), "gravity", 0.15)
+        push = np.sin(slope) - min(SLIDING_FRICTION, 0.5 * np.tan(slope)) * np.cos(slope)
+        return Scale(size / (gravity * push), "gravity", 0.3)
+    largest = max((s.width for s in silhouettes), default=1.0) / 2
+    return Scale(largest / RELATIVE_RADIUS, "none", float("inf"))

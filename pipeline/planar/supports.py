@@ -1,0 +1,206 @@
+"""What bodies rest on, slide along and bounce off: found from their tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.motion.arcs import Arc
+from pipeline.motion.image_track import ImageTrack
+from pipeline.motion.view import View
+
+MARGIN = 4.0  # radii that a support goes on beyond what is seen of the motion along it
+LEVEL_DEG = 6.0  # of a straight way in a side view, that a level support explains
+ALIKE_DEG = 4.0  # ways along one support differ by no more
+SNAP_DEG = 30.0  # a surface that a body bounces off is level or upright if it is within this
+LEAST_JUMP = 0.15  # of the speed: change of velocity that is a bounce
+LEAST_NORMAL = 0.1  # of the speed, that is normal to the surface
+MOST_RESTITUTION = 1.1  # more is no bounce off a body at rest
+SIGNIFICANT = 4.0  # standard errors
+NEAR = 1.5  # sums of radii within which two bodies may have hit each other
+LEAST_PATH = 1.0  # radii of a way along a support
+
+
+@dataclass(frozen=True)
+class Support:
+    """A straight edge in the picture that carries bodies, or off which they bounce.
+
+    Attributes:
+        start: (2,) px, where it begins.
+        stop: (2,) px, where it ends; the body of the support is on the right of the way from start to stop as the
+            picture is seen (below it, where stop is to the right of start).
+        restitution: Normal speed after the bounce over that before; None where nothing bounced.
+    """
+
+    start: np.ndarray
+    stop: np.ndarray
+    restitution: float | None = None
+
+    @property
+    def along(self) -> np.ndarray:
+        """(2,) unit vector from start to stop."""
+        way = self.stop - self.start
+        return np.asarray(way / np.linalg.norm(way))
+
+    @property
+    def into(self) -> np.ndarray:
+        """(2,) unit normal, into the support."""
+        x, y = self.along
+        return np.array([-y, x])
+
+
+@dataclass(frozen=True)
+class Bounce:
+    """A body's bounce: time, s; place (2,) px of its centre; unit normal `into` (2,) the surface; restitution."""
+
+    time: float
+    place: np.ndarray
+    into: np.ndarray
+    restitution: float
+
+
+def reach(track: ImageTrack, masks: np.ndarray, direction: np.ndarray) -> float:
+    """px from a body's centre to its outline's furthest pixel in a direction (2,), median over whole outlines."""
+    values = []
+    for k in np.flatnonzero(track.whole)[:: max(1, int(track.whole.sum()) // 12)]:
+        rows, cols = np.nonzero(masks[track.frames[k]] == track.body)
+        points = np.stack([cols + 0.5, rows + 0.5], 1) - track.centre[k]
+        values.append(float((points @ direction).max()) + 0.5)
+    return float(np.median(values)) if values else track.radius
+
+
+def find_supports(view: View, tracks: Sequence[ImageTrack], masks: np.ndarray) -> list[Support]:
+    """The supports that the tracks of a side view tell of: what bodies move along, then what they bounce off."""
+    by_body = {t.body: t for t in tracks}
+    carried = _ways(view)
+    supports = []
+    for group in carried:
+        arcs = [a for a, _ in group]
+        slope = np.radians(np.average([s for _, s in group], weights=[a.span for a in arcs]))
+        along = np.array([np.cos(slope), np.sin(slope)])
+        into = np.array([-along[1], along[0]])
+        offsets, low, high = [], np.inf, -np.inf
+        for arc in arcs:
+            track = by_body[arc.body]
+            use = np.arange(arc.start, arc.stop)
+            use = use[track.whole[use]]
+            offsets.append(track.centre[use] @ into + reach(track, masks, into))
+            places = track.centre[use] @ along
+            margin = MARGIN * track.radius
+            ends = _ends(view, arc, along)
+            low = min(low, places.min() - (0 if ends[0] else margin))
+            high = max(high, places.max() + (0 if ends[1] else margin))
+        offset = float(np.median(np.concatenate(offsets)))
+        supports.append(Support(offset * into + low * along, offset * into + high * along))
+    return supports + _bounces(view, by_body, masks, supports)
+
+
+def _ways(view: View) -> list[list[tuple[Arc, float]]]:
+    """Arcs along supports with their slopes, deg; those of one support together."""
+    groups: list[list[tuple[Arc, float]]] = []
+    for motion in view.arcs:
+        level = view.kind == "side" and motion.kind in ("straight", "slope") and abs(motion.slope_deg) < LEVEL_DEG
+        sloping = view.kind == "incline" and motion.kind in ("slope", "straight")
+        sloping = sloping and abs(motion.slope_deg - view.slope_deg) < ALIKE_DEG
+        if not (level or sloping):
+            continue
+        into = np.array([-np.sin(np.radians(motion.slope_deg)), np.cos(np.radians(motion.slope_deg))])
+        for group in groups:
+            arc, slope = group[0]
+            if abs(slope - motion.slope_deg) < ALIKE_DEG and abs((arc.position - motion.arc.position) @ into) < 8:
+                group.append((motion.arc, motion.slope_deg))
+                break
+        else:
+            groups.append([(motion.arc, motion.slope_deg)])
+    return groups
+
+
+def _ends(view: View, arc: Arc, along: np.ndarray) -> tuple[bool, bool]:
+    """Whether a support ends where the arc begins, and where it stops: the body falls before, or after."""
+    own = [m for m in view.arcs if m.arc.body == arc.body]
+    place = next(i for i, m in enumerate(own) if m.arc is arc)
+    before = place > 0 and own[place - 1].kind == "free"
+    after = place + 1 < len(own) and own[place + 1].kind == "free"
+    forward = arc.velocity @ along > 0
+    return (before, after) if forward else (after, before)
+
+
+def _bounces(
+    view: View, tracks: dict[int, ImageTrack], masks: np.ndarray, carried: Sequence[Support]
+) -> list[Support]:
+    """Supports where the velocity of a body jumps and no other body, and no support that is known, is near."""
+    found: list[Support] = []
+    motions = list(view.arcs)
+    for first, second in zip(motions[:-1], motions[1:], strict=True):
+        a, b = first.arc, second.arc
+        if a.body != b.body:
+            continue
+        track = tracks[a.body]
+        bounce = bounce_between(track, a, b)
+        if bounce is None or _other_near(tracks, track, bounce.place, bounce.time):
+            continue
+        into = bounce.into
+        along = np.array([into[1], -into[0]])
+        contact = bounce.place + reach(track, masks, into) * into
+        if any(abs((contact - s.start) @ s.into) < track.radius and s.into @ into > 0.9 for s in [*carried, *found]):
+            continue
+        half = MARGIN * track.radius
+        found.append(Support(contact - half * along, contact + half * along, bounce.restitution))
+    return found
+
+
+def bounce_between(track: ImageTrack, a: Arc, b: Arc) -> Bounce | None:
+    """The bounce between two arcs of a track, one after the other; None where the velocity does not turn back."""
+    if not changes_between(track, a, b):
+        return None
+    time = _meeting(track, a, b)
+    before, after = a.velocity_at(time), b.velocity_at(time)
+    jump = after - before
+    speed = max(float(np.linalg.norm(before)), float(np.linalg.norm(after)))
+    away = jump / np.linalg.norm(jump)
+    turn = np.degrees(np.arctan2(away[1], away[0]))
+    nearest = 90 * round(turn / 90)
+    if abs(turn - nearest) < SNAP_DEG:
+        away = np.round([np.cos(np.radians(nearest)), np.sin(np.radians(nearest))])
+    incoming, outgoing = -float(before @ away), float(after @ away)
+    if incoming <= LEAST_NORMAL * speed or not 0 <= outgoing <= incoming * MOST_RESTITUTION:
+        return None
+    place = 0.5 * (a.position_at(np.array([time])) + b.position_at(np.array([time])))[0]
+    return Bounce(time, place, -away, min(outgoing / incoming, 1.0))
+
+
+def changes_between(track: ImageTrack, a: Arc, b: Arc) -> bool:
+    """Whether the velocity jumps between two arcs of a track, one after the other."""
+    time = _meeting(track, a, b)
+    before, after = a.velocity_at(time), b.velocity_at(time)
+    speed = max(float(np.linalg.norm(before)), float(np.linalg.norm(after)))
+    error = SIGNIFICANT * float(np.hypot(_edge_sigma(a, time), _edge_sigma(b, time)))
+    return float(np.linalg.norm(after - before)) > max(LEAST_JUMP * speed, error)
+
+
+def _edge_sigma(arc: Arc, time: float) -> float:
+    """px/s: standard error of an arc's velocity at a time, s."""
+    t = time - arc.time
+    c = arc.covariance
+    return float(np.sqrt(max(c[1, 1] + 2 * t * c[1, 2] + t**2 * c[2, 2] * bool(arc.acceleration.any()), 0.0)))
+
+
+def _meeting(track: ImageTrack, a: Arc, b: Arc) -> float:
+    """The time, s, at which two arcs are nearest to each other, near the gap between them."""
+    low, high = track.times[a.stop - 1], track.times[b.start]
+    extra = 0.5 * (high - low)
+    times = np.linspace(low - extra, high + extra, 60)
+    apart = np.linalg.norm(a.position_at(times) - b.position_at(times), axis=1)
+    return float(times[int(np.argmin(apart))])
+
+
+def _other_near(tracks: dict[int, ImageTrack], own: ImageTrack, place: np.ndarray, time: float) -> bool:
+    for track in tracks.values():
+        if track.body == own.body:
+            continue
+        k = int(np.argmin(np.abs(track.times - time)))
+        if np.linalg.norm(track.centre[k] - place) < NEAR * (track.radius + own.radius):
+            return True
+    return False
