@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from scipy.optimize import least_squares
 
 LEAST_PIXELS = 4
+DISC = 1.25  # largest ratio of the axes of a disc
+LEAST_SEEN = 0.35  # of a disc's area, from which its centre is found where the border of the picture cuts it
 MAD = 1.4826  # median absolute deviation -> standard deviation of a normal distribution
 LEAST_SIGMA = 0.02  # px
 _THIRD_DIFFERENCE = 20.0**0.5  # standard deviation of a third difference of white noise of standard deviation 1
@@ -24,7 +28,8 @@ class ImageTrack:
         axes: (T, 2) px, half lengths of the ellipse that has the mask's second moments, the longer one first.
         angle: (T,) rad, of the longer axis, from the picture's x axis towards its y axis (clockwise on the screen).
         area: (T,) px².
-        whole: (T,) bool: the mask does not touch the border of the picture.
+        whole: (T,) bool: the centre can be trusted: the mask does not touch the border of the picture, or the body is a
+            disc of which enough is seen to find its centre.
         sigma: px, standard deviation of each coordinate of a centre, from the centres themselves.
     """
 
@@ -62,7 +67,7 @@ def image_tracks(masks: np.ndarray, times: np.ndarray) -> list[ImageTrack]:
 
 def _track(body: int, own: np.ndarray, times: np.ndarray) -> ImageTrack | None:
     height, width = own.shape[1:]
-    rows = []
+    rows: list[tuple[float, ...]] = []
     for k, mask in enumerate(own):
         y, x = np.nonzero(mask)
         if len(x) < LEAST_PIXELS:
@@ -77,6 +82,7 @@ def _track(body: int, own: np.ndarray, times: np.ndarray) -> ImageTrack | None:
         return None
     table = np.array(rows, float)
     frames = table[:, 0].astype(int)
+    _complete_discs(table, own)
     return ImageTrack(
         body=body,
         frames=frames,
@@ -99,3 +105,38 @@ def centre_sigma(centre: np.ndarray) -> float:
         return 0.5
     third = np.diff(centre, 3, axis=0) / _THIRD_DIFFERENCE
     return max(float(MAD * np.median(np.abs(third))), LEAST_SIGMA)
+
+
+def _complete_discs(table: np.ndarray, own: np.ndarray) -> None:
+    """Find the centres of a disc in the frames in which the picture's border cuts it; in place.
+
+    table: (T, 8), the rows of a track: frame, centre, axes, angle, area, whole. own: (F, H, W) bool.
+    """
+    whole = table[:, 7] > 0
+    if whole.sum() < 2 or np.median(table[whole, 3] / np.maximum(table[whole, 4], 1e-6)) > DISC:
+        return
+    area = float(np.median(table[whole, 6]))
+    for k in np.flatnonzero(~whole & (table[:, 6] > LEAST_SEEN * area)):
+        centre = cut_disc(own[int(table[k, 0])], float(np.sqrt(area / np.pi)))
+        if centre is not None:
+            table[k, 1:3], table[k, 7] = centre, 1
+
+
+def cut_disc(mask: np.ndarray, radius: float) -> np.ndarray | None:
+    """Centre (2,) px of a disc of a radius, px, that the border of the picture cuts in a mask (H, W) bool.
+
+    None where too little of its own edge is seen.
+    """
+    height, width = mask.shape
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    edge = max(contours, key=len)[:, 0].astype(float)
+    inner = (edge > 0).all(1) & (edge[:, 0] < width - 1) & (edge[:, 1] < height - 1)
+    edge = edge[inner] + 0.5
+    if len(edge) < 6:
+        return None
+
+    def off(centre: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(edge - centre, axis=1) - (radius - 0.5)
+
+    found = least_squares(off, edge.mean(0), loss="soft_l1")
+    return np.asarray(found.x) if np.sqrt(np.mean(off(found.x) ** 2)) < 0.1 * radius + 0.5 else None

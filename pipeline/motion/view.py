@@ -27,7 +27,6 @@ ALIKE = 0.3  # largest mean deviation of the accelerations of free arcs, as a sh
 ALIKE_DEG = 2.0  # largest mean deviation of slopes
 LEAST_ERROR = 0.05  # of an acceleration, as a share: outlines are blurred and shaded alike
 LEAST_GROWTH = 0.12  # change of the logarithm of a body's radius over its way that perspective must explain
-DOWN = np.array([0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class ArcMotion:
         arc: The arc.
         kind: "free" (falls), "slope" (on a straight line, sped up downhill), "straight", "rest", or "other".
         path: px, length of the way.
-        slope_deg: Of the line's direction to the horizontal, positive where it descends to the right, -90 to 90.
+        slope_deg: Of the line's direction to the world's horizontal, positive where it descends to the right, -90 to 90.
     """
 
     arc: Arc
@@ -55,7 +54,8 @@ class View:
         kind: Of `VIEWS`.
         arcs: The motion of each arc.
         gravity_px: (2,) px/s², the acceleration of free fall in the picture; None where nothing falls freely.
-        slope_deg: Of the incline to the picture's horizontal, positive where it descends to the right; 0 elsewhere.
+        slope_deg: Of the incline to the world's horizontal, positive where it descends to the right; 0 elsewhere.
+        roll_deg: By which the world's vertical is turned in the picture, clockwise.
         reason: What told, in words.
     """
 
@@ -63,11 +63,18 @@ class View:
     arcs: tuple[ArcMotion, ...]
     gravity_px: np.ndarray | None
     slope_deg: float
+    roll_deg: float
     reason: str
 
 
-def describe_arc(arc: Arc, radius: float) -> ArcMotion:
-    """The kind of an arc of a body with a radius, px."""
+def down(roll_deg: float) -> np.ndarray:
+    """(2,) unit vector of gravity in the picture, x right and y down."""
+    roll = np.radians(roll_deg)
+    return np.array([-np.sin(roll), np.cos(roll)])
+
+
+def describe_arc(arc: Arc, radius: float, roll_deg: float = 0.0) -> ArcMotion:
+    """The kind of an arc of a body with a radius, px, in a picture whose vertical is turned by roll_deg."""
     half = arc.span / 2
     ends = arc.position_at(np.array([arc.time - half, arc.time, arc.time + half]))
     path = float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum())
@@ -76,7 +83,7 @@ def describe_arc(arc: Arc, radius: float) -> ArcMotion:
         return ArcMotion(arc, "rest", path, 0.0)
     along = chord if np.linalg.norm(chord) > 0.3 * path else arc.acceleration
     along = along / np.linalg.norm(along)
-    slope = float(np.degrees(np.arctan2(along[1], along[0])))
+    slope = float(np.degrees(np.arctan2(along[1], along[0]))) - roll_deg
     slope = slope - 180 if slope > 90 else slope + 180 if slope <= -90 else slope
     parallel = float(arc.acceleration @ along)
     across = arc.acceleration - parallel * along
@@ -84,12 +91,12 @@ def describe_arc(arc: Arc, radius: float) -> ArcMotion:
     curved = sagitta > STRAIGHT * path and np.linalg.norm(across) > SIGNIFICANT * arc.acceleration_sigma
     size = float(np.linalg.norm(arc.acceleration))
     significant = size > SIGNIFICANT * arc.acceleration_sigma
-    falls = significant and arc.acceleration @ DOWN > np.cos(np.radians(OFF_DOWN_DEG)) * size
+    falls = significant and arc.acceleration @ down(roll_deg) > np.cos(np.radians(OFF_DOWN_DEG)) * size
     if curved:
         return ArcMotion(arc, "free" if falls else "other", path, slope)
     if falls and abs(slope) > STEEP_DEG:
         return ArcMotion(arc, "free", path, slope)
-    downhill = along if along @ DOWN > 0 else -along
+    downhill = along if along @ down(roll_deg) > 0 else -along
     if significant and arc.acceleration @ downhill > 0 and LEVEL_DEG < abs(slope) <= STEEP_DEG:
         return ArcMotion(arc, "slope", path, slope)
     return ArcMotion(arc, "straight", path, slope)
@@ -98,52 +105,64 @@ def describe_arc(arc: Arc, radius: float) -> ArcMotion:
 def growth(tracks: Sequence[ImageTrack]) -> float:
     """How much larger bodies are lower in the picture: change of the logarithm of the radius over the largest way down
     that one body makes; 0 where that is not more than its own error."""
-    x, y, weights, ways = [], [], [], [0.0]
+    x, y, ways = [], [], [0.0]
     for track in tracks:
         use = track.whole
         if use.sum() < 6:
             continue
-        down = track.centre[use, 1]
+        height = track.centre[use, 1]
         log_radius = 0.5 * np.log(track.area[use])
-        x.append(down - down.mean())
+        x.append(height - height.mean())
         y.append(log_radius - log_radius.mean())
-        weights.append(np.ones(use.sum()))
-        ways.append(float(np.ptp(down)))
+        ways.append(float(np.ptp(height)))
     if not x:
         return 0.0
-    down, log_radius = np.concatenate(x), np.concatenate(y)
-    spread = float((down**2).sum())
+    height, log_radius = np.concatenate(x), np.concatenate(y)
+    spread = float((height**2).sum())
     if spread < 1e-6:
         return 0.0
-    slope = float((down * log_radius).sum()) / spread
-    error = float(np.std(log_radius - slope * down)) / np.sqrt(spread)
+    slope = float((height * log_radius).sum()) / spread
+    error = float(np.std(log_radius - slope * height)) / np.sqrt(spread)
     return slope * max(ways) if abs(slope) > SIGNIFICANT * error else 0.0
 
 
-def find_view(tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]]) -> View:
-    """The view that the tracks of a clip and their arcs tell of."""
-    motions = tuple(describe_arc(a, t.radius) for t, own in zip(tracks, arcs, strict=True) for a in own)
+def find_view(tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]], roll_deg: float = 0.0) -> View:
+    """The view that the tracks of a clip and their arcs tell of.
+
+    Args:
+        tracks: Of the bodies.
+        arcs: Of each track.
+        roll_deg: By which the world's vertical is turned in the picture, clockwise; free fall tells it better.
+    """
+    motions = tuple(describe_arc(a, t.radius, roll_deg) for t, own in zip(tracks, arcs, strict=True) for a in own)
     moving = [m for m in motions if m.kind != "rest"]
     total = sum(m.path for m in moving)
+
+    def of_kind(kind: str) -> list[ArcMotion]:
+        return [m for m in moving if m.kind == kind]
+
+    def view(kind: str, reason: str, slope_deg: float = 0.0) -> View:
+        return View(kind, motions, None, slope_deg, 0.0 if kind in ("table", "top") else roll_deg, reason)
+
     if total == 0:
-        return View("table", motions, None, 0.0, "no body moves far enough to tell the view")
+        return view("table", "no body moves far enough to tell the view")
     larger = growth(tracks)
     if larger > LEAST_GROWTH:
         words = f"bodies are {np.expm1(larger):.0%} larger where they are lower in the picture: a table in perspective"
-        return View("table", motions, None, 0.0, words)
-    gravity = free_fall([m for m in moving if m.kind == "free"], total)
+        return view("table", words)
+    gravity = free_fall(of_kind("free"), total)
     if gravity is not None:
         kind = "flight" if all(m.kind in ("free", "rest") for m in motions) else "side"
-        return View(kind, motions, gravity, 0.0, f"bodies fall with {np.linalg.norm(gravity):.0f} px/s²")
-    slope = common_slope([m for m in moving if m.kind == "slope"], total)
+        turned = float(np.degrees(np.arctan2(-gravity[0], gravity[1])))
+        return View(kind, motions, gravity, 0.0, turned, f"bodies fall with {np.linalg.norm(gravity):.0f} px/s²")
+    slope = common_slope(of_kind("slope"), total)
     if slope is not None:
-        return View("incline", motions, None, slope, f"bodies speed up along a line of {abs(slope):.1f}°")
-    if sum(m.path for m in moving if m.kind == "other") > LEAST_SHARE_FREE * total:
-        return View("table", motions, None, 0.0, "paths bend, and not as free fall does")
-    slopes = [m.slope_deg for m in moving]
-    if max(map(abs, slopes)) > 3 * LEVEL_DEG and len(moving) > 1:
-        return View("top", motions, None, 0.0, "bodies move along straight lines and grow nowhere: seen from above")
-    return View("side", motions, None, 0.0, "bodies move along level lines")
+        return view("incline", f"bodies speed up along a line of {abs(slope):.1f}°", slope)
+    if sum(m.path for m in of_kind("other")) > LEAST_SHARE_FREE * total:
+        return view("table", "paths bend, and not as free fall does")
+    if max(abs(m.slope_deg) for m in moving) > 3 * LEVEL_DEG and len(moving) > 1:
+        return view("top", "bodies move along straight lines and grow nowhere: seen from above")
+    return view("side", "bodies move along level lines")
 
 
 def free_fall(free: Sequence[ArcMotion], total: float) -> np.ndarray | None:

@@ -58,8 +58,7 @@ def _bends(track: ImageTrack, arcs: Sequence[Arc]) -> list[float]:
 def _collision(
     i: int, j: int, time: float, tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]]
 ) -> Collision | None:
-    span = _gap(tracks[i])
-    states = [[_state(t, own, time - span), _state(t, own, time + span)] for t, own in ((tracks[i], arcs[i]), (tracks[j], arcs[j]))]
+    states = [[_velocity(arcs[k], time, before) for before in (True, False)] for k in (i, j)]
     if any(s is None for pair in states for s in pair):
         return None
     (before_i, after_i), (before_j, after_j) = states  # type: ignore[misc]
@@ -79,12 +78,13 @@ def _collision(
     return Collision(i, j, time, float(np.clip(separation / approach, 0, 1)), given / taken)
 
 
-def _state(track: ImageTrack, arcs: Sequence[Arc], time: float) -> np.ndarray | None:
-    """Velocity (2,) px/s at a time, by the arc that has it; None where the track has none."""
-    for arc in arcs:
-        if track.times[arc.start] <= time <= track.times[arc.stop - 1]:
-            return arc.velocity_at(time)
-    return None
+def _velocity(arcs: Sequence[Arc], time: float, before: bool) -> np.ndarray | None:
+    """Velocity (2,) px/s at a time, by the last arc that is mostly before it, or the first that is mostly after it."""
+    near = [a for a in arcs if (a.time < time) == before]
+    if not near:
+        return None
+    arc = near[-1] if before else near[0]
+    return arc.velocity_at(time)
 
 
 def _place(track: ImageTrack, time: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.motion.arcs import Arc, cut_arcs
 from pipeline.motion.image_track import ImageTrack, image_tracks
+from pipeline.motion.upright import camera_roll
 from pipeline.motion.view import View, find_view
 from pipeline.planar.fit import PlanarFit, fit_planar
 from pipeline.planar.parameters import planar_parameters
@@ -17,7 +18,10 @@ from pipeline.planar.planar_scene import planar_scene
 from pipeline.planar.scale import GRAVITY, Scale, find_scale
 from pipeline.planar.silhouette import Silhouette, silhouette
 from pipeline.planar.supports import Support, find_supports
-from pipeline.scene.scene import Scene
+from pipeline.scene.scene import HOLLOW_SHAPES, Scene, SceneObject
+
+START_HOLLOW = 0.6
+BACKGROUND_FRAMES = 15  # whose median is the background
 
 
 @dataclass(frozen=True)
@@ -78,13 +82,18 @@ def measure_motion(
         if own:
             tracks.append(track)
             arcs.append(tuple(own))
-    view = find_view(tracks, arcs)
+    view = find_view(tracks, arcs, background_roll(frames))
     silhouettes = tuple(silhouette(t, masks, frames) for t in tracks)
     scale = find_scale(view, silhouettes, gravity) if px_per_m is None else Scale(px_per_m, "length", 0.01)
-    roll = 0.0 if view.gravity_px is None else float(np.arctan2(view.gravity_px[0], view.gravity_px[1]))
-    plane = Plane(masks.shape[2], masks.shape[1], scale.px_per_m, roll, view.kind == "top")
+    plane = Plane(masks.shape[2], masks.shape[1], scale.px_per_m, -float(np.radians(view.roll_deg)), view.kind == "top")
     supports: Sequence[Support] = [] if view.kind in ("top", "table") else find_supports(view, tracks, masks)
     return ClipMotion(tuple(tracks), tuple(arcs), view, silhouettes, scale, plane, tuple(supports))
+
+
+def background_roll(frames: np.ndarray) -> float:
+    """deg: the camera's roll by lines of the background of frames (T, H, W, 3) uint8; 0 where they do not tell."""
+    some = frames[np.linspace(0, len(frames) - 1, min(len(frames), BACKGROUND_FRAMES)).round().astype(int)]
+    return camera_roll(np.median(some, axis=0).astype(np.uint8)) or 0.0
 
 
 def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAnswer:
@@ -103,12 +112,21 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAns
         gravity=gravity,
         start=0.0,
     )
-    fit = fit_planar(start, motion.tracks, motion.plane, planar_parameters(start, motion.plane))
+    rolls = motion.view.kind == "incline" and motion.scale.by in ("length", "size")
+    if rolls:
+        start = replace(start, objects=tuple(_half_hollow(o) for o in start.objects))
+    fit = fit_planar(start, motion.tracks, motion.plane, planar_parameters(start, motion.plane, rolls))
     if motion.scale.by != "gravity":
         return PlanarAnswer(motion, fit, fit.scene, motion.scale)
     factor = gravity / float(np.linalg.norm(fit.scene.gravity))
     scale = replace(motion.scale, px_per_m=motion.scale.px_per_m / factor)
     return PlanarAnswer(motion, fit, scaled(fit.scene, factor), scale)
+
+
+def _half_hollow(body: SceneObject) -> SceneObject:
+    """A body that rolls, between solid and thin-walled, from where its inertia is fitted."""
+    rolls = body.shape in HOLLOW_SHAPES and any(body.angular_velocity)
+    return replace(body, hollow=START_HOLLOW) if rolls else body
 
 
 def scaled(scene: Scene, factor: float) -> Scene:

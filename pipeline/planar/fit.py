@@ -7,19 +7,18 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.optimize import least_squares
 
 from pipeline.errors import SimulationError
 from pipeline.motion.image_track import ImageTrack
 from pipeline.physics.simulate import compile_xml
 from pipeline.planar.parameters import Parameter
 from pipeline.planar.plane import Plane
+from pipeline.planar.robust_descent import robust_descent
 from pipeline.scene.mjcf import STEPS_PER_SECOND, scene_xml
 from pipeline.scene.scene import Scene
 
 SYSTEMATIC = 0.02  # radii: errors of outlines that are alike from frame to frame
 LEAST_SIGMA = 0.3  # px
-ROUNDS = 30  # most steps of the descent
 LOST_PX = 1e3  # of a body whose simulation became unstable
 
 
@@ -55,10 +54,10 @@ def fit_planar(scene: Scene, tracks: Sequence[ImageTrack], plane: Plane, paramet
         plane: In which bodies move.
         parameters: Of `planar_parameters`.
     """
-    count = 0
     weights = [
-        1 / np.sqrt(t.sigma**2 + LEAST_SIGMA**2 + (SYSTEMATIC * t.radius) ** 2) * t.whole[:, None] for t in tracks
+        t.whole[:, None] / np.sqrt(t.sigma**2 + LEAST_SIGMA**2 + (SYSTEMATIC * t.radius) ** 2) for t in tracks
     ]
+    steps, prior = np.array([p.step for p in parameters]), np.array([p.prior for p in parameters])
 
     def changed(x: np.ndarray) -> Scene:
         out = scene
@@ -68,54 +67,23 @@ def fit_planar(scene: Scene, tracks: Sequence[ImageTrack], plane: Plane, paramet
         return out
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        nonlocal count
-        count += 1
         off = centre_errors(changed(x), tracks, plane)
-        data = np.concatenate([(w * e).ravel() for w, e in zip(weights, off, strict=True)])
-        return np.concatenate([np.clip(data, -LOST_PX, LOST_PX), x / prior])
+        return np.concatenate([(w * e).ravel() for w, e in zip(weights, off, strict=True)])
 
-    prior = np.array([p.prior for p in parameters])
-    steps = np.array([p.step for p in parameters])
-
-    def jacobian(x: np.ndarray) -> np.ndarray:
-        here = residuals(x)
-        columns = []
-        for k, step in enumerate(steps):
-            there = x.copy()
-            there[k] += step
-            columns.append((residuals(there) - here) / step)
-        return np.stack(columns, 1)
-
-    found = least_squares(
-        residuals, np.zeros(len(steps)), jac=jacobian, loss=_robust(len(steps)), x_scale=steps, max_nfev=ROUNDS
-    )
+    found = robust_descent(residuals, steps, prior)
     best = changed(found.x)
     off = centre_errors(best, tracks, plane)
     whole = [np.linalg.norm(e[t.whole], axis=1) for e, t in zip(off, tracks, strict=True)]
     everything = np.concatenate(whole)
-    curvature = found.jac.T @ found.jac
     return PlanarFit(
         scene=best,
         names=tuple(p.name for p in parameters),
         values=found.x,
-        sigma=np.sqrt(np.diag(np.linalg.pinv(curvature))),
+        sigma=found.sigma,
         rms_px=float(np.sqrt((everything**2).mean() / 2)),
         residual_px=np.array([np.median(w) for w in whole]),
-        simulations=count,
+        simulations=found.evaluations,
     )
-
-
-def _robust(parameters: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Soft L1 for the data, squares for the priors, which are the last rows."""
-
-    def rho(z: np.ndarray) -> np.ndarray:
-        out = np.stack([z, np.ones_like(z), np.zeros_like(z)])
-        data = 1 + z[:-parameters]
-        root = np.sqrt(data / 1.0)
-        out[0, :-parameters], out[1, :-parameters], out[2, :-parameters] = 2 * (root - 1), 1 / root, -0.5 / (data * root)
-        return out
-
-    return rho
 
 
 def centre_errors(scene: Scene, tracks: Sequence[ImageTrack], plane: Plane) -> list[np.ndarray]:

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.planar.plane import Plane
-from pipeline.scene.scene import FixedBody, Scene, SceneObject
+from pipeline.scene.scene import HOLLOW_SHAPES, FixedBody, Scene, SceneObject
 
+MOST_HOLLOW = 0.98
 Change = Callable[[Scene, float], Scene]
 
 
@@ -31,14 +32,18 @@ class Parameter:
     change: Change
 
 
-def planar_parameters(scene: Scene, plane: Plane) -> list[Parameter]:
+def planar_parameters(scene: Scene, plane: Plane, gravity_known: bool = False) -> list[Parameter]:
     """The parameters of a planar scene: first what every scene has, then what matters where bodies touch.
 
-    Gravity is one of them. Where it is what fixes the scale, lengths follow from it after the fit.
+    Args:
+        scene: The start.
+        plane: In which bodies move.
+        gravity_known: Gravity and lengths are known, so that the acceleration of what rolls tells how hollow it is. Else
+            gravity is fitted; where it is what fixes the scale, lengths follow from it after the fit.
     """
     px = 1 / plane.px_per_m
     touching = bool(scene.fixed) or plane.level or len(scene.objects) > 1
-    out = [Parameter("log gravity", 0.02, 0.3, _gravity)]
+    out = [] if gravity_known else [Parameter("log gravity", 0.02, 0.3, _gravity)]
     for i, body in enumerate(scene.objects):
         size, speed = float(max(body.size)), float(np.linalg.norm(body.velocity))
         name = f"objects[{i}]"
@@ -50,6 +55,8 @@ def planar_parameters(scene: Scene, plane: Plane) -> list[Parameter]:
         if touching:
             out.append(Parameter(f"log {name}.sliding_friction", 0.1, 1.0, _log("sliding_friction", i)))
             out.append(Parameter(f"log {name}.damping", 0.1, 0.7, _log("damping", i)))
+        if gravity_known and body.shape in HOLLOW_SHAPES and any(body.angular_velocity):
+            out.append(Parameter(f"{name}.hollow²", 0.05, 0.5, _hollow(i)))
         if len(scene.objects) > 1:
             out.append(Parameter(f"log {name}.size", 0.02, 0.03, _size(i)))
             if i:
@@ -92,6 +99,16 @@ def _velocity(index: int, part: int) -> Change:
 def _size(index: int) -> Change:
     def edit(body: SceneObject, difference: float) -> SceneObject:
         return replace(body, size=tuple(float(np.exp(difference)) * s for s in body.size))
+
+    return _of_object(index, edit)
+
+
+def _hollow(index: int) -> Change:
+    """The square of the ratio of radii, on which inertia depends most evenly."""
+
+    def edit(body: SceneObject, difference: float) -> SceneObject:
+        square = float(np.clip(body.hollow**2 + difference, 0.0, MOST_HOLLOW**2))
+        return replace(body, hollow=float(np.sqrt(square)))
 
     return _of_object(index, edit)
 

@@ -20,7 +20,9 @@ from pipeline.scene.scene import FixedBody, Scene, SceneObject
 FRICTION = 0.4  # of bodies whose tracks tell nothing of it
 LEAST_FRICTION, MOST_FRICTION = 0.001, 1.0
 DAMPING = 0.6
-THICKNESS, DEPTH = 2.0, 12.0  # of supports, in radii of the largest body
+THICKNESS = 2.0  # of supports, in radii of the largest body
+FRONT, BACK = 0.5, 6.0  # from the plane to a support's near and far side, in radii: what is near would hide bodies
+CYLINDER_LENGTH = 0.5  # of a cylinder that is seen along its axis, in radii: what cannot be seen
 SPRING = 2.36  # -log of the restitution over the damping ratio, of bodies of 10 cm that fall 50 cm (simulated)
 PUCK_HEIGHT = 0.6  # of a disc seen from above, in radii
 
@@ -97,7 +99,7 @@ def planar_object(
         size = (float(half[0]), PUCK_HEIGHT * float(half[0]))
         off = size[1] / 2
     elif shape == "cylinder":  # seen along its axis
-        size = (float(half[0]), 2 * float(half[0]))
+        size = (float(half[0]), CYLINDER_LENGTH * float(half[0]))
         orientation = Rotation.from_euler("x", -90, degrees=True).as_quat(scalar_first=True)
     else:
         depth = 2 * float(half.min())
@@ -167,8 +169,9 @@ def support_body(support: Support, plane: Plane, radius: float, name: str) -> Fi
     middle = 0.5 * (a + b) + 0.5 * thickness * into
     angle = -np.arctan2(along[1], along[0])  # about y, which turns x towards -z
     turn = Rotation.from_euler("y", angle).as_quat(scalar_first=True)
-    size = (float(np.linalg.norm(along)), DEPTH * radius, thickness)
-    return FixedBody("box", size, tuple(plane.in_space(middle)), tuple(turn), name=name)
+    size = (float(np.linalg.norm(along)), (FRONT + BACK) * radius, thickness)
+    position = plane.in_space(middle, 0.5 * (BACK - FRONT) * radius)
+    return FixedBody("box", size, tuple(position), tuple(turn), name=name)
 
 
 def damping_of(restitution: float) -> float:

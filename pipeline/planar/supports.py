@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.motion.arcs import Arc
 from pipeline.motion.image_track import ImageTrack
-from pipeline.motion.view import View
+from pipeline.motion.view import View, down
 
 MARGIN = 4.0  # radii that a support goes on beyond what is seen of the motion along it
 LEVEL_DEG = 6.0  # of a straight way in a side view, that a level support explains
@@ -78,7 +78,7 @@ def find_supports(view: View, tracks: Sequence[ImageTrack], masks: np.ndarray) -
     supports = []
     for group in carried:
         arcs = [a for a, _ in group]
-        slope = np.radians(np.average([s for _, s in group], weights=[a.span for a in arcs]))
+        slope = np.radians(view.roll_deg + np.average([s for _, s in group], weights=[a.span for a in arcs]))
         along = np.array([np.cos(slope), np.sin(slope)])
         into = np.array([-along[1], along[0]])
         offsets, low, high = [], np.inf, -np.inf
@@ -106,7 +106,7 @@ def _ways(view: View) -> list[list[tuple[Arc, float]]]:
         sloping = sloping and abs(motion.slope_deg - view.slope_deg) < ALIKE_DEG
         if not (level or sloping):
             continue
-        into = np.array([-np.sin(np.radians(motion.slope_deg)), np.cos(np.radians(motion.slope_deg))])
+        into = down(view.roll_deg + motion.slope_deg)
         for group in groups:
             arc, slope = group[0]
             if abs(slope - motion.slope_deg) < ALIKE_DEG and abs((arc.position - motion.arc.position) @ into) < 8:
