@@ -9,7 +9,7 @@ from pipeline.errors import SceneError
 from pipeline.scene.rotation import quaternion_multiply, rotate
 from pipeline.scene.scene import Camera, SceneObject
 from pipeline.vision.rendering.camera import Pinhole, pinhole, project
-from pipeline.vision.rendering.rasteriser import Rendering, rasterise, rasterise_frames
+from pipeline.vision.rendering.rasteriser import Rendering, background_depth, rasterise, rasterise_frames
 from pipeline.vision.rendering.surface import KINDS, shape_arrays
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -147,9 +147,10 @@ def test_each_frame_is_what_it_is_alone_whatever_was_in_the_buffers(rng: np.rand
     depth = np.full((1, HEIGHT, WIDTH), 0.01, dtype=np.float32)
     camera = first.camera
     eye, rotation = camera.position_world, np.ascontiguousarray(camera.rotation_world)
+    behind = background_depth(camera, WIDTH, HEIGHT, 0.0, ())
     for k in range(4):
         poses = (positions[k : k + 1], quaternions[k : k + 1])
-        rasterise_frames(*shape_arrays(first.objects), *poses, eye, rotation, camera.fov_y_deg, 0.0, mask, depth)
+        rasterise_frames(*shape_arrays(first.objects), *poses, eye, rotation, camera.fov_y_deg, behind, mask, depth)
         np.testing.assert_array_equal(mask[0], together.mask[k])
         np.testing.assert_array_equal(depth[0], together.depth[k])
 

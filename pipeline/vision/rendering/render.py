@@ -26,7 +26,18 @@ def render_raycast(
     """Pictures uint8 (F, H, W, 3) by the ray caster; arguments as `render_rgb`. Raises SceneError for a mesh."""
     assert scene.camera is not None
     camera = pinhole(scene.camera)
-    return shade(scene.objects, positions, quaternions, camera, appearance, width, height, scene.ground, shadows)
+    return shade(
+        scene.objects,
+        positions,
+        quaternions,
+        camera,
+        appearance,
+        width,
+        height,
+        scene.ground,
+        shadows,
+        fixed=scene.fixed,
+    )
 
 
 RENDERERS: dict[str, Callable[..., np.ndarray]] = {"mujoco": render_mujoco, "raycast": render_raycast}
