@@ -189,7 +189,9 @@ def test_a_fault_is_told_by_its_place_and_what_is_valid(old: str, new: str, told
 
 @pytest.mark.parametrize("text", ["", "3", "- 1", "just words", "camera"])
 def test_what_is_no_mapping_is_told_which_keys_a_scene_has(text: str) -> None:
-    with pytest.raises(SceneError, match="mapping with the keys camera, gravity, ground, fixed, objects, effects is expected"):
+    with pytest.raises(
+        SceneError, match="mapping with the keys camera, gravity, ground, fixed, objects, effects is expected"
+    ):
         read_scene(text)
 
 

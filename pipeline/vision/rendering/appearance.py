@@ -122,6 +122,17 @@ class Sensor:
     brightness: float = 1.0
 
 
+def clear_view(appearance: Appearance, eye: Sequence[float], positions: np.ndarray) -> Appearance:
+    """The appearance with haze that begins behind the objects, however far they are.
+
+    eye: (3,) m, the camera. positions: (F, N, 3) m.
+    """
+    if not positions.size:
+        return appearance
+    distance = float(np.linalg.norm(positions.reshape(-1, 3) - np.asarray(eye), axis=1).max())
+    return replace(appearance, haze=max(appearance.haze, 2 * distance))
+
+
 #: Object colours of the plain appearance, with well separated hues.
 PALETTE: tuple[Colour, ...] = (
     (0.84, 0.24, 0.20),

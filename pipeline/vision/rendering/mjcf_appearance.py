@@ -32,6 +32,7 @@ _FACES = (
 )
 _FLOOR_TILE_M = 8.0  # period of the floor texture
 _SHADOW_MAP = 1024
+_FIXED_TEXTURE = 4  # side of the texture of a fixed body, over that of an object: ramps and walls are large
 _EXTENT_M = 4.0  # width of the shadow map of a directional light
 
 
@@ -99,7 +100,8 @@ def add_appearance(
         if geom.type == "plane":
             _add_floor(root, geom, name, material, floor_texture_px)
             continue
-        _add_cube(root, name, _object_faces(geom, material, object_texture_px), type="cube")
+        side = object_texture_px * (1 if i < len(moving) else _FIXED_TEXTURE)
+        _add_cube(root, name, _object_faces(geom, material, side), type="cube")
         _add_material(root, name, material, texuniform=False)
         geom.material = name
     ground = root.find("geom", "ground")
