@@ -126,14 +126,18 @@ def _area_px(scene: Scene) -> float:
     assert scene.camera is not None
     position = np.array([[o.position for o in scene.objects]])
     quaternion = np.array([[o.orientation for o in scene.objects]])
-    view = rasterise(scene.objects, position, quaternion, pinhole(scene.camera), _WIDTH, _HEIGHT, scene.ground)
+    view = rasterise(
+        scene.objects, position, quaternion, pinhole(scene.camera), _WIDTH, _HEIGHT, scene.ground, scene.fixed
+    )
     return np.count_nonzero(view.mask) * _AREA_SCALE
 
 
 def _seen(scene: Scene, position: np.ndarray, quaternion: np.ndarray, filters: Filters) -> np.ndarray:
     """(N,) the first of the frames in which each object is in view, -1 for never."""
     assert scene.camera is not None
-    view = rasterise(scene.objects, position, quaternion, pinhole(scene.camera), _WIDTH, _HEIGHT, scene.ground)
+    view = rasterise(
+        scene.objects, position, quaternion, pinhole(scene.camera), _WIDTH, _HEIGHT, scene.ground, scene.fixed
+    )
     visible = areas_px(view.mask, len(scene.objects)) >= filters.visible_px  # (F, N)
     return np.where(visible.any(0), visible.argmax(0), -1)
 

@@ -45,7 +45,7 @@ def test_inertia_and_sizes_are_those_of_mujocos_compiler(rng: np.random.Generato
     half = half_extents(obj)[None]
     principal = matrix_from_quaternion(model.body_iquat[1])
     inertia = principal @ np.diag(model.body_inertia[1]) @ principal.T
-    np.testing.assert_allclose(np.diag(obj.mass * unit_inertia(shape, half)[0]), inertia, atol=1e-12)
+    np.testing.assert_allclose(np.diag(obj.mass * unit_inertia(shape, half, np.zeros(1))[0]), inertia, atol=1e-12)
     np.testing.assert_allclose(geom_sizes(shape, half)[0], model.geom_size[0], rtol=1e-12)
     np.testing.assert_allclose(bounding_radii(shape, half)[0], model.geom_rbound[0], rtol=1e-9)
 

@@ -120,7 +120,7 @@ def test_quaternions_of_any_non_zero_length_are_accepted(quaternion: str) -> Non
         ("ground: {height: 0.0}\n", "", r"ground: missing key; valid: \{height: 0\.0\}, or null for none"),
         ("height: 0.0", "hight: 0.0", r"ground\.hight: unknown key \(did you mean 'height'\?\)"),
         (", fov: 42.0", "", r"camera\.fov: missing key; needed: position, pitch \(or orientation\), fov"),
-        ("effects: []", "3: 4", r"\[3\]: unknown key; valid keys: camera, gravity, ground, objects, effects"),
+        ("effects: []", "3: 4", r"\[3\]: unknown key; valid keys: camera, gravity, ground, fixed, objects, effects"),
         ("  mass: 1\n", "  mass: 1\n  mass: 2\n", "not YAML at line 21: found duplicate key"),
         # numbers
         ("mass: 0.50", "mass: -1", r"objects\[0\]\.mass: must be greater than 0, not -1"),
@@ -189,7 +189,9 @@ def test_a_fault_is_told_by_its_place_and_what_is_valid(old: str, new: str, told
 
 @pytest.mark.parametrize("text", ["", "3", "- 1", "just words", "camera"])
 def test_what_is_no_mapping_is_told_which_keys_a_scene_has(text: str) -> None:
-    with pytest.raises(SceneError, match="mapping with the keys camera, gravity, ground, objects, effects is expected"):
+    with pytest.raises(
+        SceneError, match="mapping with the keys camera, gravity, ground, fixed, objects, effects is expected"
+    ):
         read_scene(text)
 
 
