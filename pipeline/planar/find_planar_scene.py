@@ -115,7 +115,9 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAns
     rolls = motion.view.kind == "incline" and motion.scale.by in ("length", "size")
     if rolls:
         start = replace(start, objects=tuple(_half_hollow(o) for o in start.objects))
-    fit = fit_planar(start, motion.tracks, motion.plane, planar_parameters(start, motion.plane, rolls))
+    gravity_shows = motion.view.kind != "top" and not rolls
+    parameters = planar_parameters(start, motion.plane, gravity=gravity_shows, hollow=rolls)
+    fit = fit_planar(start, motion.tracks, motion.plane, parameters)
     if motion.scale.by != "gravity":
         return PlanarAnswer(motion, fit, fit.scene, motion.scale)
     factor = gravity / float(np.linalg.norm(fit.scene.gravity))

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
-from pipeline.errors import SimulationError
 from pipeline.motion.image_track import ImageTrack
-from pipeline.physics.simulate import compile_xml
+from pipeline.physics.batch import BatchSimulator, fixed_kinds, stack_scenes
 from pipeline.planar.parameters import Parameter
 from pipeline.planar.plane import Plane
-from pipeline.planar.robust_descent import robust_descent
-from pipeline.scene.mjcf import STEPS_PER_SECOND, scene_xml
+from pipeline.planar.robust_descent import DAMPINGS, POPULATION, robust_descent
+from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene
 
 SYSTEMATIC = 0.02  # radii: errors of outlines that are alike from frame to frame
@@ -45,7 +43,9 @@ class PlanarFit:
     simulations: int
 
 
-def fit_planar(scene: Scene, tracks: Sequence[ImageTrack], plane: Plane, parameters: Sequence[Parameter]) -> PlanarFit:
+def fit_planar(
+    scene: Scene, tracks: Sequence[ImageTrack], plane: Plane, parameters: Sequence[Parameter], threads: int = 1
+) -> PlanarFit:
     """Fit the parameters so that the simulated centres follow the tracks.
 
     Args:
@@ -53,11 +53,13 @@ def fit_planar(scene: Scene, tracks: Sequence[ImageTrack], plane: Plane, paramet
         tracks: Times from 0, s.
         plane: In which bodies move.
         parameters: Of `planar_parameters`.
+        threads: Of the simulation.
     """
+    size = max(len(parameters), len(DAMPINGS), POPULATION)
+    simulator = BatchSimulator(scene.shapes, scene.ground is not None, size, threads, fixed_kinds(scene))
     weights = [
         t.whole[:, None] / np.sqrt(t.sigma**2 + LEAST_SIGMA**2 + (SYSTEMATIC * t.radius) ** 2) for t in tracks
     ]
-    steps, prior = np.array([p.step for p in parameters]), np.array([p.prior for p in parameters])
 
     def changed(x: np.ndarray) -> Scene:
         out = scene
@@ -67,53 +69,38 @@ def fit_planar(scene: Scene, tracks: Sequence[ImageTrack], plane: Plane, paramet
         return out
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        off = centre_errors(changed(x), tracks, plane)
-        return np.concatenate([(w * e).ravel() for w, e in zip(weights, off, strict=True)])
+        off = centre_errors(simulator, [changed(row) for row in x], tracks, plane)
+        return np.concatenate([(w * e).reshape(len(x), -1) for w, e in zip(weights, off, strict=True)], 1)
 
-    found = robust_descent(residuals, steps, prior)
+    steps, prior = np.array([p.step for p in parameters]), np.array([p.prior for p in parameters])
+    found = robust_descent(residuals, steps, prior, rough=len(tracks) > 1)
     best = changed(found.x)
-    off = centre_errors(best, tracks, plane)
-    whole = [np.linalg.norm(e[t.whole], axis=1) for e, t in zip(off, tracks, strict=True)]
-    everything = np.concatenate(whole)
+    off = centre_errors(simulator, [best], tracks, plane)
+    whole = [np.linalg.norm(e[0][t.whole], axis=1) for e, t in zip(off, tracks, strict=True)]
     return PlanarFit(
         scene=best,
         names=tuple(p.name for p in parameters),
         values=found.x,
         sigma=found.sigma,
-        rms_px=float(np.sqrt((everything**2).mean() / 2)),
+        rms_px=float(np.sqrt((np.concatenate(whole) ** 2).mean() / 2)),
         residual_px=np.array([np.median(w) for w in whole]),
         simulations=found.evaluations,
     )
 
 
-def centre_errors(scene: Scene, tracks: Sequence[ImageTrack], plane: Plane) -> list[np.ndarray]:
-    """(T, 2) px of each body: the simulated centre in the picture minus that of the track."""
-    last = max(float(t.times[-1]) for t in tracks)
-    try:
-        path = simulated_centres(scene, last)
-    except SimulationError:
-        return [np.full((len(t), 2), LOST_PX) for t in tracks]
+def centre_errors(
+    simulator: BatchSimulator, scenes: list[Scene], tracks: Sequence[ImageTrack], plane: Plane
+) -> list[np.ndarray]:
+    """(B, T, 2) px of each body: its simulated centre in the picture minus that of its track."""
+    last = max(int(np.ceil(t.times[-1] * STEPS_PER_SECOND)) for t in tracks) + 1
+    states = simulator.run(stack_scenes(scenes), np.arange(last + 1))
     out = []
     for i, track in enumerate(tracks):
         step = track.times * STEPS_PER_SECOND
-        low = np.minimum(step.astype(int), len(path) - 2)
+        low = step.astype(int)
         share = (step - low)[:, None]
-        place = (1 - share) * path[low, i] + share * path[low + 1, i]
-        out.append(plane.to_picture(plane.in_plane(place)) - track.centre)
+        place = (1 - share) * states.position[:, low, i] + share * states.position[:, low + 1, i]
+        off = plane.to_picture(plane.in_plane(place)) - track.centre
+        off[~states.valid] = LOST_PX
+        out.append(off)
     return out
-
-
-def simulated_centres(scene: Scene, seconds: float) -> np.ndarray:
-    """Positions (S + 1, N, 3) m of the objects at steps of 1/240 s. Raises SimulationError where it is unstable."""
-    model = compile_xml(scene_xml(scene))
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, model.key("initial").id)
-    count = int(np.ceil(seconds * STEPS_PER_SECOND)) + 1
-    qpos = np.empty((count + 1, model.nq))
-    for step in range(count):
-        qpos[step] = data.qpos
-        mujoco.mj_step(model, data)
-    qpos[count] = data.qpos
-    if not np.isfinite(qpos).all() or any(w.number for w in data.warning):
-        raise SimulationError("the simulation became unstable")
-    return qpos.reshape(count + 1, -1, 7)[:, :, :3]

@@ -32,30 +32,30 @@ class Parameter:
     change: Change
 
 
-def planar_parameters(scene: Scene, plane: Plane, gravity_known: bool = False) -> list[Parameter]:
+def planar_parameters(scene: Scene, plane: Plane, *, gravity: bool = True, hollow: bool = False) -> list[Parameter]:
     """The parameters of a planar scene: first what every scene has, then what matters where bodies touch.
 
     Args:
         scene: The start.
         plane: In which bodies move.
-        gravity_known: Gravity and lengths are known, so that the acceleration of what rolls tells how hollow it is. Else
-            gravity is fitted; where it is what fixes the scale, lengths follow from it after the fit.
+        gravity: It is fitted: either it fixes the scale, so that lengths follow from it, or a length is known.
+        hollow: How hollow a rolling body is is fitted: where gravity and a length are known, its acceleration tells.
     """
     px = 1 / plane.px_per_m
     touching = bool(scene.fixed) or plane.level or len(scene.objects) > 1
-    out = [] if gravity_known else [Parameter("log gravity", 0.02, 0.3, _gravity)]
+    out = [Parameter("log gravity", 0.02, 0.3, _gravity)] if gravity else []
     for i, body in enumerate(scene.objects):
         size, speed = float(max(body.size)), float(np.linalg.norm(body.velocity))
         name = f"objects[{i}]"
         for axis in "xy" if plane.level else "xz":
             part = "xyz".index(axis)
-            out.append(Parameter(f"{name}.position.{axis}", 0.5 * px, 0.5 * size, _position(i, part)))
+            out.append(Parameter(f"{name}.position.{axis}", 1.5 * px, 0.5 * size, _position(i, part)))
             if speed:
-                out.append(Parameter(f"{name}.velocity.{axis}", 3 * px, 0.5 * speed + 3 * px, _velocity(i, part)))
+                out.append(Parameter(f"{name}.velocity.{axis}", 6 * px, 0.5 * speed + 3 * px, _velocity(i, part)))
         if touching:
             out.append(Parameter(f"log {name}.sliding_friction", 0.1, 1.0, _log("sliding_friction", i)))
             out.append(Parameter(f"log {name}.damping", 0.1, 0.7, _log("damping", i)))
-        if gravity_known and body.shape in HOLLOW_SHAPES and any(body.angular_velocity):
+        if hollow and body.shape in HOLLOW_SHAPES and any(body.angular_velocity):
             out.append(Parameter(f"{name}.hollow²", 0.05, 0.5, _hollow(i)))
         if len(scene.objects) > 1:
             out.append(Parameter(f"log {name}.size", 0.02, 0.03, _size(i)))

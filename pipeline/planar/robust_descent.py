@@ -1,7 +1,9 @@
 """Robust least squares for a simulation: Levenberg-Marquardt with weights that fall with the size of a residual.
 
 scipy's `least_squares` scales robust residuals by their second derivative (Triggs et al., "Bundle adjustment - a modern
-synthesis", 2000), which fails where most residuals are far beyond their errors, as at the start of a fit here.
+synthesis", 2000), which fails where most residuals are far beyond their errors, as at the start of a fit here. It also
+asks for one simulation at a time. Where bodies hit each other, the cost is rough at the scale of what moves a contact by one
+step of the simulation; there CMA-ES goes on from the descent's end (Hansen, "The CMA evolution strategy", 2016).
 """
 
 from __future__ import annotations
@@ -9,11 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cma
 import numpy as np
 
 ROUNDS = 25
-DAMPINGS = (1e-3, 1e-2, 0.1, 1.0, 10.0)  # tried in turn until the cost falls
+DAMPINGS = np.array([1e-3, 1e-2, 0.1, 1.0, 10.0])  # tried at once in each step
 LEAST_GAIN = 1e-4  # share of the cost: a smaller gain ends the descent
+POPULATION, GENERATIONS, SPREAD = 20, 30, 0.3  # of CMA-ES; the spread in steps
+SOFTNESS = (10.0, 1.0)  # residual from which it counts less, in one descent after another
 
 
 @dataclass(frozen=True)
@@ -34,46 +39,58 @@ class Descent:
 
 
 def robust_descent(
-    residuals: Callable[[np.ndarray], np.ndarray], steps: np.ndarray, prior: np.ndarray, rounds: int = ROUNDS
+    residuals: Callable[[np.ndarray], np.ndarray], steps: np.ndarray, prior: np.ndarray, *, rough: bool = False
 ) -> Descent:
     """Minimise the sum of sqrt(1 + r²) - 1 over residuals r, and of half the squares of x / prior, from x = 0.
 
     Args:
-        residuals: Of x (P,), in units of their standard errors; (R,).
+        residuals: (B, R) of x (B, P), in units of their standard errors.
         steps: (P,) of finite differences.
         prior: (P,) standard deviations of x about 0.
-        rounds: Most steps.
+        rough: Go on by CMA-ES.
     """
     x = np.zeros(len(steps))
-    r = residuals(x)
-    cost, count = _cost(r, x, prior), 1
+    r = residuals(x[None])[0]
+    count = 1
     curvature = np.diag(prior**-2)
-    start = 0
-    for _ in range(rounds):
-        jacobian = np.empty((len(r), len(x)))
-        for k, step in enumerate(steps):
-            there = x.copy()
-            there[k] += step
-            jacobian[:, k] = (residuals(there) - r) / step
-        count += len(x)
-        weight = 1 / np.sqrt(1 + r**2)
-        curvature = (jacobian * weight[:, None]).T @ jacobian + np.diag(prior**-2)
-        slope = jacobian.T @ (weight * r) + x / prior**2
-        before = cost
-        for level in range(start, len(DAMPINGS)):
-            matrix = curvature + DAMPINGS[level] * np.diag(np.diag(curvature))
-            trial = x - np.linalg.solve(matrix, slope)
-            there_r = residuals(trial)
-            count += 1
-            there_cost = _cost(there_r, trial, prior)
-            if there_cost < cost:
-                x, r, cost = trial, there_r, there_cost
-                start = max(level - 1, 0)
+    for soft in SOFTNESS:
+        cost = float(_costs(r[None], x[None], prior, soft)[0])
+        for _ in range(ROUNDS):
+            jacobian = ((residuals(x + np.diag(steps)) - r) / steps[:, None]).T
+            weight = 1 / np.sqrt(1 + (r / soft) ** 2)
+            curvature = (jacobian * weight[:, None]).T @ jacobian + np.diag(prior**-2)
+            slope = jacobian.T @ (weight * r) + x / prior**2
+            scale = np.diag(np.diag(curvature))
+            trials = np.stack([x - np.linalg.solve(curvature + d * scale, slope) for d in DAMPINGS])
+            tried = residuals(trials)
+            count += len(steps) + len(trials)
+            costs = _costs(tried, trials, prior, soft)
+            best = int(np.argmin(costs))
+            gain = cost - float(costs[best])
+            if gain > 0:
+                x, r, cost = trials[best], tried[best], float(costs[best])
+            if gain < LEAST_GAIN * cost:
                 break
-        if before - cost < LEAST_GAIN * before:
-            break
+    if rough:
+        x, cost, more = _evolve(lambda rows: _costs(residuals(rows), rows, prior, SOFTNESS[-1]), x, cost, steps)
+        count += more
     return Descent(x, np.sqrt(np.diag(np.linalg.inv(curvature))), cost, count)
 
 
-def _cost(r: np.ndarray, x: np.ndarray, prior: np.ndarray) -> float:
-    return float((np.sqrt(1 + r**2) - 1).sum() + 0.5 * ((x / prior) ** 2).sum())
+def _evolve(
+    costs: Callable[[np.ndarray], np.ndarray], x: np.ndarray, cost: float, steps: np.ndarray
+) -> tuple[np.ndarray, float, int]:
+    """CMA-ES from x: the best x, its cost, and the evaluations that it took."""
+    options = {"popsize": POPULATION, "maxiter": GENERATIONS, "seed": 1, "verbose": -9, "CMA_stds": steps}
+    search = cma.CMAEvolutionStrategy(x, SPREAD, options)
+    while not search.stop():
+        rows = np.array(search.ask())
+        search.tell(list(rows), costs(rows).tolist())
+    if search.result.fbest < cost:
+        x, cost = np.asarray(search.result.xbest), float(search.result.fbest)
+    return x, cost, int(search.result.evaluations)
+
+
+def _costs(r: np.ndarray, x: np.ndarray, prior: np.ndarray, soft: float) -> np.ndarray:
+    robust = soft**2 * (np.sqrt(1 + (r / soft) ** 2) - 1)
+    return np.asarray(robust.sum(1) + 0.5 * ((x / prior) ** 2).sum(1))
