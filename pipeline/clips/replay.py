@@ -14,9 +14,10 @@ from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import View, event_areas, pair_view
 from pipeline.errors import SimulationError
 from pipeline.language.events import DEFAULT_THRESHOLDS, Event, find_events
-from pipeline.physics.batch import BatchSimulator, stack_scenes
+from pipeline.physics.batch import BatchSimulator, States, stack_scenes
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
+from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene
 from pipeline.vision.rendering.appearance import plain_appearance
 from pipeline.vision.rendering.camera import pinhole
@@ -153,9 +154,28 @@ def replay_poses(scene: Scene, schedule: Schedule, width: int = WIDTH, height: i
     Raises:
         SimulationError: Where the simulation becomes unstable.
     """
+    states = _states(scene, schedule.frame_steps)
+    return Replay(scene, schedule, states.position[0], states.quaternion[0], None, width, height)
+
+
+def masks_at(scene: Scene, times: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Masks (T, height, width) uint8 of a scene at times (T,), s, that increase from 0 or later.
+
+    Raises:
+        SimulationError: Where the simulation becomes unstable.
+    """
+    states = _states(scene, np.rint(np.asarray(times) * STEPS_PER_SECOND).astype(np.int64))
+    assert scene.camera is not None
+    camera = pinhole(scene.camera)
+    position, quaternion = states.position[0], states.quaternion[0]
+    return rasterise(scene.objects, position, quaternion, camera, width, height, scene.ground, scene.fixed).mask
+
+
+def _states(scene: Scene, steps: np.ndarray) -> States:
+    """The states of a scene without effects at increasing steps (T,). Raises SimulationError."""
     batch = stack_scenes([scene])
     simulator = BatchSimulator(scene.shapes, batch.has_ground, 1, 1, batch.fixed_kinds)
-    states = simulator.run(batch, schedule.frame_steps)
+    states = simulator.run(batch, steps)
     if not states.valid[0]:
         raise SimulationError("the simulation became unstable in the replay (non-finite state, or a reset by MuJoCo)")
-    return Replay(scene, schedule, states.position[0], states.quaternion[0], None, width, height)
+    return states

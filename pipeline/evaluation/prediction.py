@@ -9,10 +9,9 @@ import numpy as np
 
 from pipeline.clips.replay import replay_poses
 from pipeline.clips.schedule import Schedule
+from pipeline.metrics.extrapolation import at_constant_velocity
 from pipeline.metrics.overlap import Counts, assign, count, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
-
-TRACK_SECONDS = 0.2  # before the last frame seen, over which an instance's velocity is measured
 
 
 @dataclass(frozen=True)
@@ -102,26 +101,3 @@ def _centre_and_size(mask: np.ndarray) -> tuple[np.ndarray, float] | None:
     """Centroid (2,) column, row of a mask (H, W) and the square root of its area, px; None where it is empty."""
     rows, columns = np.nonzero(mask)
     return (np.array([columns.mean(), rows.mean()]), float(np.sqrt(len(rows)))) if len(rows) else None
-
-
-def at_constant_velocity(masks: np.ndarray, more: int, fps: float) -> np.ndarray:
-    """The `more` frames (more, H, W) after masks (F, H, W): each instance's last mask, at its centroid's velocity.
-
-    The velocity, px, is fitted over `TRACK_SECONDS`. Where two instances meet, the higher number is in front.
-    """
-    out = np.zeros((more, *masks.shape[1:]), np.uint8)
-    steps = max(2, round(TRACK_SECONDS * fps) + 1)
-    for instance in range(1, int(masks.max(initial=0)) + 1):
-        frames = [k for k in range(len(masks)) if (masks[k] == instance).any()]
-        if not frames:
-            continue
-        recent = [k for k in frames if k > frames[-1] - steps]
-        places = np.array([np.argwhere(masks[k] == instance).mean(0) for k in recent])  # (T, 2) row, column
-        velocity = np.polyfit(recent, places, 1)[0] if len(recent) > 1 else np.zeros(2)
-        last = np.argwhere(masks[frames[-1]] == instance)
-        for k in range(more):
-            shift = velocity * (len(masks) + k - frames[-1])
-            rows, columns = np.rint(last + shift).astype(int).T
-            inside = (rows >= 0) & (rows < masks.shape[1]) & (columns >= 0) & (columns < masks.shape[2])
-            out[k, rows[inside], columns[inside]] = instance
-    return out

@@ -1,0 +1,109 @@
+"""How far an answer can be trusted: a forecast of frames that were not fitted, and a grade with one reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.clips.replay import masks_at
+from pipeline.errors import SimulationError
+from pipeline.metrics.extrapolation import at_constant_velocity
+from pipeline.metrics.overlap import Counts, assign, count, pair_iou, sequence_iou
+from pipeline.scene.scene import Scene
+
+FITTED_SHARE = 0.7  # of a clip, from which the rest is forecast
+LEAST_FRAMES = 3  # that are forecast
+GOOD_IOU, POOR_IOU = 0.7, 0.4  # of the whole clip
+GRADES = ("good", "doubtful", "poor")
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """How well a scene that was found from the first part of a clip forecasts the rest.
+
+    Attributes:
+        from_s: Where the rest begins, s from the clip's beginning.
+        iou: Sequence IoU over the rest.
+        constant_velocity_iou: That of the last masks, moved on at constant velocity.
+    """
+
+    from_s: float
+    iou: float
+    constant_velocity_iou: float
+
+
+@dataclass(frozen=True)
+class Grade:
+    """How far an answer can be trusted.
+
+    Attributes:
+        name: Of GRADES.
+        reason: One sentence.
+    """
+
+    name: str
+    reason: str
+
+
+def fitted_frames(times: np.ndarray) -> int:
+    """How many of the frames at times (T,), s, are fitted before the rest is forecast; 0 where too few would be left."""
+    first = int(np.searchsorted(times, times[0] + FITTED_SHARE * (times[-1] - times[0])))
+    return first if len(times) - first >= LEAST_FRAMES else 0
+
+
+def forecast(masks: np.ndarray, times: np.ndarray, find: Callable[[int], Scene | None]) -> Forecast | None:
+    """Find a scene from the first part of a clip and score it on the rest.
+
+    Args:
+        masks: (T, H, W) ids; bodies without an object count as missed.
+        times: (T,) s.
+        find: The scene that the first so many frames show; None where they show none.
+
+    Returns:
+        The scores; None where the clip is too short, or no scene is found from its first part.
+    """
+    seen = fitted_frames(times)
+    scene = find(seen) if seen else None
+    if scene is None:
+        return None
+    height, width = masks.shape[1:]
+    try:
+        own = masks_at(scene, times - times[0], width, height)
+    except SimulationError:
+        return None
+    instances = int(masks.max())
+    counts = count(own, masks, len(scene.objects), instances)
+    pairs = assign(pair_iou(_part(counts, slice(0, seen))))
+    rate = (len(times) - 1) / float(times[-1] - times[0])
+    moved = at_constant_velocity(masks[:seen], len(masks) - seen, rate)
+    same = np.stack([np.arange(instances)] * 2, 1)
+    return Forecast(
+        from_s=float(times[seen] - times[0]),
+        iou=float(sequence_iou(_part(counts, slice(seen, None)), pairs)),
+        constant_velocity_iou=float(sequence_iou(count(moved, masks[seen:], instances, instances), same)),
+    )
+
+
+def _part(counts: Counts, which: slice) -> Counts:
+    return Counts(counts.shared[which], counts.predicted[which], counts.true[which], counts.foreground[which])
+
+
+def grade(sequence_iou: float, told: Forecast | None) -> Grade:
+    """The grade of an answer.
+
+    Args:
+        sequence_iou: Of its replay with the clip's masks.
+        told: How well a scene from the first part of the clip forecasts the rest; None where that could not be tried.
+    """
+    if sequence_iou < POOR_IOU:
+        return Grade("poor", f"the replay overlaps little of what moves in the clip (IoU {sequence_iou:.2f})")
+    if told is None:
+        return Grade("doubtful", "the clip is too short to test the answer on frames that were not fitted")
+    against = f"IoU {told.iou:.2f} from {told.from_s:.2f} s on, constant velocity {told.constant_velocity_iou:.2f}"
+    if told.iou < told.constant_velocity_iou:
+        return Grade("doubtful", f"frames that were not fitted are forecast worse than by constant velocity ({against})")
+    if sequence_iou < GOOD_IOU:
+        return Grade("doubtful", f"the replay follows the clip in part only (IoU {sequence_iou:.2f})")
+    return Grade("good", f"frames that were not fitted are forecast better than by constant velocity ({against})")
