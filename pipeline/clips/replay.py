@@ -154,7 +154,7 @@ def replay_poses(scene: Scene, schedule: Schedule, width: int = WIDTH, height: i
     Raises:
         SimulationError: Where the simulation becomes unstable.
     """
-    states = _states(scene, schedule.frame_steps)
+    states = states_at(scene, schedule.frame_steps)
     return Replay(scene, schedule, states.position[0], states.quaternion[0], None, width, height)
 
 
@@ -164,15 +164,19 @@ def masks_at(scene: Scene, times: np.ndarray, width: int, height: int) -> np.nda
     Raises:
         SimulationError: Where the simulation becomes unstable.
     """
-    states = _states(scene, np.rint(np.asarray(times) * STEPS_PER_SECOND).astype(np.int64))
+    states = states_at(scene, np.rint(np.asarray(times) * STEPS_PER_SECOND).astype(np.int64))
     assert scene.camera is not None
     camera = pinhole(scene.camera)
     position, quaternion = states.position[0], states.quaternion[0]
     return rasterise(scene.objects, position, quaternion, camera, width, height, scene.ground, scene.fixed).mask
 
 
-def _states(scene: Scene, steps: np.ndarray) -> States:
-    """The states of a scene without effects at increasing steps (T,). Raises SimulationError."""
+def states_at(scene: Scene, steps: np.ndarray) -> States:
+    """The states of a scene without effects, a batch of one, at increasing steps (T,) of 1/240 s.
+
+    Raises:
+        SimulationError: Where the simulation becomes unstable.
+    """
     batch = stack_scenes([scene])
     simulator = BatchSimulator(scene.shapes, batch.has_ground, 1, 1, batch.fixed_kinds)
     states = simulator.run(batch, steps)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -51,6 +51,16 @@ class ImageTrack:
         """px: of the disc with the median area of the whole masks."""
         area = self.area[self.whole] if self.whole.any() else self.area
         return float(np.sqrt(np.median(area) / np.pi))
+
+    def in_picture(self, scale: float, offset: np.ndarray) -> ImageTrack:
+        """The track in a picture whose point is scale times that of this one plus offset (2,) px."""
+        return replace(
+            self,
+            centre=scale * self.centre + offset,
+            axes=scale * self.axes,
+            area=scale**2 * self.area,
+            sigma=scale * self.sigma,
+        )
 
 
 def image_tracks(masks: np.ndarray, times: np.ndarray) -> list[ImageTrack]:

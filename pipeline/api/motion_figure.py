@@ -1,0 +1,58 @@
+"""The plot of measured motion beside the replay: place, speed and energy against time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+matplotlib.use("agg")
+import matplotlib.pyplot as plt
+
+from pipeline.inference.body_tracks import BodyTrack
+from pipeline.scene.scene import Scene
+
+PANELS = ("x, m", "y, m", "z, m", "speed, m/s", "energy, J/kg")
+SMOOTH = 5  # samples of the quadratic that gives a measured speed
+
+
+def write_motion_figure(path: Path, tracks: list[BodyTrack], scene: Scene, metric: str) -> None:
+    """Write a PNG: dots are measured, lines the replay's.
+
+    Args:
+        path: The file.
+        tracks: Of the scene's bodies.
+        scene: The answer, whose gravity gives the energy.
+        metric: What fixed the scale, for the title.
+    """
+    figure, axes = plt.subplots(len(PANELS), 1, figsize=(7, 9), sharex=True, constrained_layout=True)
+    for k, track in enumerate(tracks):
+        colour = f"C{k}"
+        for series, style in ((track.position, {"ls": "", "marker": ".", "ms": 4}), (track.replayed, {"lw": 1.2})):
+            speed = speeds(track.times, series)
+            energy = 0.5 * speed**2 - series @ np.array(scene.gravity)
+            for axis, values in zip(axes, (*series.T, speed, energy), strict=True):
+                axis.plot(track.times, values, color=colour, **style)
+        axes[0].plot([], [], color=colour, label=track.name)
+    for axis, label in zip(axes, PANELS, strict=True):
+        axis.set_ylabel(label)
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[0].set_title(f"dots: measured; lines: replay; scale by {metric}", fontsize=10, loc="left")
+    axes[0].legend(frameon=False, ncols=max(len(tracks), 1), fontsize=9)
+    axes[-1].set_xlabel("time, s")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def speeds(times: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """(T,) m/s of positions (T, 3) m, by a quadratic through the nearest SMOOTH samples."""
+    out = np.zeros(len(times))
+    half = SMOOTH // 2
+    for k in range(len(times)):
+        near = slice(max(0, min(k - half, len(times) - SMOOTH)), max(k + half + 1, SMOOTH))
+        t = times[near] - times[k]
+        degree = min(2, len(t) - 1)
+        if degree:
+            out[k] = np.linalg.norm(np.polyfit(t, position[near], degree)[-2])
+    return out

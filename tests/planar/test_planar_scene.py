@@ -1,0 +1,136 @@
+"""Planar scenes found from the masks and pictures of scenes that are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pipeline.clips.replay import masks_at, replay_poses
+from pipeline.clips.schedule import Schedule
+from pipeline.metrics.overlap import overlap
+from pipeline.planar.collisions import find_collisions
+from pipeline.planar.find_planar_scene import PlanarAnswer, find_planar_scene, measure_motion, scaled
+from pipeline.planar.plane import Plane
+from pipeline.scene.scene import FixedBody, Scene, SceneObject
+
+SCHEDULE = Schedule()
+TIMES = np.arange(SCHEDULE.frames) / SCHEDULE.fps
+SIDE = Plane(480, 320, px_per_m=200.0)
+
+
+def found(scene: Scene, px_per_m: float | None = None) -> tuple[PlanarAnswer, float]:
+    """What is found in a scene's clip, and the sequence IoU of its replay."""
+    shown = replay_poses(scene, SCHEDULE)
+    motion = measure_motion(shown.masks, shown.pictures("raycast"), TIMES, px_per_m=px_per_m)
+    answer = find_planar_scene(motion)
+    own = masks_at(answer.scene, TIMES, 480, 320)
+    return answer, overlap(own, shown.masks, len(answer.scene.objects), len(scene.objects)).sequence
+
+
+def ball(**changes: object) -> SceneObject:
+    return replace(SceneObject("sphere", (0.08,), 0.5, 0.5, 0.0, 0.3), **changes)  # type: ignore[arg-type]
+
+
+def ramp(angle_deg: float) -> FixedBody:
+    """A ramp through the picture's centre that descends to the right."""
+    turn = Rotation.from_euler("y", angle_deg, degrees=True)
+    centre = turn.apply([0.0, 0.0, -0.1])
+    return FixedBody("box", (3.0, 0.6, 0.2), tuple(centre), tuple(turn.as_quat(scalar_first=True)))
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 4.0])
+def test_a_throw(roll_deg: float) -> None:
+    plane = replace(SIDE, roll=-np.radians(roll_deg))
+    thrown = ball(position=(-0.8, 0, -0.2), velocity=(1.6, 0, 3.0))
+    answer, iou = found(Scene((thrown,), plane.camera(), ground=None))
+    assert answer.motion.view.kind == "flight"
+    assert answer.scene.composition == "sphere"
+    assert answer.scale.by == "gravity"
+    assert answer.scale.px_per_m == pytest.approx(200, rel=0.02)
+    assert answer.motion.view.roll_deg == pytest.approx(roll_deg, abs=0.6)
+    assert answer.scene.objects[0].velocity == pytest.approx(thrown.velocity, abs=0.06)
+    assert iou > 0.9
+
+
+def test_gravity_is_measured_where_a_length_is_known() -> None:
+    thrown = ball(position=(-0.8, 0, -0.2), velocity=(1.6, 0, 2.0))
+    answer, _ = found(Scene((thrown,), SIDE.camera(), (0, 0, -6.0), ground=None), px_per_m=200.0)
+    assert answer.scale.by == "length"
+    assert -answer.scene.gravity[2] == pytest.approx(6.0, rel=0.02)
+
+
+def test_a_ball_that_rolls_down_a_ramp() -> None:
+    turn = Rotation.from_euler("y", 15, degrees=True)
+    start = turn.apply([-0.9, 0, 0.0801])
+    rolling = ball(position=tuple(start), sliding_friction=0.8)
+    answer, iou = found(Scene((rolling,), SIDE.camera(), ground=None, fixed=(ramp(15),)))
+    assert answer.motion.view.kind == "incline"
+    (support,) = answer.scene.fixed
+    angle = Rotation.from_quat(support.orientation, scalar_first=True).as_euler("yxz", degrees=True)[0]
+    assert angle == pytest.approx(15, abs=0.7)
+    assert answer.scale.px_per_m == pytest.approx(200, rel=0.06)
+    assert iou > 0.85
+
+
+def test_how_hollow_a_pipe_is_shows_where_a_length_is_known() -> None:
+    turn = Rotation.from_euler("y", 15, degrees=True)
+    axis = Rotation.from_euler("x", -90, degrees=True).as_quat(scalar_first=True)
+    hollows = {}
+    for hollow in (0.0, 0.9):
+        pipe = SceneObject(
+            "cylinder",
+            (0.08, 0.08),
+            0.5,
+            0.8,
+            position=tuple(turn.apply([-0.9, 0, 0.0801])),
+            orientation=tuple(axis),
+            hollow=hollow,
+        )
+        answer, _ = found(Scene((pipe,), SIDE.camera(), ground=None, fixed=(ramp(15),)), px_per_m=200.0)
+        assert answer.scene.composition == "cylinder"
+        hollows[hollow] = answer.scene.objects[0].hollow
+    assert hollows[0.0] < 0.5
+    assert hollows[0.9] == pytest.approx(0.9, abs=0.1)
+
+
+def test_a_ball_that_rolls_over_an_edge_falls_behind_it() -> None:
+    table = FixedBody("box", (1.6, 0.6, 0.2), (-0.8, 0.27, 0.3))
+    spin = (0.0, 1.5 / 0.08, 0.0)
+    rolling = ball(position=(-0.7, 0, 0.4801), velocity=(1.5, 0, 0), angular_velocity=spin)
+    answer, iou = found(Scene((rolling,), SIDE.camera(), ground=None, fixed=(table,)))
+    assert answer.motion.view.kind == "side"
+    assert len(answer.scene.fixed) == 1
+    assert answer.scale.px_per_m == pytest.approx(200, rel=0.03)
+    assert iou > 0.85
+
+
+def test_a_ball_that_bounces_tells_of_the_floor() -> None:
+    floor = FixedBody("box", (3.0, 0.6, 0.2), (0.0, 0.0, -0.7))
+    falling = ball(position=(-0.5, 0, 0.4), velocity=(0.8, 0, 0))
+    answer, iou = found(Scene((falling,), SIDE.camera(), ground=None, fixed=(floor,)))
+    (support,) = answer.motion.supports
+    assert support.start[1] == pytest.approx(160 + 0.6 * 200, abs=6)  # contacts are soft: the ball sinks in
+    assert support.restitution is not None
+    assert iou > 0.8
+
+
+def test_pucks_that_collide_tell_their_masses() -> None:
+    def puck(x: float, vx: float, mass: float) -> SceneObject:
+        return SceneObject("cylinder", (0.1, 0.06), mass, 0.002, 0, 0.1, position=(x, 0.02 * vx, 0.03), velocity=(vx, 0, 0))
+
+    plane = Plane(480, 320, 200.0, level=True)
+    scene = Scene((puck(-0.6, 1.2, 1.0), puck(0.2, 0.0, 1.5)), plane.camera())
+    answer, iou = found(scene)
+    assert answer.motion.view.kind == "top"
+    assert answer.scale.by == "none"
+    (hit,) = find_collisions(answer.motion.tracks, answer.motion.arcs)
+    assert hit.mass_ratio == pytest.approx(1.5, rel=0.1)
+    assert iou > 0.85
+
+
+def test_a_scaled_scene_looks_the_same() -> None:
+    scene = Scene((ball(position=(-0.5, 0, 0.2), velocity=(1, 0, 1)),), SIDE.camera(), ground=-0.6)
+    masks = masks_at(scene, TIMES, 240, 160)
+    larger = masks_at(scaled(scene, 2.5), TIMES, 240, 160)
+    assert overlap(masks, larger, 1, 1).sequence > 0.97
