@@ -1,7 +1,7 @@
-"""Measured motion of a clip's bodies in metres: the replay's poses, moved so that they agree with the tracks in the picture.
+"""Measured motion of a clip's bodies in metres: the replay's poses, moved so that they agree with the tracks.
 
-A body is moved parallel to the picture, at the depth that it has in the replay, until its centre is where its outline's is.
-Its orientation is that of the replay.
+A body is moved parallel to the picture, at the depth that it has in the replay, until its centre is where that of its
+outline is. Its orientation is that of the replay.
 """
 
 from __future__ import annotations

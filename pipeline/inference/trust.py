@@ -48,7 +48,7 @@ class Grade:
 
 
 def fitted_frames(times: np.ndarray) -> int:
-    """How many of the frames at times (T,), s, are fitted before the rest is forecast; 0 where too few would be left."""
+    """How many of the frames at times (T,), s, are fitted before the rest is forecast; 0 where too few are left."""
     first = int(np.searchsorted(times, times[0] + FITTED_SHARE * (times[-1] - times[0])))
     return first if len(times) - first >= LEAST_FRAMES else 0
 
@@ -103,7 +103,9 @@ def grade(sequence_iou: float, told: Forecast | None) -> Grade:
         return Grade("doubtful", "the clip is too short to test the answer on frames that were not fitted")
     against = f"IoU {told.iou:.2f} from {told.from_s:.2f} s on, constant velocity {told.constant_velocity_iou:.2f}"
     if told.iou < told.constant_velocity_iou:
-        return Grade("doubtful", f"frames that were not fitted are forecast worse than by constant velocity ({against})")
+        return Grade(
+            "doubtful", f"frames that were not fitted are forecast worse than by constant velocity ({against})"
+        )
     if sequence_iou < GOOD_IOU:
         return Grade("doubtful", f"the replay follows the clip in part only (IoU {sequence_iou:.2f})")
     return Grade("good", f"frames that were not fitted are forecast better than by constant velocity ({against})")

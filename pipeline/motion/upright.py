@@ -8,7 +8,11 @@ import numpy as np
 WITHIN_DEG = 10.0  # of the picture's own vertical and horizontal
 WIDTH_DEG = 0.5  # of the peak of directions
 LEAST_LINE = 0.04  # of the picture's longer side, length of a line that counts
-LEAST_LINES, LEAST_TOTAL, LEAST_SHARE = 3, 0.8, 0.6  # upright lines; their length over the picture's height; in one peak
+LEAST_LINES, LEAST_TOTAL, LEAST_SHARE = (
+    3,
+    0.8,
+    0.6,
+)  # upright lines; their length over the picture's height; in one peak
 AGREE_DEG = 2.0  # between upright and level lines
 GRID_DEG = np.linspace(-WITHIN_DEG, WITHIN_DEG, 201)
 
@@ -37,8 +41,10 @@ def camera_roll(background: np.ndarray) -> float | None:
 
 
 def _peak(angles: np.ndarray, lengths: np.ndarray) -> tuple[float, int, float, float] | None:
-    """The commonest direction of lines near 0 deg: its angle, the number of lines near 0, their length, and the share of
-    it in the peak; None where there are none."""
+    """The commonest direction of lines near 0 deg; None where there are none.
+
+    Returns its angle, the number of lines near 0, their length, and the share of that length in the peak.
+    """
     off = (angles + 90) % 180 - 90
     near = np.abs(off) < WITHIN_DEG
     if not near.any():

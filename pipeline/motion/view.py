@@ -37,7 +37,7 @@ class ArcMotion:
         arc: The arc.
         kind: "free" (falls), "slope" (on a straight line, sped up downhill), "straight", "rest", or "other".
         path: px, length of the way.
-        slope_deg: Of the line's direction to the world's horizontal, positive where it descends to the right, -90 to 90.
+        slope_deg: Of the line to the world's horizontal, positive where it descends to the right; -90 to 90.
     """
 
     arc: Arc

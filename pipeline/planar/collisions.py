@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -35,12 +36,14 @@ class Collision:
 
 def find_collisions(tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]]) -> list[Collision]:
     """The collisions of each pair of bodies, in order of time."""
-    found = []
+    found: list[Collision] = []
     for i in range(len(tracks)):
         for j in range(i + 1, len(tracks)):
             for time in _bends(tracks[i], arcs[i]) + _bends(tracks[j], arcs[j]):
                 collision = _collision(i, j, time, tracks, arcs)
-                if collision and all(c.first != i or c.second != j or abs(c.time - time) > _gap(tracks[i]) for c in found):
+                if collision and all(
+                    c.first != i or c.second != j or abs(c.time - time) > _gap(tracks[i]) for c in found
+                ):
                     found.append(collision)
     return sorted(found, key=lambda c: c.time)
 
@@ -52,16 +55,16 @@ def _gap(track: ImageTrack) -> float:
 
 def _bends(track: ImageTrack, arcs: Sequence[Arc]) -> list[float]:
     """Times, s, between the arcs of a track."""
-    return [0.5 * (track.times[a.stop - 1] + track.times[b.start]) for a, b in zip(arcs[:-1], arcs[1:], strict=True)]
+    return [0.5 * (track.times[a.stop - 1] + track.times[b.start]) for a, b in itertools.pairwise(arcs)]
 
 
 def _collision(
     i: int, j: int, time: float, tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]]
 ) -> Collision | None:
-    states = [[_velocity(arcs[k], time, before) for before in (True, False)] for k in (i, j)]
-    if any(s is None for pair in states for s in pair):
+    before_i, before_j = (_velocity(arcs[k], time, True) for k in (i, j))
+    after_i, after_j = (_velocity(arcs[k], time, False) for k in (i, j))
+    if before_i is None or before_j is None or after_i is None or after_j is None:
         return None
-    (before_i, after_i), (before_j, after_j) = states  # type: ignore[misc]
     places = [_place(tracks[k], time) for k in (i, j)]
     line = places[1] - places[0]
     distance = float(np.linalg.norm(line))

@@ -13,8 +13,8 @@ from pipeline.motion.upright import camera_roll
 from pipeline.motion.view import View, find_view
 from pipeline.planar.fit import PlanarFit, fit_planar
 from pipeline.planar.parameters import planar_parameters
-from pipeline.planar.plane import Plane
 from pipeline.planar.planar_scene import planar_scene
+from pipeline.planar.plane import Plane
 from pipeline.planar.scale import GRAVITY, Scale, find_scale
 from pipeline.planar.silhouette import Silhouette, silhouette
 from pipeline.planar.supports import Support, find_supports

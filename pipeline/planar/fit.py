@@ -57,9 +57,7 @@ def fit_planar(
     """
     size = max(len(parameters), len(DAMPINGS), POPULATION)
     simulator = BatchSimulator(scene.shapes, scene.ground is not None, size, threads, fixed_kinds(scene))
-    weights = [
-        t.whole[:, None] / np.sqrt(t.sigma**2 + LEAST_SIGMA**2 + (SYSTEMATIC * t.radius) ** 2) for t in tracks
-    ]
+    weights = [t.whole[:, None] / np.sqrt(t.sigma**2 + LEAST_SIGMA**2 + (SYSTEMATIC * t.radius) ** 2) for t in tracks]
 
     def changed(x: np.ndarray) -> Scene:
         out = scene

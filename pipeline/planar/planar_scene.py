@@ -131,9 +131,7 @@ def planar_object(
     )
 
 
-def initial_motion(
-    view: View, track: ImageTrack, arcs: Sequence[Arc], start: float
-) -> tuple[np.ndarray, np.ndarray]:
+def initial_motion(view: View, track: ImageTrack, arcs: Sequence[Arc], start: float) -> tuple[np.ndarray, np.ndarray]:
     """Place (2,) px and velocity (2,) px/s of a body at time `start`, s.
 
     All samples count up to the first jump of the velocity. A body that falls does so with the gravity of the clip.

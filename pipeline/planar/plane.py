@@ -64,7 +64,9 @@ class Plane:
     @property
     def fov_y_deg(self) -> float:
         """Vertical field of view of a camera whose longer side sees FOV_DEG."""
-        return float(2 * np.degrees(np.arctan(np.tan(np.radians(FOV_DEG) / 2) * self.height / max(self.width, self.height))))
+        return float(
+            2 * np.degrees(np.arctan(np.tan(np.radians(FOV_DEG) / 2) * self.height / max(self.width, self.height)))
+        )
 
     @property
     def distance(self) -> float:
@@ -73,8 +75,9 @@ class Plane:
 
     def camera(self) -> Camera:
         """A camera that sees the plane so."""
-        right, up = self.in_space(np.array([np.cos(self.roll), -np.sin(self.roll)])), self.in_space(
-            np.array([np.sin(self.roll), np.cos(self.roll)])
+        right, up = (
+            self.in_space(np.array([np.cos(self.roll), -np.sin(self.roll)])),
+            self.in_space(np.array([np.sin(self.roll), np.cos(self.roll)])),
         )
         back = np.cross(right, up)
         turn = Rotation.from_matrix(np.stack([right, up, back], 1)).as_quat(canonical=True, scalar_first=True)

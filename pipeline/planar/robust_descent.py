@@ -2,8 +2,8 @@
 
 scipy's `least_squares` scales robust residuals by their second derivative (Triggs et al., "Bundle adjustment - a modern
 synthesis", 2000), which fails where most residuals are far beyond their errors, as at the start of a fit here. It also
-asks for one simulation at a time. Where bodies hit each other, the cost is rough at the scale of what moves a contact by one
-step of the simulation; there CMA-ES goes on from the descent's end (Hansen, "The CMA evolution strategy", 2016).
+asks for one simulation at a time. Where bodies hit each other, a change that moves a contact by one step of the
+simulation makes the cost jump. There CMA-ES goes on (Hansen, "The CMA evolution strategy: a tutorial", 2016).
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -127,13 +128,11 @@ def _ends(view: View, arc: Arc, along: np.ndarray) -> tuple[bool, bool]:
     return (before, after) if forward else (after, before)
 
 
-def _bounces(
-    view: View, tracks: dict[int, ImageTrack], masks: np.ndarray, carried: Sequence[Support]
-) -> list[Support]:
+def _bounces(view: View, tracks: dict[int, ImageTrack], masks: np.ndarray, carried: Sequence[Support]) -> list[Support]:
     """Supports where the velocity of a body jumps and no other body, and no support that is known, is near."""
     found: list[Support] = []
     motions = list(view.arcs)
-    for first, second in zip(motions[:-1], motions[1:], strict=True):
+    for first, second in itertools.pairwise(motions):
         a, b = first.arc, second.arc
         if a.body != b.body:
             continue

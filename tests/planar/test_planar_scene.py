@@ -117,7 +117,9 @@ def test_a_ball_that_bounces_tells_of_the_floor() -> None:
 
 def test_pucks_that_collide_tell_their_masses() -> None:
     def puck(x: float, vx: float, mass: float) -> SceneObject:
-        return SceneObject("cylinder", (0.1, 0.06), mass, 0.002, 0, 0.1, position=(x, 0.02 * vx, 0.03), velocity=(vx, 0, 0))
+        return SceneObject(
+            "cylinder", (0.1, 0.06), mass, 0.002, 0, 0.1, position=(x, 0.02 * vx, 0.03), velocity=(vx, 0, 0)
+        )
 
     plane = Plane(480, 320, 200.0, level=True)
     scene = Scene((puck(-0.6, 1.2, 1.0), puck(0.2, 0.0, 1.5)), plane.camera())
