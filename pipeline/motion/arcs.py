@@ -1,8 +1,8 @@
 """Arcs: the stretches of a track in which the acceleration in the picture is constant, cut where it jumps.
 
-The cuts minimise the squared residuals of a line or a quadratic for each stretch plus a price for each coefficient. They
-are found by dynamic programming (Jackson et al., "An algorithm for optimal partitioning of data on an interval", 2005).
-Residuals are capped, so that single bad outlines do not cut a track.
+The cuts minimise the squared residuals of a line or a quadratic for each stretch plus a price for each coefficient.
+They are found by dynamic programming (Jackson et al., "An algorithm for optimal partitioning of data on an interval",
+2005). Residuals are capped, so that single bad outlines do not cut a track.
 """
 
 from __future__ import annotations

@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 from pipeline.motion.arcs import Arc, design
 from pipeline.motion.image_track import ImageTrack
 from pipeline.motion.view import View
+from pipeline.planar.bounces import changes_between
 from pipeline.planar.collisions import find_collisions
 from pipeline.planar.plane import Plane
 from pipeline.planar.silhouette import Silhouette
-from pipeline.planar.supports import Support, changes_between
+from pipeline.planar.supports import Support
 from pipeline.scene.scene import FixedBody, Scene, SceneObject
 
 FRICTION = 0.4  # of bodies whose tracks tell nothing of it

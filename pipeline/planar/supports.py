@@ -11,15 +11,11 @@ import numpy as np
 from pipeline.motion.arcs import Arc
 from pipeline.motion.image_track import ImageTrack
 from pipeline.motion.view import View, down
+from pipeline.planar.bounces import bounce_between
 
 MARGIN = 4.0  # radii that a support goes on beyond what is seen of the motion along it
 LEVEL_DEG = 6.0  # of a straight way in a side view, that a level support explains
 ALIKE_DEG = 4.0  # ways along one support differ by no more
-SNAP_DEG = 30.0  # a surface that a body bounces off is level or upright if it is within this
-LEAST_JUMP = 0.15  # of the speed: change of velocity that is a bounce
-LEAST_NORMAL = 0.1  # of the speed, that is normal to the surface
-MOST_RESTITUTION = 1.1  # more is no bounce off a body at rest
-SIGNIFICANT = 4.0  # standard errors
 NEAR = 1.5  # sums of radii within which two bodies may have hit each other
 LEAST_PATH = 1.0  # radii of a way along a support
 
@@ -52,16 +48,6 @@ class Support:
         return np.array([-y, x])
 
 
-@dataclass(frozen=True)
-class Bounce:
-    """A body's bounce: time, s; place (2,) px of its centre; unit normal `into` (2,) the surface; restitution."""
-
-    time: float
-    place: np.ndarray
-    into: np.ndarray
-    restitution: float
-
-
 def reach(track: ImageTrack, masks: np.ndarray, direction: np.ndarray) -> float:
     """px from a body's centre to its outline's furthest pixel in a direction (2,), median over whole outlines."""
     values = []
@@ -75,7 +61,7 @@ def reach(track: ImageTrack, masks: np.ndarray, direction: np.ndarray) -> float:
 def find_supports(view: View, tracks: Sequence[ImageTrack], masks: np.ndarray) -> list[Support]:
     """The supports that the tracks of a side view tell of: what bodies move along, then what they bounce off."""
     by_body = {t.body: t for t in tracks}
-    carried = _ways(view)
+    carried = _ways(view, by_body)
     supports = []
     for group in carried:
         arcs = [a for a, _ in group]
@@ -98,7 +84,7 @@ def find_supports(view: View, tracks: Sequence[ImageTrack], masks: np.ndarray) -
     return supports + _bounces(view, by_body, masks, supports)
 
 
-def _ways(view: View) -> list[list[tuple[Arc, float]]]:
+def _ways(view: View, tracks: dict[int, ImageTrack]) -> list[list[tuple[Arc, float]]]:
     """Arcs along supports with their slopes, deg; those of one support together."""
     groups: list[list[tuple[Arc, float]]] = []
     for motion in view.arcs:
@@ -107,10 +93,10 @@ def _ways(view: View) -> list[list[tuple[Arc, float]]]:
         sloping = sloping and abs(motion.slope_deg - view.slope_deg) < ALIKE_DEG
         if not (level or sloping):
             continue
-        into = down(view.roll_deg + motion.slope_deg)
+        into, radius = down(view.roll_deg + motion.slope_deg), tracks[motion.arc.body].radius
         for group in groups:
             arc, slope = group[0]
-            if abs(slope - motion.slope_deg) < ALIKE_DEG and abs((arc.position - motion.arc.position) @ into) < 8:
+            if abs(slope - motion.slope_deg) < ALIKE_DEG and abs((arc.position - motion.arc.position) @ into) < radius:
                 group.append((motion.arc, motion.slope_deg))
                 break
         else:
@@ -148,51 +134,6 @@ def _bounces(view: View, tracks: dict[int, ImageTrack], masks: np.ndarray, carri
         half = MARGIN * track.radius
         found.append(Support(contact - half * along, contact + half * along, bounce.restitution))
     return found
-
-
-def bounce_between(track: ImageTrack, a: Arc, b: Arc) -> Bounce | None:
-    """The bounce between two arcs of a track, one after the other; None where the velocity does not turn back."""
-    if not changes_between(track, a, b):
-        return None
-    time = _meeting(track, a, b)
-    before, after = a.velocity_at(time), b.velocity_at(time)
-    jump = after - before
-    speed = max(float(np.linalg.norm(before)), float(np.linalg.norm(after)))
-    away = jump / np.linalg.norm(jump)
-    turn = np.degrees(np.arctan2(away[1], away[0]))
-    nearest = 90 * round(turn / 90)
-    if abs(turn - nearest) < SNAP_DEG:
-        away = np.round([np.cos(np.radians(nearest)), np.sin(np.radians(nearest))])
-    incoming, outgoing = -float(before @ away), float(after @ away)
-    if incoming <= LEAST_NORMAL * speed or not 0 <= outgoing <= incoming * MOST_RESTITUTION:
-        return None
-    place = 0.5 * (a.position_at(np.array([time])) + b.position_at(np.array([time])))[0]
-    return Bounce(time, place, -away, min(outgoing / incoming, 1.0))
-
-
-def changes_between(track: ImageTrack, a: Arc, b: Arc) -> bool:
-    """Whether the velocity jumps between two arcs of a track, one after the other."""
-    time = _meeting(track, a, b)
-    before, after = a.velocity_at(time), b.velocity_at(time)
-    speed = max(float(np.linalg.norm(before)), float(np.linalg.norm(after)))
-    error = SIGNIFICANT * float(np.hypot(_edge_sigma(a, time), _edge_sigma(b, time)))
-    return float(np.linalg.norm(after - before)) > max(LEAST_JUMP * speed, error)
-
-
-def _edge_sigma(arc: Arc, time: float) -> float:
-    """px/s: standard error of an arc's velocity at a time, s."""
-    t = time - arc.time
-    c = arc.covariance
-    return float(np.sqrt(max(c[1, 1] + 2 * t * c[1, 2] + t**2 * c[2, 2] * bool(arc.acceleration.any()), 0.0)))
-
-
-def _meeting(track: ImageTrack, a: Arc, b: Arc) -> float:
-    """The time, s, at which two arcs are nearest to each other, near the gap between them."""
-    low, high = track.times[a.stop - 1], track.times[b.start]
-    extra = 0.5 * (high - low)
-    times = np.linspace(low - extra, high + extra, 60)
-    apart = np.linalg.norm(a.position_at(times) - b.position_at(times), axis=1)
-    return float(times[int(np.argmin(apart))])
 
 
 def _other_near(tracks: dict[int, ImageTrack], own: ImageTrack, place: np.ndarray, time: float) -> bool:
