@@ -21,11 +21,11 @@ import numpy as np
 import torch
 
 from benchmarks.mask_clips import OUTLINES, MaskClip, another_engine, data_folder, outlined, sampled_by_mujoco
+from benchmarks.motion_masks import masks_from_motion
 from pipeline.errors import VideoError
 from pipeline.metrics.overlap import assign, count, pair_iou
 from pipeline.segmentation import find_bodies, load_network
 from pipeline.vision.flow.dis import DIS
-from pipeline.vision.recordings.motion_masks import masks_from_motion
 
 Finder = Callable[[MaskClip], np.ndarray]
 RESTING_IOU = 0.3  # with a true body that rests: then a predicted body is not an extra one

@@ -8,19 +8,22 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.api.masks import say
 from pipeline.api.result_folder import result_folder
 from pipeline.clips.replay import Replay, replay
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError, SimulationError, naming
-from pipeline.inference.answers import Answer, answer_seed, ask
 from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measure_clip
-from pipeline.inference.model_pictures import model_pictures
 from pipeline.inference.progress import Progress
+from pipeline.inference.prompts import Prompts
 from pipeline.inference.scene_search import (
     ClipSearch,
     clip_evaluator,
@@ -28,9 +31,8 @@ from pipeline.inference.scene_search import (
     scene_certainties,
     search_clip,
 )
+from pipeline.inference.user_clip import UserClip, read_user_clip
 from pipeline.metrics.overlap import Overlap, overlap
-from pipeline.model.base import Base, load_base
-from pipeline.model.generate import Sampling
 from pipeline.model.model_input import ModelInput, missing_input
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
@@ -38,6 +40,11 @@ from pipeline.search.certainty import Certainty, weakly_identified
 from pipeline.search.evaluator import Rewards
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.raft import RAFT, load_raft
+
+if TYPE_CHECKING:
+    from pipeline.inference.answers import Answer
+    from pipeline.model.base import Base
+    from pipeline.model.generate import Sampling
 
 ROOT = Path(__file__).resolve().parents[2]
 #: As params.yaml has them for the graph (`search`, `flow`, `infer`; a test compares them).
@@ -57,6 +64,7 @@ class Settings:
     start: float
     seconds: float
     fps: float | None
+    prompts: Prompts
     search: int
     incline: bool
     flow: str
@@ -135,14 +143,15 @@ class Inference:
     @property
     def doubts(self) -> list[str]:
         """Why the answer should not be relied on."""
-        return [DOUBT] if self.best.overlap.sequence < DOUBTFUL_IOU else []
+        poor = self.best.overlap.sequence < DOUBTFUL_IOU
+        return [*self.clip.taken.doubts, *([DOUBT] if poor else [])]
 
     def replay(self) -> Replay:
         """The scene, run over the clip."""
         return replay(self.scene, self.clip.schedule)
 
     def save(self, out: str | Path, force: bool = False) -> None:
-        """Write a folder with scene.yaml, scene.xml, replay.mp4, overlay.png, recording.rrd and result.json.
+        """Write a folder with scene.yaml, scene.xml, replay.mp4, overlay.png, masks.png, recording.rrd and result.json.
 
         Args:
             out: The folder, which must not exist yet.
@@ -158,13 +167,14 @@ class Inference:
 
 
 def infer(
-    clip: str | Path | MeasuredClip,
+    clip: str | Path | UserClip | MeasuredClip,
     *,
     start: float = 0.0,
     seconds: float = 1.0,
     fps: float | None = None,
     masks: str | Path | None = None,
-    model: str | Base = "models/tiny",
+    prompts: Prompts | None = None,
+    model: str | Base | Future[Base] = "models/tiny",
     samples: int = 8,
     temperature: float = 1.0,
     top_p: float = 0.9,
@@ -175,18 +185,20 @@ def infer(
     raft: str | Path = "models/raft-small",
     seed: int = 0,
     progress: Progress | None = None,
+    when_seen: Callable[[UserClip], None] | None = None,
 ) -> Inference:
     """Find the scene that a clip shows.
 
     Args:
-        clip: A video, or a folder with one and masks; or a clip that was measured (`Inference.clip`), with which
-            `fps` and `masks` count no more.
+        clip: A video, or a folder with one and masks; or what `pipeline.masks` found in one (`Masks.taken`), or a clip
+            that was measured (`Inference.clip`), with which `fps`, `masks` and `prompts` count no more.
         start: s, where the clip begins in the video.
         seconds: Its length; the models learned from 1 s.
         fps: Frames a second at which it was shot, where the file's header lies.
-        masks: A file or folder of instance masks; None for those beside the video, or from motion.
-        model: A folder or hub name, or a model that is loaded. It is shown what its checkpoint says that it was
-            trained with (model_input.json).
+        masks: A file or folder of instance masks; None for those beside the video, or those that the network finds.
+        prompts: What is known of the bodies in the video: points, boxes, their number, what to ignore.
+        model: A folder or hub name, or a model that is loaded, or is being loaded. It is shown what its checkpoint says
+            that it was trained with (model_input.json).
         samples: Answers sampled beside the greedy one.
         temperature: Of sampling words.
         top_p: Share of the distribution that words are sampled from.
@@ -197,6 +209,7 @@ def infer(
         raft: Weights of RAFT.
         seed: Of sampling and search.
         progress: Told of each step; None: nothing is printed.
+        when_seen: Called with the clip and its masks before anything is inferred from them.
 
     Returns:
         The scene found, each method's result, and what was assumed.
@@ -210,14 +223,39 @@ def infer(
     progress = progress or Progress()
     if 0 < search < LEAST_SEARCH:
         raise ParamsError(f"search: {search} simulations are too few; valid: 0 for none, or at least {LEAST_SEARCH}")
-    if not isinstance(clip, MeasuredClip):
+    if not isinstance(clip, (UserClip, MeasuredClip)):
         clip_schedule(Path(clip), seconds)
-    base = model if isinstance(model, Base) else load_model(model)
-    shown = input_of(base)
-    source = _flow_source(base, shown, flow)
+    loading = load_in_background(model) if isinstance(model, str) else model
+    name = str(clip) if isinstance(clip, (str, Path)) else "clip"
+    taken = clip.taken if isinstance(clip, MeasuredClip) else clip
+    if not isinstance(taken, UserClip):
+        with progress.step("masks"):
+            taken = read_user_clip(
+                Path(taken),
+                start=start,
+                seconds=seconds,
+                fps=Schedule().fps,
+                assume_fps=fps,
+                masks=None if masks is None else Path(masks),
+                prompts=prompts,
+            )
+        say(progress, name, start, taken, taken.clip.notes)
+    if when_seen is not None:
+        when_seen(taken)
+
+    from pipeline.inference.answers import answer_seed, ask
+    from pipeline.inference.model_pictures import model_pictures
+    from pipeline.model.generate import Sampling
+
+    with progress.step("loading"):
+        base = loading.result() if isinstance(loading, Future) else loading
+        shown = input_of(base)
+        source = _flow_source(base, shown, flow)
     sampling = Sampling(samples, temperature, top_p, shown.reasoning, seconds, middle=middle)
-    settings = Settings(start, seconds, fps, search, incline, source, shipped(raft), sampling, seed)
-    name, measured = _measured(clip, settings, shown, None if masks is None else Path(masks), progress)
+    settings = Settings(
+        start, seconds, fps, prompts or Prompts(), search, incline, source, shipped(raft), sampling, seed
+    )
+    measured = clip if isinstance(clip, MeasuredClip) else _measured(name, taken, settings, shown, progress)
     with progress.step("answers"):
         first, interval = measured.schedule.pairs[:, 0], 1 / measured.schedule.fps
         pictures = model_pictures(shown, base.layout, measured.flow, measured.taken.clip.frames[first], interval)
@@ -267,6 +305,14 @@ def infer(
     )
 
 
+def load_in_background(name: str, parameter: str = "model") -> Future[Base]:
+    """`load_model` in a thread of its own, while the clip is read: importing transformers alone takes seconds."""
+    thread = ThreadPoolExecutor(1, "load_model")
+    loading = thread.submit(load_model, name, parameter)
+    thread.shutdown(wait=False)
+    return loading
+
+
 def load_model(name: str, parameter: str = "model") -> Base:
     """The model in a folder, or of that name in the local hub cache.
 
@@ -277,6 +323,8 @@ def load_model(name: str, parameter: str = "model") -> Base:
     Raises:
         ModelError: Where it cannot be loaded, or has not recorded how its input is made.
     """
+    from pipeline.model.base import load_base
+
     with naming(parameter):
         base = load_base(str(shipped(name)), frames=Schedule().model_frames)
         input_of(base)
@@ -316,40 +364,26 @@ def _flow_source(base: Base, shown: ModelInput, flow: str | None) -> str:
     return flow or trained
 
 
-def _measured(
-    clip: str | Path | MeasuredClip, settings: Settings, shown: ModelInput, masks: Path | None, progress: Progress
-) -> tuple[str, MeasuredClip]:
-    """The clip's name and what was measured."""
-    if isinstance(clip, MeasuredClip):
-        return "clip", clip
-    estimator: RAFT | DIS = load_raft(settings.raft) if settings.flow == "raft" else DIS("medium")
-    measured = measure_clip(
-        Path(clip),
-        estimator,
-        shown.flow_size or FLOW_SIZE,
-        shown.flow_iterations or FLOW_ITERATIONS,
-        start=settings.start,
-        seconds=settings.seconds,
-        fps=settings.fps,
-        masks=masks,
-        progress=progress,
-    )
-    taken = measured.taken.clip
-    width, height = taken.source_size
-    span = f"{settings.start:g} to {settings.start + settings.seconds:g} s"
-    progress.say("clip", f"{clip}: {span}, {width}x{height}, {taken.source_fps:.4g} FPS")
-    for note in measured.notes:
-        progress.say("note", note)
-    many = "object" if measured.objects == 1 else "objects"
-    progress.say("masks", f"{measured.objects} {many}, from {measured.taken.masks_from}")
-    return str(clip), measured
+def _measured(name: str, taken: UserClip, settings: Settings, shown: ModelInput, progress: Progress) -> MeasuredClip:
+    """The clip with its flow."""
+    with progress.step("flow"):
+        estimator: RAFT | DIS = load_raft(settings.raft) if settings.flow == "raft" else DIS("medium")
+        measured = measure_clip(
+            name,
+            taken,
+            clip_schedule(Path(name), settings.seconds),
+            estimator,
+            shown.flow_size or FLOW_SIZE,
+            shown.flow_iterations or FLOW_ITERATIONS,
+        )
+    return measured
 
 
 def _answer_method(
     name: str, answers: list[Answer], rewards: Rewards, index: int, clip: MeasuredClip, simulations: int
 ) -> Method:
     scene = answers[index].scene
-    shown = _seen(scene, clip) if rewards.valid[index] else Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
+    shown = _overlap(scene, clip) if rewards.valid[index] else Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
     return Method(
         name=name,
         scene=scene,
@@ -372,12 +406,12 @@ def _search_method(searched: ClipSearch, answers: list[Answer], ranking: Ranking
         reward=found.reward,
         iou=found.iou,
         epe_frame=found.iou - found.reward,
-        overlap=_seen(found.scene, clip),
+        overlap=_overlap(found.scene, clip),
         simulations=len(answers) + found.simulations,
     )
 
 
-def _seen(scene: Scene, clip: MeasuredClip) -> Overlap:
+def _overlap(scene: Scene, clip: MeasuredClip) -> Overlap:
     return overlap(replay(scene, clip.schedule).masks, clip.taken.masks, len(scene.objects), clip.objects)
 
 
