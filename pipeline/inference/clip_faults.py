@@ -21,9 +21,9 @@ ALIKE = 0.8  # correlation of the square with itself in another frame: what is t
 def camera_shift(frames: np.ndarray, masks: np.ndarray) -> float:
     """How far the background moves from its place in the first frame, px of 480x320; 0 where it has no texture.
 
-    Corners of the first frame that are in no mask are followed by Lucas and Kanade's method, unless what is seen at their
-    place stays the same. Each part of the picture has one vote, the median of its corners, of which the lower quartile
-    counts: hands and bodies without a mask move in many parts, but nothing rests before a camera that moves.
+    Corners of the first frame that are in no mask are followed by Lucas and Kanade's method, unless what is seen at
+    their place stays the same. Each part of the picture has one vote, the median of its corners, of which the lower
+    quartile counts: hands and bodies without a mask move in many parts, but nothing rests before a camera that moves.
 
     Args:
         frames: (T, H, W, 3) uint8.
@@ -91,8 +91,8 @@ def clip_faults(frames: np.ndarray, masks: np.ndarray) -> list[str]:
     shift, change = camera_shift(frames, masks), flicker(frames)
     if shift > SHAKING_PX:
         out.append(
-            f"the camera moves: the background shifts by {shift:.1f} px of {WIDTH}x{HEIGHT}; it has to rest, so put it on "
-            "something or stabilise the video first"
+            f"the camera moves: the background shifts by {shift:.1f} px of {WIDTH}x{HEIGHT}; it has to rest, so put it "
+            "on something or stabilise the video first"
         )
     if change > FLICKER:
         out.append(
