@@ -14,11 +14,12 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import ParamsError
-from pipeline.inference.user_clip import WEIGHTS, read_user_clip
+from pipeline.inference.prompts import Prompts
+from pipeline.inference.user_clip import WEIGHTS, read_frames, with_masks
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from pipeline.vision.recordings.clip_folder import find_clips
+from pipeline.vision.recordings.clip_folder import find_clips, masks_beside
 from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
 
@@ -57,13 +58,15 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     rows, frames, masks = [], [], []
     for clip in shard.clips:
         place = parameters.clips[clip]
-        taken = read_user_clip(
+        read = read_frames(
             place,
             start=parameters.start,
             seconds=parameters.seconds,
             fps=parameters.frames_per_second,
             assume_fps=parameters.assume_fps,
+            given=masks_beside(place),
         )
+        taken = with_masks(read, Prompts())
         rows.append(
             {
                 "clip": clip,

@@ -7,9 +7,10 @@ and a classical guess are refined by the search, and the best scene of all is th
 from __future__ import annotations
 
 import os
+import threading
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,9 +20,20 @@ import numpy as np
 from pipeline.api.masks import say
 from pipeline.api.result_folder import result_folder
 from pipeline.clips.replay import Replay, replay
-from pipeline.clips.schedule import Schedule
-from pipeline.errors import ParamsError, SimulationError, naming
-from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measure_clip
+from pipeline.errors import ParamsError, SimulationError
+from pipeline.inference.asking import (
+    FLOW_SIZE,
+    LoadingModel,
+    Question,
+    ask_model,
+    flow_source,
+    input_of,
+    load_in_background,
+    loaded,
+    shipped,
+    shown_flow,
+)
+from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
 from pipeline.inference.prompts import Prompts
 from pipeline.inference.scene_search import (
@@ -31,27 +43,23 @@ from pipeline.inference.scene_search import (
     scene_certainties,
     search_clip,
 )
-from pipeline.inference.user_clip import UserClip, read_user_clip
+from pipeline.inference.user_clip import UserClip, given_or_beside, read_frames, with_masks
 from pipeline.metrics.overlap import Overlap, overlap
-from pipeline.model.model_input import ModelInput, missing_input
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
 from pipeline.search.certainty import Certainty, weakly_identified
 from pipeline.search.evaluator import Rewards
-from pipeline.vision.flow.dis import DIS
-from pipeline.vision.flow.raft import RAFT, load_raft
+from pipeline.vision.recordings.clip_folder import video_of
+from pipeline.vision.recordings.video import check_file
 
 if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
     from pipeline.model.base import Base
     from pipeline.model.generate import Sampling
 
-ROOT = Path(__file__).resolve().parents[2]
-#: As params.yaml has them for the graph (`search`, `flow`, `infer`; a test compares them).
+#: As params.yaml has them for the graph (`search`; a test compares them).
 SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward
 STARTS = 3  # answers that a search starts from
-DECODE_BATCH_SIZE = 64  # sequences decoded at a time
-FLOW_SIZE, FLOW_ITERATIONS = (240, 160), 4  # of flow for a model that is not shown any
 LEAST_SEARCH = 200
 DOUBTFUL_IOU = 0.2
 DOUBT = "the replay overlaps little of what moves in the clip: do not rely on this answer"
@@ -174,7 +182,7 @@ def infer(
     fps: float | None = None,
     masks: str | Path | None = None,
     prompts: Prompts | None = None,
-    model: str | Base | Future[Base] = "models/tiny",
+    model: str | Base | LoadingModel = "models/tiny",
     samples: int = 8,
     temperature: float = 1.0,
     top_p: float = 0.9,
@@ -225,41 +233,42 @@ def infer(
         raise ParamsError(f"search: {search} simulations are too few; valid: 0 for none, or at least {LEAST_SEARCH}")
     if not isinstance(clip, (UserClip, MeasuredClip)):
         clip_schedule(Path(clip), seconds)
-    loading = load_in_background(model) if isinstance(model, str) else model
+    prompts = prompts or Prompts()
     name = str(clip) if isinstance(clip, (str, Path)) else "clip"
-    taken = clip.taken if isinstance(clip, MeasuredClip) else clip
-    if not isinstance(taken, UserClip):
-        with progress.step("masks"):
-            taken = read_user_clip(
-                Path(taken),
-                start=start,
-                seconds=seconds,
-                fps=Schedule().fps,
-                assume_fps=fps,
-                masks=None if masks is None else Path(masks),
-                prompts=prompts,
-            )
-        say(progress, name, start, taken, taken.clip.notes)
-    if when_seen is not None:
-        when_seen(taken)
-
-    from pipeline.inference.answers import answer_seed, ask
-    from pipeline.inference.model_pictures import model_pictures
-    from pipeline.model.generate import Sampling
-
-    with progress.step("loading"):
-        base = loading.result() if isinstance(loading, Future) else loading
-        shown = input_of(base)
-        source = _flow_source(base, shown, flow)
-    sampling = Sampling(samples, temperature, top_p, shown.reasoning, seconds, middle=middle)
-    settings = Settings(
-        start, seconds, fps, prompts or Prompts(), search, incline, source, shipped(raft), sampling, seed
-    )
-    measured = clip if isinstance(clip, MeasuredClip) else _measured(name, taken, settings, shown, progress)
-    with progress.step("answers"):
-        first, interval = measured.schedule.pairs[:, 0], 1 / measured.schedule.fps
-        pictures = model_pictures(shown, base.layout, measured.flow, measured.taken.clip.frames[first], interval)
-        (answers,) = ask(base, lambda _: pictures, [answer_seed(seed, 0)], sampling, DECODE_BATCH_SIZE)
+    schedule = clip.schedule if isinstance(clip, MeasuredClip) else clip_schedule(Path(name), seconds)
+    if isinstance(clip, (str, Path)):
+        given = given_or_beside(Path(clip), None if masks is None else Path(masks), prompts)
+        check_file(video_of(Path(clip)))
+    loading = _loading(model)
+    if isinstance(clip, (str, Path)):
+        with progress.step("frames"):
+            read = read_frames(Path(clip), start=start, seconds=seconds, fps=schedule.fps, assume_fps=fps, given=given)
+        frames = read.clip
+    else:
+        taken = clip.taken if isinstance(clip, MeasuredClip) else clip
+        frames = taken.clip
+    source, weights = flow_source(loading.shown, flow, loading.name), shipped(raft)
+    if isinstance(clip, MeasuredClip):
+        field = clip.flow
+    else:
+        with progress.step("flow"):
+            field = shown_flow(frames, schedule, loading.shown, source, weights)
+    question, stop = Question(samples, temperature, top_p, middle, seed), threading.Event()
+    with ThreadPoolExecutor(1, "ask") as beside:
+        asking = beside.submit(ask_model, loading, frames, schedule, field, question, stop)
+        try:
+            if isinstance(clip, (str, Path)):
+                with progress.step("masks"):
+                    taken = with_masks(read, prompts)
+                say(progress, name, start, taken, taken.clip.notes)
+            if when_seen is not None:
+                when_seen(taken)
+            with progress.step("answers"):  # what is left of them after the masks
+                answers, sampling = asking.result()
+        finally:
+            stop.set()
+    measured = clip if isinstance(clip, MeasuredClip) else measured_clip(name, taken, schedule, field)
+    settings = Settings(start, seconds, fps, prompts, search, incline, source, weights, sampling, seed)
     progress.say(
         "answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: {answers[0].scene.composition}"
     )
@@ -287,61 +296,29 @@ def infer(
             )
         methods.append(_search_method(searched, answers, ranking, measured))
     best = max(methods, key=lambda m: m.reward)
-    known: tuple[Certainty, ...] = ()
+    certain: tuple[Certainty, ...] = ()
     if searched is not None:
         found = best.scene is searched.result.scene
-        known = searched.certainties if found else scene_certainties(evaluator, best.scene)[1]
+        certain = searched.certainties if found else scene_certainties(evaluator, best.scene)[1]
     return Inference(
         name=name,
         clip=measured,
         settings=settings,
-        base=base,
+        base=loading.base.result(),
         answers=tuple(answers),
         rewards=ranking.rewards,
         methods=tuple(methods),
         searched=searched,
-        certainties=known,
+        certainties=certain,
         seconds=progress.seconds,
     )
 
 
-def load_in_background(name: str, parameter: str = "model") -> Future[Base]:
-    """`load_model` in a thread of its own, while the clip is read: importing transformers alone takes seconds."""
-    thread = ThreadPoolExecutor(1, "load_model")
-    loading = thread.submit(load_model, name, parameter)
-    thread.shutdown(wait=False)
-    return loading
-
-
-def load_model(name: str, parameter: str = "model") -> Base:
-    """The model in a folder, or of that name in the local hub cache.
-
-    Args:
-        name: Also that of a folder which ships with this project.
-        parameter: What the user calls it, for the message of an error.
-
-    Raises:
-        ModelError: Where it cannot be loaded, or has not recorded how its input is made.
-    """
-    from pipeline.model.base import load_base
-
-    with naming(parameter):
-        base = load_base(str(shipped(name)), frames=Schedule().model_frames)
-        input_of(base)
-        return base
-
-
-def input_of(base: Base) -> ModelInput:
-    """How the model's input is made. Raises ModelError where the checkpoint has not recorded that."""
-    if base.input is None:
-        raise missing_input(base.name)
-    return base.input
-
-
-def shipped(path: str | Path) -> Path:
-    """A path as given; where it is not there from here, the same path in this project (models/tiny), if it is there."""
-    place = Path(path)
-    return ROOT / place if not place.exists() and not place.is_absolute() and (ROOT / place).exists() else place
+def _loading(model: str | Base | LoadingModel) -> LoadingModel:
+    """A model that is being loaded, or is there."""
+    if isinstance(model, LoadingModel):
+        return model
+    return load_in_background(model) if isinstance(model, str) else loaded(model)
 
 
 def cores() -> int:
@@ -352,31 +329,6 @@ def cores() -> int:
 def uncertain(known: tuple[Certainty, ...]) -> str:
     """The numbers that the clip says little about, as words."""
     return ", ".join(weakly_identified(known)) or "nothing"
-
-
-def _flow_source(base: Base, shown: ModelInput, flow: str | None) -> str:
-    """How flow is measured: as asked for, else as in training."""
-    if flow is not None and flow not in ("raft", "dis"):
-        raise ParamsError(f"flow: {flow!r}; valid: raft, dis")
-    if flow is not None and shown.input == "flow":
-        shown.check("flow_source", flow, "flow", base.name)
-    trained = shown.flow_source if shown.flow_source in ("raft", "dis") else "raft"
-    return flow or trained
-
-
-def _measured(name: str, taken: UserClip, settings: Settings, shown: ModelInput, progress: Progress) -> MeasuredClip:
-    """The clip with its flow."""
-    with progress.step("flow"):
-        estimator: RAFT | DIS = load_raft(settings.raft) if settings.flow == "raft" else DIS("medium")
-        measured = measure_clip(
-            name,
-            taken,
-            clip_schedule(Path(name), settings.seconds),
-            estimator,
-            shown.flow_size or FLOW_SIZE,
-            shown.flow_iterations or FLOW_ITERATIONS,
-        )
-    return measured
 
 
 def _answer_method(

@@ -31,6 +31,11 @@ SCALE = (
 )
 
 
+def prepare() -> None:
+    """Import what pictures need and try OpenGL, which takes seconds, while there is nothing else to do."""
+    choose_backend("auto")
+
+
 def write_files(folder: Path, found: Inference, progress: Progress) -> None:
     """Write everything into a folder, result.json last."""
     run = found.replay()

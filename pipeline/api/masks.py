@@ -12,7 +12,7 @@ from pipeline.api.result_folder import result_folder
 from pipeline.inference.found_bodies import FoundBodies
 from pipeline.inference.progress import Progress
 from pipeline.inference.prompts import Prompts
-from pipeline.inference.user_clip import UserClip, find_user_clip
+from pipeline.inference.user_clip import UserClip, read_frames, with_masks
 from pipeline.vision.recordings.video import FPS
 
 
@@ -90,7 +90,8 @@ def masks(
     """
     progress = progress or Progress()
     with progress.step("masks"):
-        taken = find_user_clip(Path(clip), start=start, seconds=seconds, fps=FPS, assume_fps=fps, prompts=prompts)
+        read = read_frames(Path(clip), start=start, seconds=seconds, fps=FPS, assume_fps=fps)
+        taken = with_masks(read, prompts or Prompts())
     found = Masks(str(clip), start, seconds, fps, prompts or Prompts(), taken, dict(progress.seconds))
     say(progress, found.name, start, taken, found.found.clip.file_notes)
     return found

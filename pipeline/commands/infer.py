@@ -72,20 +72,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    from pipeline.api.infer import infer, load_in_background, uncertain
-    from pipeline.api.mask_files import write_sheet
     from pipeline.api.result_folder import result_folder
+    from pipeline.inference.asking import load_in_background
     from pipeline.inference.progress import Progress
     from pipeline.inference.prompts import Prompts
-    from pipeline.inference.user_clip import UserClip
+    from pipeline.vision.recordings.clip_folder import video_of
+    from pipeline.vision.recordings.video import check_file
 
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
-    with result_folder(a.out, a.force) as folder, Progress(6 + bool(a.search), shown=True) as progress:
+    with result_folder(a.out, a.force) as folder, Progress(7 + bool(a.search), shown=True) as progress:
+        check_file(video_of(a.clip))
+        loading = load_in_background(a.model, "--model")  # imports transformers while this thread imports the rest
+        from pipeline.api.infer import infer, uncertain
+        from pipeline.api.mask_files import write_sheet
+        from pipeline.inference.user_clip import UserClip
 
         def show(taken: UserClip) -> None:
             write_sheet(folder, str(a.clip), taken)
             progress.say("", f"{folder / 'masks.png'} shows them")
+            from pipeline.api.infer_files import prepare
+
+            prepare()  # the model is still being asked
 
         found = infer(
             a.clip,
@@ -94,7 +102,7 @@ def run(arguments: argparse.Namespace) -> None:
             fps=a.fps,
             masks=a.masks,
             prompts=prompts,
-            model=load_in_background(a.model, "--model"),
+            model=loading,
             samples=a.samples,
             temperature=a.temperature,
             top_p=a.top_p,

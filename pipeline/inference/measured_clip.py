@@ -11,9 +11,6 @@ from pipeline.clips.schedule import Schedule
 from pipeline.errors import VideoError
 from pipeline.inference.user_clip import UserClip
 from pipeline.language.completion import MAX_OBJECTS
-from pipeline.vision.flow.dis import DIS
-from pipeline.vision.flow.measured_flow import measured_flow
-from pipeline.vision.flow.raft import RAFT
 
 STILL_PX = 0.3  # px of 480x320 per frame interval: a slower body does not move
 
@@ -52,27 +49,9 @@ def clip_schedule(place: Path, seconds: float) -> Schedule:
     return Schedule(seconds=seconds)
 
 
-def measure_clip(
-    name: str, taken: UserClip, schedule: Schedule, estimator: RAFT | DIS, size: tuple[int, int], iterations: int
-) -> MeasuredClip:
-    """Measure the flow of a clip.
-
-    Args:
-        name: Of the clip, for errors.
-        taken: Its frames and masks.
-        schedule: Its frames, and the pairs of them that the model sees.
-        estimator: Of flow.
-        size: px, width and height, at which the estimator works.
-        iterations: Of the estimator.
-
-    Raises:
-        VideoError: Where nothing moves in the masks.
-    """
-    pairs = schedule.pairs
-    flow = measured_flow(
-        estimator, taken.clip.frames, taken.clip.source_times, pairs, 1 / schedule.fps, iterations, size
-    )
-    check_motion(name, np.linalg.norm(flow, axis=-1), taken.masks[pairs[:, 0]])
+def measured_clip(name: str, taken: UserClip, schedule: Schedule, flow: np.ndarray) -> MeasuredClip:
+    """The clip of that name with its flow (P, H, W, 2). Raises VideoError where nothing moves in its masks."""
+    check_motion(name, np.linalg.norm(flow, axis=-1), taken.masks[schedule.pairs[:, 0]])
     notes = [*taken.clip.notes, *(taken.found.notes if taken.found else ())]
     return MeasuredClip(taken, schedule, flow, (*notes, *limits(taken.masks, schedule.seconds)))
 

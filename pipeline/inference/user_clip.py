@@ -49,72 +49,81 @@ class UserClip:
         return int(self.masks.max(initial=0))
 
 
-def read_user_clip(
+@dataclass(frozen=True)
+class ReadClip:
+    """A clip before its masks are known.
+
+    Attributes:
+        place: The video, or the folder with it.
+        clip: The frames that are inferred from.
+        given: Its masks; None where they have to be found.
+        filmed: The frames in which they are looked for, in the video's own size, each but once; None with given ones.
+        assume_fps: As the clip was read with.
+    """
+
+    place: Path
+    clip: Clip
+    given: Path | None
+    filmed: Clip | None
+    assume_fps: float | None
+
+
+def read_frames(
     place: Path,
     *,
     start: float = 0.0,
     seconds: float = 1.0,
     fps: float = 30.0,
     assume_fps: float | None = None,
-    masks: Path | None = None,
-    prompts: Prompts | None = None,
-) -> UserClip:
-    """Read a clip and its masks; where none are given, the network for masks finds the moving bodies.
+    given: Path | None = None,
+) -> ReadClip:
+    """Read a clip.
+
+    Bodies are looked for in the video's own size, in the frames at `fps`, or at the least multiple of it that gives
+    LEAST_FRAMES, so that a short clip in slow motion has enough; of a video with fewer frames, in all of them.
 
     Args:
-        place: A video, or a folder with a video and possibly `masks.npz` or a folder `masks`.
+        place: A video, or a folder with one.
         start: Start of the clip, s.
         seconds: Length of the clip, s.
         fps: Frame rate of the clip.
         assume_fps: Frame rate of the recording where its time stamps are wrong; None: they are used.
-        masks: Mask file or folder to use instead of those beside the video.
-        prompts: What the user says of the bodies; then masks beside the video are not used.
+        given: Masks, as a file or folder; None: they have to be found.
 
     Raises:
-        VideoError: The video cannot be used, the masks do not match it, or no body is found.
-        ParamsError: The prompts do not fit the clip, or masks are given as well.
+        VideoError: The video cannot be used.
     """
-    prompts = prompts or Prompts()
-    if prompts and masks is not None:
-        raise ParamsError(
-            f"--masks {masks}: points, boxes and numbers of objects are for masks that are found; give one"
-        )
-    given = masks if masks is not None or prompts else masks_beside(place)
-    if given is None:
-        return find_user_clip(place, start=start, seconds=seconds, fps=fps, assume_fps=assume_fps, prompts=prompts)
-    clip = read_clip(video_of(place), start, seconds, fps, assume_fps=assume_fps)
-    ids = given_masks(given, clip, video_of(place), assume_fps)
-    return UserClip(clip, ids, given.name, None, tuple(clip_faults(clip.frames, ids)))
-
-
-def find_user_clip(
-    place: Path,
-    *,
-    start: float = 0.0,
-    seconds: float = 1.0,
-    fps: float = 30.0,
-    assume_fps: float | None = None,
-    prompts: Prompts | None = None,
-) -> UserClip:
-    """Read a clip and find its bodies, whatever masks lie beside it; arguments and errors as of `read_user_clip`.
-
-    Bodies are looked for in the video's own size, in the frames at `fps`, or at the least multiple of it that gives
-    LEAST_FRAMES, so that a short clip in slow motion has enough; of a video with fewer frames, in all of them.
-    """
+    video = video_of(place)
+    if given is not None:
+        return ReadClip(place, read_clip(video, start, seconds, fps, assume_fps=assume_fps), given, None, assume_fps)
     every = max(math.ceil(LEAST_FRAMES / max(round(seconds * fps), 1)), 1)
-    own = read_clip(video_of(place), start, seconds, fps * every, size=None, assume_fps=assume_fps)
-    clip = resampled(own, every)
+    own = read_clip(video, start, seconds, fps * every, size=None, assume_fps=assume_fps)
     distinct = np.unique(own.source_times, return_index=True)[1]
+    if len(distinct) < 2:
+        raise VideoError(f"{place}: the clip has one frame only; at least two are needed")
     filmed = replace(
         own,
         frames=own.frames[distinct],
         times=own.source_times[distinct] - own.source_times[0],
         source_times=own.source_times[distinct],
     )
-    with naming(str(place)):
-        if len(distinct) < 2:
-            raise VideoError("the clip has one frame only; at least two are needed")
-        found = find_in_clip(filmed, mask_network(), prompts or Prompts())
+    return ReadClip(place, resampled(own, every), None, filmed, assume_fps)
+
+
+def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:
+    """The clip with its masks; the network for masks finds the moving bodies where they are not given.
+
+    Raises:
+        VideoError: The masks do not match the clip, or no body is found.
+        ParamsError: The prompts do not fit the clip.
+    """
+    clip, filmed = read.clip, read.filmed
+    if filmed is None:
+        assert read.given is not None
+        ids = given_masks(read.given, clip, video_of(read.place), read.assume_fps)
+        return UserClip(clip, ids, read.given.name, None, tuple(clip_faults(clip.frames, ids)))
+    with naming(str(read.place)):
+        found = find_in_clip(filmed, mask_network(), prompts)
         at = np.searchsorted(filmed.source_times, clip.source_times)
         height, width = found.masks.shape[1:]
         masks = letterboxed(found.masks[at], letterbox_for((width, height), clip.letterbox.size)[0])
@@ -123,6 +132,18 @@ def find_user_clip(
                 "the moving bodies are outside of the part of the picture that is used, or too small for it"
             )
     return UserClip(clip, renumbered(masks), NETWORK, found, found.doubts)
+
+
+def given_or_beside(place: Path, masks: Path | None, prompts: Prompts) -> Path | None:
+    """The masks of a clip that are given: those named, else those beside the video; None where they have to be found.
+
+    Raises ParamsError where prompts are given, too, which are for masks that are found.
+    """
+    if prompts and masks is not None:
+        raise ParamsError(
+            f"--masks {masks}: points, boxes and numbers of objects are for masks that are found; give one"
+        )
+    return masks if masks is not None or prompts else masks_beside(place)
 
 
 @lru_cache(maxsize=1)
