@@ -12,18 +12,20 @@ SHAKING_PX = 1.5  # of the background, from the clip's first frame: the camera m
 FLICKER = 0.04  # change of the whole picture's brightness from frame to frame
 CELLS = 4, 3  # of the picture, across and down, that vote about the camera
 LEAST_CELLS, QUARTER = 4, 25  # that vote; per cent of them, from the lowest, that decide
-LEAST_CORNERS = 3  # in a cell that votes
+LEAST_CORNERS, MOST_CORNERS = 3, 25  # in a part that votes; that are followed there
 PATCH = 11  # px, side of the square around a corner
-LEAST_CONTRAST = 6.0  # of 255, standard deviation in the square; and 4 times the noise
-ALIKE = 0.8  # correlation of the square with itself in another frame: what is there is the same
+LEAST_CONTRAST = 8.0  # of 255, standard deviation in the square: above a sensor's noise
+ALIKE = 0.8  # correlation of two squares: they show the same
+MUCH_LIKER = 0.02  # so much more alike has the square to be where the corner is followed to than where it was
 
 
 def camera_shift(frames: np.ndarray, masks: np.ndarray) -> float:
     """How far the background moves from its place in the first frame, px of 480x320; 0 where it has no texture.
 
-    Corners of the first frame that are in no mask are followed by Lucas and Kanade's method, unless what is seen at
-    their place stays the same. Each part of the picture has one vote, the median of its corners, of which the lower
-    quartile counts: hands and bodies without a mask move in many parts, but nothing rests before a camera that moves.
+    Corners of the first frame that are in no mask are followed by Lucas and Kanade's method, as long as what is seen
+    there, or still at their place, is like what was seen first. Each part of the picture has one vote, the median of
+    its corners, of which the lower quartile counts: hands and bodies without a mask move in many parts, but nothing
+    rests before a camera that moves.
 
     Args:
         frames: (T, H, W, 3) uint8.
@@ -33,8 +35,7 @@ def camera_shift(frames: np.ndarray, masks: np.ndarray) -> float:
     size = (round(frames.shape[2] * scale), round(frames.shape[1] * scale))
     grey = [cv2.resize(cv2.cvtColor(f, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA) for f in frames]
     ever = cv2.resize(np.asarray((masks > 0).any(0), np.uint8), size, interpolation=cv2.INTER_NEAREST)
-    first = corners(grey, cv2.dilate(ever, np.ones((9, 9), np.uint8)) == 0)
-    cell = (first * np.array(CELLS) / np.array(size)).astype(int) @ np.array([1, CELLS[0]])
+    first, part = corners(grey[0], cv2.dilate(ever, np.ones((9, 9), np.uint8)) == 0)
     own = patches(grey[0], first)
     place, followed, largest = first.copy(), np.ones(len(first), bool), 0.0
     for before, after in itertools.pairwise(grey):
@@ -42,25 +43,35 @@ def camera_shift(frames: np.ndarray, masks: np.ndarray) -> float:
             break
         moved, found, _ = cv2.calcOpticalFlowPyrLK(before, after, place, place.copy(), winSize=(15, 15), maxLevel=3)
         place, followed = moved, followed & (found.ravel() > 0)
-        stays = (own * patches(after, first)).mean(1) > ALIKE
+        here, there = ((own * patches(after, p)).mean(1) for p in (first, place))
+        stays = (here > ALIKE) & (here > there - MUCH_LIKER)
         shift = np.where(stays, 0.0, np.linalg.norm(place - first, axis=1))
-        voters = [(cell == c) & (followed | stays) for c in np.unique(cell)]
+        seen = stays | (followed & (there > ALIKE))
+        voters = [(part == k) & seen for k in np.unique(part)]
         votes = [np.median(shift[v]) for v in voters if v.sum() >= LEAST_CORNERS]
         if len(votes) >= LEAST_CELLS:
             largest = max(largest, float(np.percentile(votes, QUARTER)))
     return largest
 
 
-def corners(grey: list[np.ndarray], free: np.ndarray) -> np.ndarray:
-    """(N, 2) float32 px: corners of the first of some pictures (H, W) uint8, where free (H, W), that stand out of the
-    noise."""
-    found = cv2.goodFeaturesToTrack(grey[0], 400, 0.01, 8, mask=free.astype(np.uint8))
-    if found is None or len(grey) < 2:
-        return np.zeros((0, 2), np.float32)
-    places = found.reshape(-1, 2)
-    noise = 1.5 * float(np.median(cv2.absdiff(grey[0], grey[1])))
-    contrast = np.array([cut(grey[0], p).std() for p in places])
-    return np.asarray(places[contrast > max(LEAST_CONTRAST, 4 * noise)], np.float32)
+def corners(grey: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of each part of a picture (H, W) uint8 where free (H, W): places (N, 2) float32 px, and parts (N,)."""
+    height, width = grey.shape
+    places: list[np.ndarray] = [np.zeros((0, 2), np.float32)]
+    parts: list[int] = []
+    for k in range(CELLS[0] * CELLS[1]):
+        col, row = k % CELLS[0], k // CELLS[0]
+        left, right = (width * c // CELLS[0] for c in (col, col + 1))
+        top, bottom = (height * r // CELLS[1] for r in (row, row + 1))
+        mask = free[top:bottom, left:right].astype(np.uint8)
+        found = cv2.goodFeaturesToTrack(grey[top:bottom, left:right], MOST_CORNERS, 0.05, 8, mask=mask)
+        if found is None:
+            continue
+        own = found.reshape(-1, 2) + np.array([left, top], np.float32)
+        own = own[[cut(grey, p).std() > LEAST_CONTRAST for p in own]]
+        places.append(own)
+        parts += [k] * len(own)
+    return np.concatenate(places).astype(np.float32), np.array(parts, int)
 
 
 def cut(grey: np.ndarray, place: np.ndarray) -> np.ndarray:

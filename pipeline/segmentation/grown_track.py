@@ -35,8 +35,8 @@ def region_in_box(frames: np.ndarray, t: int, box: np.ndarray) -> np.ndarray:
     left, top = np.floor(box[:2]).astype(int).clip(0, [width - 2, height - 2])
     right, bottom = np.ceil(box[2:]).astype(int).clip([left + 2, top + 2], [width, height])
     ellipse = np.zeros((height, width), np.uint8)
-    middle, axes = ((left + right - 1) / 2, (top + bottom - 1) / 2), (right - left, bottom - top)
-    cv2.ellipse(ellipse, (middle, axes, 0.0), 1, -1)
+    middle = (float(left + right - 1) / 2, float(top + bottom - 1) / 2)
+    cv2.ellipse(ellipse, (middle, (float(right - left), float(bottom - top)), 0.0), 1, -1)
     allowed = np.zeros((height, width), bool)
     allowed[top:bottom, left:right] = True
     return _cut(frames[t], ellipse > 0, allowed)
