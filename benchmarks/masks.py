@@ -1,6 +1,7 @@
 """Masks of moving bodies: the network beside the classical way, by video IoU.
 
     python -m benchmarks.masks [--weights models/masks] [--seed N] [--sampled 100] [--sets cross_engine sampled real]
+                               [--sam2 FOLDER] [--edgetam FOLDER]
 
 Sets: the clips of another engine and real clips with outlines in benchmarks/outlines, both in DYNAMICS_DATA or
 ../shared/data (skipped where there are none), and fresh sampled clips by MuJoCo's renderer. Video IoU of each moving
@@ -21,11 +22,13 @@ import numpy as np
 import torch
 
 from benchmarks.mask_clips import OUTLINES, MaskClip, another_engine, data_folder, outlined, sampled_by_mujoco
+from benchmarks.motion_masks import masks_from_motion
 from pipeline.errors import VideoError
 from pipeline.metrics.overlap import assign, count, pair_iou
 from pipeline.segmentation import find_bodies, load_network
+from pipeline.segmentation.propagation import body_prompts, segment_with
+from pipeline.segmentation.published_models import FAMILIES, load_published
 from pipeline.vision.flow.dis import DIS
-from pipeline.vision.recordings.motion_masks import masks_from_motion
 
 Finder = Callable[[MaskClip], np.ndarray]
 RESTING_IOU = 0.3  # with a true body that rests: then a predicted body is not an extra one
@@ -45,6 +48,12 @@ def classical(clip: MaskClip) -> np.ndarray:
         return masks_from_motion(clip.frames, DIS("medium").flow(clip.frames[:-1], clip.frames[1:]))
     except VideoError:
         return np.zeros(clip.frames.shape[:3], np.uint8)
+
+
+def published(family: str, folder: Path, find: Finder) -> Finder:
+    """SAM 2 or EdgeTAM, prompted with the masks of another finder."""
+    segmenter = load_published(family, folder)
+    return lambda clip: segment_with(segmenter, clip.frames, body_prompts(find(clip)))
 
 
 def score(predicted: np.ndarray, clip: MaskClip) -> tuple[np.ndarray, int]:
@@ -112,6 +121,8 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     parser.add_argument("--each", action="store_true", help="print each clip")
     parser.add_argument("--no-classical", action="store_true")
+    for family in FAMILIES:
+        parser.add_argument(f"--{family}", type=Path, help="folder of its weights; its row is left out without one")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     seed = secrets.randbits(32) if arguments.seed is None else arguments.seed
@@ -119,6 +130,9 @@ def main() -> None:
     finders: dict[str, Finder] = {"network": lambda clip: find_bodies(clip.frames, clip.fps, network).masks}
     if not arguments.no_classical:
         finders["classical"] = classical
+    for family in FAMILIES:
+        if folder := getattr(arguments, family):
+            finders[family] = published(family, folder, finders["network"])
     print(f"seed {seed}, weights {arguments.weights}, {arguments.threads} threads")
     sources: dict[str, tuple[str, Iterator[MaskClip]]] = {
         "cross_engine": ("another engine's clips", another_engine(data_folder() / "cross_engine")),

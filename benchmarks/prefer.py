@@ -29,6 +29,8 @@ from benchmarks.published.published_set import ROOT
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.scene_scores import measured_reference, score
 from pipeline.evaluation.tables import cell, markdown
+from pipeline.inference.prompts import Prompts
+from pipeline.inference.user_clip import read_frames, with_masks
 from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
@@ -42,7 +44,7 @@ from pipeline.search.target import make_target
 from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
 from pipeline.vision.flow.measured_flow import measured_flow
 from pipeline.vision.flow.raft import load_raft
-from pipeline.vision.recordings.user_clip import find_clips, read_user_clip
+from pipeline.vision.recordings.clip_folder import find_clips, masks_beside
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 
@@ -89,7 +91,8 @@ def read_clips(
     raft, f, interval = load_raft(params.flow.raft), params.flow, 1 / schedule.fps
     clips = []
     for place in find_clips(folder):
-        taken = read_user_clip(place, 0.0, schedule.seconds, schedule.fps, None)
+        read = read_frames(place, seconds=schedule.seconds, fps=schedule.fps, given=masks_beside(place))
+        taken = with_masks(read, Prompts())
         file = work / f"{place.name}.flow.npy"
         if not file.is_file():
             recorded = np.array(taken.clip.source_times)

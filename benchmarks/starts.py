@@ -26,6 +26,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.kept_answers import answers_of, kept_answers
+from benchmarks.motion_masks import masks_from_motion
 from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
 from pipeline.evaluation.scene_scores import score
@@ -43,7 +44,6 @@ from pipeline.search.search_scene import search_scene
 from pipeline.search.target import Target, make_target
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.flow.dis import DIS
-from pipeline.vision.recordings.motion_masks import masks_from_motion
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from stages.graph.suite import open_suite

@@ -1,8 +1,8 @@
 """Import the user's clips as the suite `real`: decode and resample videos, read or find masks.
 
 Reads the folder suites.real.path: videos, or folders that each have a video and masks (masks.npz, or a folder masks/ of
-PNGs). Writes data/render/real: table clips (clip, name, source_fps, recorded: the time of each frame, s, masks_from,
-notes), arrays rgb and mask.
+PNGs); where there are none, the network in models/masks finds the moving bodies. Writes data/render/real: table clips
+(clip, name, source_fps, recorded: the time of each frame, s, masks_from, notes), arrays rgb and mask.
 Parameters: clip, suites.real, sample.shard_size. Run: python -m stages.import_clips
 """
 
@@ -14,10 +14,12 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import ParamsError
+from pipeline.inference.prompts import Prompts
+from pipeline.inference.user_clip import WEIGHTS, read_frames, with_masks
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
-from pipeline.vision.recordings.user_clip import find_clips, read_user_clip
+from pipeline.vision.recordings.clip_folder import find_clips, masks_beside
 from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
 
@@ -56,9 +58,15 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     rows, frames, masks = [], [], []
     for clip in shard.clips:
         place = parameters.clips[clip]
-        taken = read_user_clip(
-            place, parameters.start, parameters.seconds, parameters.frames_per_second, parameters.assume_fps
+        read = read_frames(
+            place,
+            start=parameters.start,
+            seconds=parameters.seconds,
+            fps=parameters.frames_per_second,
+            assume_fps=parameters.assume_fps,
+            given=masks_beside(place),
         )
+        taken = with_masks(read, Prompts())
         rows.append(
             {
                 "clip": clip,
@@ -66,7 +74,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
                 "source_fps": taken.clip.source_fps,
                 "recorded": taken.clip.source_times.tolist(),
                 "masks_from": taken.masks_from,
-                "notes": taken.clip.notes,
+                "notes": [*taken.clip.notes, *taken.doubts],
             }
         )
         frames.append(taken.clip.frames)
@@ -97,8 +105,8 @@ def main() -> None:
         output="render",
         clips=len(clips),
         shard_size=params.sample.shard_size,
-        files={str(clip): clip for clip in clips},
-        versions=["opencv-python-headless", "av"],
+        files={str(clip): clip for clip in clips} | {"masks": WEIGHTS},
+        versions=["opencv-python-headless", "av", "torch"],
     )
 
 

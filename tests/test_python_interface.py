@@ -1,4 +1,4 @@
-"""`from pipeline import infer, simulate, discover`."""
+"""`from pipeline import infer, masks, simulate, discover`."""
 
 import inspect
 import os
@@ -11,6 +11,7 @@ from sampled_scenes import params
 
 import pipeline
 from pipeline.api import infer as infer_module
+from pipeline.inference import asking
 from pipeline.language.events import DEFAULT_THRESHOLDS
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene, SceneObject
@@ -22,12 +23,12 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     heavy = {"torch", "transformers", "mujoco", "numba", "rerun", "cv2", "numpy"}
     code = f"import sys, pipeline\nprint({heavy} & set(sys.modules), sorted(pipeline.__all__))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
-    assert done.stdout.split("\n")[0] == "set() ['discover', 'infer', 'simulate']"
+    assert done.stdout.split("\n")[0] == "set() ['discover', 'infer', 'masks', 'simulate']"
 
 
 def test_the_functions_are_those_of_the_commands() -> None:
     assert pipeline.infer is infer_module.infer
-    for function in (pipeline.infer, pipeline.simulate, pipeline.discover):
+    for function in (pipeline.infer, pipeline.masks, pipeline.simulate, pipeline.discover):
         assert inspect.isfunction(function)
         assert "Args:" in (function.__doc__ or "")
     with pytest.raises(AttributeError, match="no attribute 'inver'"):
@@ -47,9 +48,9 @@ def test_what_infer_assumes_is_what_the_graph_has_in_params_yaml() -> None:
     graph, here = params(), infer_module
     assert (graph.search.width, graph.search.height) == here.SEARCH_SIZE
     assert graph.search.starts == here.STARTS
-    assert (graph.flow.width, graph.flow.height) == here.FLOW_SIZE
-    assert graph.flow.iterations == here.FLOW_ITERATIONS
-    assert graph.infer.decode_batch_size == here.DECODE_BATCH_SIZE
+    assert (graph.flow.width, graph.flow.height) == asking.FLOW_SIZE
+    assert graph.flow.iterations == asking.FLOW_ITERATIONS
+    assert graph.infer.decode_batch_size == asking.DECODE_BATCH_SIZE
     signature = inspect.signature(here.infer).parameters
     for name in ("samples", "temperature", "top_p", "middle"):
         assert signature[name].default == getattr(graph.infer, name)

@@ -7,20 +7,35 @@ and a classical guess are refined by the search, and the best scene of all is th
 from __future__ import annotations
 
 import os
+import threading
 from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.api.masks import say
 from pipeline.api.result_folder import result_folder
 from pipeline.clips.replay import Replay, replay
-from pipeline.clips.schedule import Schedule
-from pipeline.errors import ParamsError, SimulationError, naming
-from pipeline.inference.answers import Answer, answer_seed, ask
-from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measure_clip
-from pipeline.inference.model_pictures import model_pictures
+from pipeline.errors import ParamsError, SimulationError
+from pipeline.inference.asking import (
+    FLOW_SIZE,
+    LoadingModel,
+    Question,
+    ask_model,
+    flow_source,
+    input_of,
+    load_in_background,
+    loaded,
+    shipped,
+    shown_flow,
+)
+from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
+from pipeline.inference.prompts import Prompts
 from pipeline.inference.scene_search import (
     ClipSearch,
     clip_evaluator,
@@ -28,23 +43,23 @@ from pipeline.inference.scene_search import (
     scene_certainties,
     search_clip,
 )
+from pipeline.inference.user_clip import UserClip, given_or_beside, read_frames, with_masks
 from pipeline.metrics.overlap import Overlap, overlap
-from pipeline.model.base import Base, load_base
-from pipeline.model.generate import Sampling
-from pipeline.model.model_input import ModelInput, missing_input
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
 from pipeline.search.certainty import Certainty, weakly_identified
 from pipeline.search.evaluator import Rewards
-from pipeline.vision.flow.dis import DIS
-from pipeline.vision.flow.raft import RAFT, load_raft
+from pipeline.vision.recordings.clip_folder import video_of
+from pipeline.vision.recordings.video import check_file
 
-ROOT = Path(__file__).resolve().parents[2]
-#: As params.yaml has them for the graph (`search`, `flow`, `infer`; a test compares them).
+if TYPE_CHECKING:
+    from pipeline.inference.answers import Answer
+    from pipeline.model.base import Base
+    from pipeline.model.generate import Sampling
+
+#: As params.yaml has them for the graph (`search`; a test compares them).
 SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward
 STARTS = 3  # answers that a search starts from
-DECODE_BATCH_SIZE = 64  # sequences decoded at a time
-FLOW_SIZE, FLOW_ITERATIONS = (240, 160), 4  # of flow for a model that is not shown any
 LEAST_SEARCH = 200
 DOUBTFUL_IOU = 0.2
 DOUBT = "the replay overlaps little of what moves in the clip: do not rely on this answer"
@@ -57,6 +72,7 @@ class Settings:
     start: float
     seconds: float
     fps: float | None
+    prompts: Prompts
     search: int
     incline: bool
     flow: str
@@ -135,14 +151,15 @@ class Inference:
     @property
     def doubts(self) -> list[str]:
         """Why the answer should not be relied on."""
-        return [DOUBT] if self.best.overlap.sequence < DOUBTFUL_IOU else []
+        poor = self.best.overlap.sequence < DOUBTFUL_IOU
+        return [*self.clip.taken.doubts, *([DOUBT] if poor else [])]
 
     def replay(self) -> Replay:
         """The scene, run over the clip."""
         return replay(self.scene, self.clip.schedule)
 
     def save(self, out: str | Path, force: bool = False) -> None:
-        """Write a folder with scene.yaml, scene.xml, replay.mp4, overlay.png, recording.rrd and result.json.
+        """Write a folder with scene.yaml, scene.xml, replay.mp4, overlay.png, masks.png, recording.rrd and result.json.
 
         Args:
             out: The folder, which must not exist yet.
@@ -158,13 +175,14 @@ class Inference:
 
 
 def infer(
-    clip: str | Path | MeasuredClip,
+    clip: str | Path | UserClip | MeasuredClip,
     *,
     start: float = 0.0,
     seconds: float = 1.0,
     fps: float | None = None,
     masks: str | Path | None = None,
-    model: str | Base = "models/tiny",
+    prompts: Prompts | None = None,
+    model: str | Base | LoadingModel = "models/tiny",
     samples: int = 8,
     temperature: float = 1.0,
     top_p: float = 0.9,
@@ -175,18 +193,20 @@ def infer(
     raft: str | Path = "models/raft-small",
     seed: int = 0,
     progress: Progress | None = None,
+    when_seen: Callable[[UserClip], None] | None = None,
 ) -> Inference:
     """Find the scene that a clip shows.
 
     Args:
-        clip: A video, or a folder with one and masks; or a clip that was measured (`Inference.clip`), with which
-            `fps` and `masks` count no more.
+        clip: A video, or a folder with one and masks; or what `pipeline.masks` found in one (`Masks.taken`), or a clip
+            that was measured (`Inference.clip`), with which `fps`, `masks` and `prompts` count no more.
         start: s, where the clip begins in the video.
         seconds: Its length; the models learned from 1 s.
         fps: Frames a second at which it was shot, where the file's header lies.
-        masks: A file or folder of instance masks; None for those beside the video, or from motion.
-        model: A folder or hub name, or a model that is loaded. It is shown what its checkpoint says that it was
-            trained with (model_input.json).
+        masks: A file or folder of instance masks; None for those beside the video, or those that the network finds.
+        prompts: What is known of the bodies in the video: points, boxes, their number, what to ignore.
+        model: A folder or hub name, or a model that is loaded, or is being loaded. It is shown what its checkpoint says
+            that it was trained with (model_input.json).
         samples: Answers sampled beside the greedy one.
         temperature: Of sampling words.
         top_p: Share of the distribution that words are sampled from.
@@ -197,6 +217,7 @@ def infer(
         raft: Weights of RAFT.
         seed: Of sampling and search.
         progress: Told of each step; None: nothing is printed.
+        when_seen: Called with the clip and its masks before anything is inferred from them.
 
     Returns:
         The scene found, each method's result, and what was assumed.
@@ -210,18 +231,44 @@ def infer(
     progress = progress or Progress()
     if 0 < search < LEAST_SEARCH:
         raise ParamsError(f"search: {search} simulations are too few; valid: 0 for none, or at least {LEAST_SEARCH}")
-    if not isinstance(clip, MeasuredClip):
+    if not isinstance(clip, (UserClip, MeasuredClip)):
         clip_schedule(Path(clip), seconds)
-    base = model if isinstance(model, Base) else load_model(model)
-    shown = input_of(base)
-    source = _flow_source(base, shown, flow)
-    sampling = Sampling(samples, temperature, top_p, shown.reasoning, seconds, middle=middle)
-    settings = Settings(start, seconds, fps, search, incline, source, shipped(raft), sampling, seed)
-    name, measured = _measured(clip, settings, shown, None if masks is None else Path(masks), progress)
-    with progress.step("answers"):
-        first, interval = measured.schedule.pairs[:, 0], 1 / measured.schedule.fps
-        pictures = model_pictures(shown, base.layout, measured.flow, measured.taken.clip.frames[first], interval)
-        (answers,) = ask(base, lambda _: pictures, [answer_seed(seed, 0)], sampling, DECODE_BATCH_SIZE)
+    prompts = prompts or Prompts()
+    name = str(clip) if isinstance(clip, (str, Path)) else "clip"
+    schedule = clip.schedule if isinstance(clip, MeasuredClip) else clip_schedule(Path(name), seconds)
+    if isinstance(clip, (str, Path)):
+        given = given_or_beside(Path(clip), None if masks is None else Path(masks), prompts)
+        check_file(video_of(Path(clip)))
+    loading = _loading(model)
+    if isinstance(clip, (str, Path)):
+        with progress.step("frames"):
+            read = read_frames(Path(clip), start=start, seconds=seconds, fps=schedule.fps, assume_fps=fps, given=given)
+        frames = read.clip
+    else:
+        taken = clip.taken if isinstance(clip, MeasuredClip) else clip
+        frames = taken.clip
+    source, weights = flow_source(loading.shown, flow, loading.name), shipped(raft)
+    if isinstance(clip, MeasuredClip):
+        field = clip.flow
+    else:
+        with progress.step("flow"):
+            field = shown_flow(frames, schedule, loading.shown, source, weights)
+    question, stop = Question(samples, temperature, top_p, middle, seed), threading.Event()
+    with ThreadPoolExecutor(1, "ask") as beside:
+        asking = beside.submit(ask_model, loading, frames, schedule, field, question, stop)
+        try:
+            if isinstance(clip, (str, Path)):
+                with progress.step("masks"):
+                    taken = with_masks(read, prompts)
+                say(progress, name, start, taken, taken.clip.notes)
+            if when_seen is not None:
+                when_seen(taken)
+            with progress.step("answers"):  # what is left of them after the masks
+                answers, sampling = asking.result()
+        finally:
+            stop.set()
+    measured = clip if isinstance(clip, MeasuredClip) else measured_clip(name, taken, schedule, field)
+    settings = Settings(start, seconds, fps, prompts, search, incline, source, weights, sampling, seed)
     progress.say(
         "answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: {answers[0].scene.composition}"
     )
@@ -249,51 +296,29 @@ def infer(
             )
         methods.append(_search_method(searched, answers, ranking, measured))
     best = max(methods, key=lambda m: m.reward)
-    known: tuple[Certainty, ...] = ()
+    certain: tuple[Certainty, ...] = ()
     if searched is not None:
         found = best.scene is searched.result.scene
-        known = searched.certainties if found else scene_certainties(evaluator, best.scene)[1]
+        certain = searched.certainties if found else scene_certainties(evaluator, best.scene)[1]
     return Inference(
         name=name,
         clip=measured,
         settings=settings,
-        base=base,
+        base=loading.base.result(),
         answers=tuple(answers),
         rewards=ranking.rewards,
         methods=tuple(methods),
         searched=searched,
-        certainties=known,
+        certainties=certain,
         seconds=progress.seconds,
     )
 
 
-def load_model(name: str, parameter: str = "model") -> Base:
-    """The model in a folder, or of that name in the local hub cache.
-
-    Args:
-        name: Also that of a folder which ships with this project.
-        parameter: What the user calls it, for the message of an error.
-
-    Raises:
-        ModelError: Where it cannot be loaded, or has not recorded how its input is made.
-    """
-    with naming(parameter):
-        base = load_base(str(shipped(name)), frames=Schedule().model_frames)
-        input_of(base)
-        return base
-
-
-def input_of(base: Base) -> ModelInput:
-    """How the model's input is made. Raises ModelError where the checkpoint has not recorded that."""
-    if base.input is None:
-        raise missing_input(base.name)
-    return base.input
-
-
-def shipped(path: str | Path) -> Path:
-    """A path as given; where it is not there from here, the same path in this project (models/tiny), if it is there."""
-    place = Path(path)
-    return ROOT / place if not place.exists() and not place.is_absolute() and (ROOT / place).exists() else place
+def _loading(model: str | Base | LoadingModel) -> LoadingModel:
+    """A model that is being loaded, or is there."""
+    if isinstance(model, LoadingModel):
+        return model
+    return load_in_background(model) if isinstance(model, str) else loaded(model)
 
 
 def cores() -> int:
@@ -306,50 +331,11 @@ def uncertain(known: tuple[Certainty, ...]) -> str:
     return ", ".join(weakly_identified(known)) or "nothing"
 
 
-def _flow_source(base: Base, shown: ModelInput, flow: str | None) -> str:
-    """How flow is measured: as asked for, else as in training."""
-    if flow is not None and flow not in ("raft", "dis"):
-        raise ParamsError(f"flow: {flow!r}; valid: raft, dis")
-    if flow is not None and shown.input == "flow":
-        shown.check("flow_source", flow, "flow", base.name)
-    trained = shown.flow_source if shown.flow_source in ("raft", "dis") else "raft"
-    return flow or trained
-
-
-def _measured(
-    clip: str | Path | MeasuredClip, settings: Settings, shown: ModelInput, masks: Path | None, progress: Progress
-) -> tuple[str, MeasuredClip]:
-    """The clip's name and what was measured."""
-    if isinstance(clip, MeasuredClip):
-        return "clip", clip
-    estimator: RAFT | DIS = load_raft(settings.raft) if settings.flow == "raft" else DIS("medium")
-    measured = measure_clip(
-        Path(clip),
-        estimator,
-        shown.flow_size or FLOW_SIZE,
-        shown.flow_iterations or FLOW_ITERATIONS,
-        start=settings.start,
-        seconds=settings.seconds,
-        fps=settings.fps,
-        masks=masks,
-        progress=progress,
-    )
-    taken = measured.taken.clip
-    width, height = taken.source_size
-    span = f"{settings.start:g} to {settings.start + settings.seconds:g} s"
-    progress.say("clip", f"{clip}: {span}, {width}x{height}, {taken.source_fps:.4g} FPS")
-    for note in measured.notes:
-        progress.say("note", note)
-    many = "object" if measured.objects == 1 else "objects"
-    progress.say("masks", f"{measured.objects} {many}, from {measured.taken.masks_from}")
-    return str(clip), measured
-
-
 def _answer_method(
     name: str, answers: list[Answer], rewards: Rewards, index: int, clip: MeasuredClip, simulations: int
 ) -> Method:
     scene = answers[index].scene
-    shown = _seen(scene, clip) if rewards.valid[index] else Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
+    shown = _overlap(scene, clip) if rewards.valid[index] else Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
     return Method(
         name=name,
         scene=scene,
@@ -372,12 +358,12 @@ def _search_method(searched: ClipSearch, answers: list[Answer], ranking: Ranking
         reward=found.reward,
         iou=found.iou,
         epe_frame=found.iou - found.reward,
-        overlap=_seen(found.scene, clip),
+        overlap=_overlap(found.scene, clip),
         simulations=len(answers) + found.simulations,
     )
 
 
-def _seen(scene: Scene, clip: MeasuredClip) -> Overlap:
+def _overlap(scene: Scene, clip: MeasuredClip) -> Overlap:
     return overlap(replay(scene, clip.schedule).masks, clip.taken.masks, len(scene.objects), clip.objects)
 
 

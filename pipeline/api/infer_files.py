@@ -11,6 +11,7 @@ import numpy as np
 from PIL import Image
 
 from pipeline.api.infer import Inference, Method
+from pipeline.api.mask_files import SHEET, write_sheet
 from pipeline.api.overlay import Row, Sheet, draw, markdown, side_by_side
 from pipeline.api.result_folder import write_result
 from pipeline.clips.replay import Replay
@@ -30,9 +31,16 @@ SCALE = (
 )
 
 
+def prepare() -> None:
+    """Import what pictures need and try OpenGL, which takes seconds, while there is nothing else to do."""
+    choose_backend("auto")
+
+
 def write_files(folder: Path, found: Inference, progress: Progress) -> None:
     """Write everything into a folder, result.json last."""
     run = found.replay()
+    if not (folder / SHEET).exists():  # the command shows it before the search
+        write_sheet(folder, found.name, found.clip.taken)
     with progress.step("pictures"):
         renderer = _write_pictures(folder, found, run)
     progress.say("pictures", f"of the replay: {renderer}")
@@ -126,6 +134,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "size_px": list(taken.letterbox.size),
             "masks_from": found.clip.taken.masks_from,
             "instances": found.clip.objects,
+            "prompts": settings.prompts.record(),
             "camera": "at rest, at (0, -2, h) m, looking along +y; square pixels, no distortion",
             "incline": settings.incline,
             "scale": SCALE,

@@ -66,7 +66,7 @@ def draw(sheet: Sheet) -> np.ndarray:
     shown = sheet.frames[chosen]
     longest = max(float(np.quantile(np.linalg.norm(sheet.flow[chosen], axis=-1), 0.999)), 1.0)
     rows = [
-        ("input\nwith the replay's\noutlines", [_outlined(sheet.rgb[f], sheet.replay_masks[f]) for f in shown]),
+        ("input\nwith the replay's\noutlines", [outlined(sheet.rgb[f], sheet.replay_masks[f]) for f in shown]),
         ("replay", [_tile(sheet.replay_rgb[f]) for f in shown]),
         ("input's masks", [_painted(sheet.rgb[f], sheet.masks[f]) for f in shown]),
         (f"input's flow\n(full colour:\n{longest:.1f} px)", [_wheel(sheet.flow[p], longest) for p in chosen]),
@@ -107,18 +107,19 @@ def _legend(pen: ImageDraw.ImageDraw, names: tuple[str, ...], y: int) -> None:
         x += 34 + round(pen.textlength(name, font=font(14)))
 
 
-def _tile(picture: np.ndarray) -> np.ndarray:
-    return cv2.resize(np.ascontiguousarray(picture), TILE, interpolation=cv2.INTER_AREA)
+def _tile(picture: np.ndarray, size: tuple[int, int] = TILE) -> np.ndarray:
+    return cv2.resize(np.ascontiguousarray(picture), size, interpolation=cv2.INTER_AREA)
 
 
 def _wheel(flow: np.ndarray, longest: float) -> np.ndarray:
     return _tile(flow_picture(flow, "wheel", longest))
 
 
-def _outlined(picture: np.ndarray, masks: np.ndarray) -> np.ndarray:
-    """The picture with the outline of each object of `masks` (H, W) in its colour, on a dark line that sets it off."""
-    tile = _tile(picture)
-    scale = np.array([TILE[0] / picture.shape[1], TILE[1] / picture.shape[0]])
+def outlined(picture: np.ndarray, masks: np.ndarray, size: tuple[int, int] = TILE) -> np.ndarray:
+    """The picture, brought to size (width, height), with the outline of each object of `masks` (H, W) in its colour, on
+    a dark line that sets it off."""
+    tile = _tile(picture, size)
+    scale = np.array([size[0] / picture.shape[1], size[1] / picture.shape[0]])
     for i in np.unique(masks[masks > 0]):
         contours, _ = cv2.findContours((masks == i).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         lines = [np.rint((c[:, 0] + 0.5) * scale * _FINE - _FINE / 2).astype(np.int32) for c in contours]

@@ -5,30 +5,34 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pipeline.commands.arguments import count, positive, share
+from pipeline.commands.arguments import add_prompts, count, positive, share
 
 SUMMARY = "find the scene that a clip shows: shapes, sizes, masses, frictions, motion, camera"
 DESCRIPTION = """\
 Find the scene that a clip shows.
 
-The clip is brought to 30 FPS and 480x320 and its optical flow is measured. The model is shown what its checkpoint says
-that it was trained with (model_input.json; models/tiny: the flow) and writes scenes, each is simulated and compared
-with the clip, and --search refines the best ones. OUT then has
+The bodies that move are found (`dynamics masks` does only that), the clip is brought to 30 FPS and 480x320, and its
+optical flow is measured. The model is shown what its checkpoint says that it was trained with (model_input.json;
+models/tiny: the flow) and writes scenes, each is simulated and compared with the clip, and --search refines the best
+ones. OUT then has
 
   overlay.png     the clip with the outlines of the replay over it, and both flows: look at this first
+  masks.png       which bodies were found in the clip, written before anything is inferred from them
   replay.mp4      clip and replay beside each other
   scene.yaml      the scene, to edit and to run:  dynamics simulate OUT --set objects[0].mass=2
   scene.xml       the same as MJCF, for MuJoCo
   recording.rrd   for the rerun viewer:  rerun OUT/recording.rrd
   result.json     what was assumed, what every step reached, and the time it took
 
-The camera has to rest, and what moves should be rigid. Slow motion: say with --fps at how many frames a second it
+The camera has to rest, and what moves should be rigid. Where masks.png is wrong, say what is a body: --point, --box,
+--objects, --ignore. Slow motion: say with --fps at how many frames a second it
 was shot; --start and --seconds count in that time.
 
 examples:
   dynamics infer clip.mp4 -o out
   dynamics infer clip.mp4 -o out --start 2.5 --search 3000
-  dynamics infer slow.mp4 -o out --fps 240 --masks masks.npz
+  dynamics infer clip.mp4 -o out --point 120,80 --objects 1
+  dynamics infer slow.mp4 -o out --fps 240 --masks found/masks.npz
 """
 
 
@@ -39,8 +43,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--start", type=float, default=0.0, metavar="S", help="where the clip begins in the video, s (0)")
     add("--seconds", type=positive, default=1.0, metavar="S", help="its length, s (1: what the models learned from)")
     add("--fps", type=positive, metavar="F", help="frames a second at which it was shot, where the file's header lies")
-    masks = "instance masks, one for each frame of the recording, or of the clip at 30 FPS: NPZ with `masks`, or a "
-    add("--masks", type=Path, metavar="PATH", help=masks + "folder of PNGs (default: from motion)")
+    masks = (
+        "instance masks: masks.npz of `dynamics masks`, or one for each frame of the recording, or of the clip at 30 "
+    )
+    masks += "FPS, as NPZ with `masks` or a folder of PNGs (default: the network in models/masks finds what moves)"
+    add("--masks", type=Path, metavar="PATH", help=masks)
+    add_prompts(parser)
     add("--samples", type=count, default=8, metavar="K", help="answers sampled beside the greedy one (8)")
     add("--search", type=count, default=0, metavar="N", help="refine the best answers with N simulations (0: do not)")
     add("--incline", action="store_true", help="the ground may slope in the picture: the search may roll the camera")
@@ -64,21 +72,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    from pipeline.api.infer import infer, load_model, uncertain
-    from pipeline.api.infer_files import method_table, write_files
-    from pipeline.api.overlay import aligned
     from pipeline.api.result_folder import result_folder
+    from pipeline.inference.asking import load_in_background
     from pipeline.inference.progress import Progress
+    from pipeline.inference.prompts import Prompts
+    from pipeline.vision.recordings.clip_folder import video_of
+    from pipeline.vision.recordings.video import check_file
 
     a = arguments
-    with result_folder(a.out, a.force) as folder, Progress(5 + bool(a.search), shown=True) as progress:
+    prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
+    with result_folder(a.out, a.force) as folder, Progress(7 + bool(a.search), shown=True) as progress:
+        check_file(video_of(a.clip))
+        loading = load_in_background(a.model, "--model")  # imports transformers while this thread imports the rest
+        from pipeline.api.infer import infer, uncertain
+        from pipeline.api.mask_files import write_sheet
+        from pipeline.inference.user_clip import UserClip
+
+        def show(taken: UserClip) -> None:
+            write_sheet(folder, str(a.clip), taken)
+            progress.say("", f"{folder / 'masks.png'} shows them")
+            from pipeline.api.infer_files import prepare
+
+            prepare()  # the model is still being asked
+
         found = infer(
             a.clip,
             start=a.start,
             seconds=a.seconds,
             fps=a.fps,
             masks=a.masks,
-            model=load_model(a.model, "--model"),
+            prompts=prompts,
+            model=loading,
             samples=a.samples,
             temperature=a.temperature,
             top_p=a.top_p,
@@ -89,12 +113,16 @@ def run(arguments: argparse.Namespace) -> None:
             raft=a.raft,
             seed=a.seed,
             progress=progress,
+            when_seen=show,
         )
+        from pipeline.api.infer_files import method_table, write_files
+        from pipeline.api.overlay import aligned
+
         for line in aligned(method_table(found.methods)):
             progress.say("", line)
         if found.certainties:
             progress.say("note", f"weakly determined by this clip: {uncertain(found.certainties)}")
         for line in found.doubts:
-            progress.say("note", line)
+            progress.say("doubt", line)
         write_files(folder, found, progress)
     print(f"{'written':<11}{a.out}: look at overlay.png first")

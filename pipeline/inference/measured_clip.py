@@ -9,15 +9,10 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import VideoError
-from pipeline.inference.progress import Progress
+from pipeline.inference.user_clip import UserClip
 from pipeline.language.completion import MAX_OBJECTS
-from pipeline.vision.flow.dis import DIS
-from pipeline.vision.flow.measured_flow import measured_flow
-from pipeline.vision.flow.raft import RAFT
-from pipeline.vision.recordings.user_clip import UserClip, read_user_clip
 
 STILL_PX = 0.3  # px of 480x320 per frame interval: a slower body does not move
-SHAKING_PX = 0.5  # of the background: the camera moves
 
 
 @dataclass(frozen=True)
@@ -39,7 +34,7 @@ class MeasuredClip:
     @property
     def objects(self) -> int:
         """How many instances the masks have."""
-        return int(self.taken.masks.max(initial=0))
+        return self.taken.objects
 
 
 def clip_schedule(place: Path, seconds: float) -> Schedule:
@@ -54,75 +49,32 @@ def clip_schedule(place: Path, seconds: float) -> Schedule:
     return Schedule(seconds=seconds)
 
 
-def measure_clip(
-    place: Path,
-    estimator: RAFT | DIS,
-    flow_size: tuple[int, int],
-    flow_iterations: int,
-    *,
-    start: float = 0.0,
-    seconds: float = 1.0,
-    fps: float | None = None,
-    masks: Path | None = None,
-    progress: Progress | None = None,
-) -> MeasuredClip:
-    """Read a clip's frames and masks, and measure its flow.
-
-    Args:
-        place: A video, or a folder with one and masks.
-        estimator: Of flow.
-        flow_size: px, width and height, at which the estimator works.
-        flow_iterations: Of the estimator.
-        start: s, where the clip begins in the video.
-        seconds: Its length.
-        fps: Frames a second at which it was shot; None for what the file says.
-        masks: A file or folder of instance masks; None for those beside the video, or from motion.
-        progress: Told of the two steps.
-
-    Raises:
-        VideoError: For a video or masks that cannot be used, or where nothing moves.
-    """
-    progress = progress or Progress()
-    schedule = clip_schedule(place, seconds)
-    with progress.step("frames and masks"):
-        taken = read_user_clip(place, start, seconds, schedule.fps, fps, masks)
-    with progress.step("flow"):
-        pairs = schedule.pairs
-        flow = measured_flow(
-            estimator, taken.clip.frames, taken.clip.source_times, pairs, 1 / schedule.fps, flow_iterations, flow_size
-        )
-    speed = np.linalg.norm(flow, axis=-1)
-    seen = taken.masks[pairs[:, 0]]
-    check_motion(place, speed, seen)
-    notes = [*taken.clip.notes, *doubts(speed, seen, seconds)]
-    return MeasuredClip(taken, schedule, flow, tuple(notes))
+def measured_clip(name: str, taken: UserClip, schedule: Schedule, flow: np.ndarray) -> MeasuredClip:
+    """The clip of that name with its flow (P, H, W, 2). Raises VideoError where nothing moves in its masks."""
+    check_motion(name, np.linalg.norm(flow, axis=-1), taken.masks[schedule.pairs[:, 0]])
+    notes = [*taken.clip.notes, *(taken.found.notes if taken.found else ())]
+    return MeasuredClip(taken, schedule, flow, (*notes, *limits(taken.masks, schedule.seconds)))
 
 
-def check_motion(place: Path, speed: np.ndarray, masks: np.ndarray) -> None:
+def check_motion(name: str, speed: np.ndarray, masks: np.ndarray) -> None:
     """Raise VideoError where no instance of masks (P, H, W) ever moves; speed (P, H, W), px."""
     for k in range(len(masks)):
         for i in np.unique(masks[k][masks[k] > 0]):
             if np.median(speed[k][masks[k] == i]) > STILL_PX:
                 return
     raise VideoError(
-        f"{place}: nothing moves in this clip: the flow in the masks stays below {STILL_PX} px a frame; give another "
+        f"{name}: nothing moves in this clip: the flow in the masks stays below {STILL_PX} px a frame; give another "
         "--start, or --fps if it is slow motion"
     )
 
 
-def doubts(speed: np.ndarray, masks: np.ndarray, seconds: float) -> list[str]:
-    """What makes the answer less sure: a moving camera, a clip of another length than the model learned from."""
+def limits(masks: np.ndarray, seconds: float) -> list[str]:
+    """What makes the answer less sure: many bodies in masks (T, H, W), another length than the model learned from."""
     notes = []
-    background = [float(np.median(s[m == 0])) for s, m in zip(speed, masks, strict=True) if (m == 0).any()]
-    if background and max(background) > SHAKING_PX:
-        notes.append(
-            f"the flow of the background reaches {max(background):.1f} px a frame: the camera moves, which nothing "
-            "here expects, or the flow is measured badly there (flicker, plain walls)"
-        )
     if masks.max(initial=0) > MAX_OBJECTS:
         notes.append(
-            f"the masks have {masks.max()} objects, more than the {MAX_OBJECTS} of a scene: those from motion may be "
-            "in pieces, or show shadows and reflections; --masks gives better ones"
+            f"the masks have {masks.max()} objects, more than the {MAX_OBJECTS} of a scene: some may be pieces of one "
+            "body, shadows or reflections; --objects, --ignore or other --masks help"
         )
     if abs(seconds - 1) > 1e-6:
         notes.append(f"the clip has {seconds:g} s; the models that ship learned from clips of 1 s")

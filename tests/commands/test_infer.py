@@ -19,22 +19,33 @@ from pipeline.api.infer_files import relabelled
 from pipeline.api.scene_source import edited
 from pipeline.clips.replay import replay
 from pipeline.errors import VideoError
-from pipeline.inference.measured_clip import check_motion, doubts, measure_clip
+from pipeline.inference.measured_clip import MeasuredClip, check_motion, clip_schedule, limits, measured_clip
+from pipeline.inference.prompts import Prompts
 from pipeline.inference.scene_search import clip_evaluator
+from pipeline.inference.user_clip import NETWORK, read_frames, with_masks
 from pipeline.metrics.overlap import overlap
 from pipeline.physics.simulate import simulate
 from pipeline.scene.text import load_scene
 from pipeline.search.best_of_k import rank
 from pipeline.vision.flow.dis import DIS
-from pipeline.vision.flow.measured_flow import recorded_pairs
+from pipeline.vision.flow.measured_flow import measured_flow, recorded_pairs
 from pipeline.vision.flow.raft import RAFT
 from pipeline.vision.recordings.video import read_clip
 
-FILES = ["overlay.png", "recording.rrd", "replay.mp4", "result.json", "scene.xml", "scene.yaml"]
+FILES = ["masks.png", "overlay.png", "recording.rrd", "replay.mp4", "result.json", "scene.xml", "scene.yaml"]
 
 
 def words(shelf: Path, clip: Path, out: Path, *more: object) -> tuple[object, ...]:
     return ("infer", clip, "-o", out, "--model", shelf / "model", "--flow", "dis", "--samples", 2, *more)
+
+
+def measured(clip: Path, masks: Path) -> MeasuredClip:
+    """A clip with masks, and its flow by DIS."""
+    schedule = clip_schedule(clip, 1.0)
+    taken = with_masks(read_frames(clip, given=masks), Prompts())
+    seen, pairs = taken.clip, schedule.pairs
+    flow = measured_flow(DIS(), seen.frames, seen.source_times, pairs, 1 / schedule.fps, 1, (240, 160))
+    return measured_clip("clip", taken, schedule, flow)
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +98,7 @@ def test_a_folder_brings_its_masks_and_the_same_seed_gives_the_same_scene(
     assert (tmp_path / "again" / "scene.yaml").read_text() == (out / "scene.yaml").read_text()
 
 
-def test_a_portrait_clip_with_raft_and_masks_from_motion(run: Run, shelf: Path, tmp_path: Path) -> None:
+def test_a_portrait_clip_with_raft_and_without_masks(run: Run, shelf: Path, tmp_path: Path) -> None:
     RAFT("small").save(tmp_path / "raft")
     small_clip.write(tmp_path / "portrait.mp4", np.ascontiguousarray(small_clip.frames().swapaxes(1, 2)))
     model = small_clip.write_model(tmp_path / "model", replace(small_clip.INPUT, flow_iterations=1))
@@ -105,7 +116,7 @@ def test_a_portrait_clip_with_raft_and_masks_from_motion(run: Run, shelf: Path, 
     )
     assert done.code == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert result["assumed"]["masks_from"] == "motion"
+    assert result["assumed"]["masks_from"] == NETWORK
     assert any("between bars" in note for note in result["assumed"]["notes"])
     assert [m["method"] for m in result["methods"]] == ["greedy"]
 
@@ -114,7 +125,7 @@ def test_at_a_variable_frame_rate_masks_of_the_recordings_frames_are_those_of_th
     clip, masks = small_clip.write_uneven(tmp_path / "uneven.mp4"), small_clip.masks()
     recorded = [k for k in range(len(masks)) if k % 3 != 1]
     np.savez(tmp_path / "masks.npz", masks=masks[recorded])
-    found = measure_clip(clip, DIS(), (240, 160), 1, masks=tmp_path / "masks.npz")
+    found = measured(clip, tmp_path / "masks.npz")
     assert any("variable frame rate" in note for note in found.notes)
     half = found.taken.masks[:, 1::2, 1::2]
     for k in recorded:
@@ -136,7 +147,7 @@ def test_flow_is_measured_over_recorded_times_and_told_per_frame_interval() -> N
 def test_the_scene_that_was_filmed_is_the_one_that_fits_its_clip(shelf: Path) -> None:
     truth = small_clip.scene()
     moved = edited(truth, ["objects[ball].velocity=[-0.6, 0, 0]", "objects[crate].position[0]=0.6"])
-    clip = measure_clip(shelf / "clip.mp4", DIS(), (240, 160), 1, masks=shelf / "masks.npz")
+    clip = measured(shelf / "clip.mp4", shelf / "masks.npz")
     ranking = rank(clip_evaluator(clip.taken.masks, clip.flow, clip.schedule, SEARCH_SIZE, 1), [moved, truth])
     assert ranking.order.tolist() == [1, 0]
     assert ranking.rewards.iou[1] > 0.92  # at 120x80
@@ -278,13 +289,13 @@ def test_masks_take_the_ids_of_the_objects_they_belong_to() -> None:
     np.testing.assert_array_equal(relabelled(masks, pairs, 2), [[[0, 2, 3, 1]]])
 
 
-def test_motion_is_looked_for_in_the_masks_and_a_moving_camera_is_noticed() -> None:
+def test_motion_is_looked_for_in_the_masks() -> None:
     masks = np.zeros((10, 8, 8), np.uint8)
     masks[:, 2:4, 2:4] = 1
-    still, moving = np.zeros((10, 8, 8)), np.where(masks > 0, 2.0, 0.0)
-    check_motion(Path("clip"), moving, masks)
+    moving = np.where(masks > 0, 2.0, 0.0)
+    check_motion("clip", moving, masks)
     with pytest.raises(VideoError, match="nothing moves"):
-        check_motion(Path("clip"), np.where(masks > 0, 0.0, 2.0), masks)
-    assert doubts(moving, masks, 1.0) == []
-    assert "camera" in doubts(still + 3, masks, 1.0)[0]
-    assert "1 s" in doubts(moving, masks, 2.0)[0]
+        check_motion("clip", 2 - moving, masks)
+    assert limits(masks, 1.0) == []
+    assert "1 s" in limits(masks, 2.0)[0]
+    assert "--objects" in limits(masks * 9, 1.0)[0]

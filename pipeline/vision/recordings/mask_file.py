@@ -10,9 +10,9 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from pipeline.errors import VideoError
-from pipeline.vision.recordings.letterbox import Letterbox
+from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for
 
-KEY = "masks"
+KEY, TIMES = "masks", "times"
 
 
 def read_masks(
@@ -27,7 +27,7 @@ def read_masks(
         path: A folder of PNGs, a PNG, or an NPZ.
         size: (width, height) of the result, px.
         count: Number of masks that is required; None: any.
-        letterbox: That of the clip. Masks of the size of the recording are cropped by it, others are resized.
+        letterbox: That of the clip. Masks with the shape of the recording are cropped as it is, others are resized.
 
     Returns:
         Ids (T, H, W) uint8: 0 for the background, else 1 to N in the order of the values in the file.
@@ -46,9 +46,30 @@ def read_masks(
     if len(values) > 255:
         raise VideoError(f"{path} has {len(values)} different ids, at most 255 are possible: is it a picture?")
     ids = np.where(masks == 0, 0, np.searchsorted(values, masks) + 1).astype(np.uint8)
-    if letterbox is not None and letterbox.source == (ids.shape[2], ids.shape[1]):
-        return np.stack([letterbox.apply(m, nearest=True) for m in ids])
+    own = (ids.shape[2], ids.shape[1])
+    if letterbox is not None and abs(own[0] * letterbox.source[1] / (own[1] * letterbox.source[0]) - 1) < 0.01:
+        return letterboxed(ids, letterbox_for(own, letterbox.size)[0])
     return np.stack([cv2.resize(m, size, interpolation=cv2.INTER_NEAREST_EXACT) for m in ids])
+
+
+def letterboxed(ids: np.ndarray, letterbox: Letterbox) -> np.ndarray:
+    """Ids (T, H, W) as the letterbox shows them."""
+    return np.stack([letterbox.apply(m, nearest=True) for m in ids])
+
+
+def renumbered(ids: np.ndarray) -> np.ndarray:
+    """The ids (T, H, W) uint8 that are left, as 1 to N in their order; 0 stays."""
+    there = np.bincount(ids.ravel(), minlength=256) > 0
+    there[0] = False
+    return np.where(there, np.cumsum(there), 0).astype(np.uint8)[ids]
+
+
+def read_times(path: Path) -> np.ndarray | None:
+    """When each mask of an NPZ was recorded, s from the beginning of the video, where it says so."""
+    if path.suffix.lower() != ".npz":
+        return None
+    with np.load(path) as archive:
+        return np.asarray(archive[TIMES], float) if TIMES in archive else None
 
 
 def read_values(path: Path) -> np.ndarray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import platform
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for
 
 SIZE = (480, 320)  # px, width and height
 FPS = 30.0
+MOST_BYTES = 2**30  # of the frames of a clip in its own size
 SEEK_FROM = 2.0  # s; up to there frames are decoded from the beginning
 
 
@@ -36,7 +37,7 @@ class Clip:
         source_fps: Frame rate of the recording.
         source_size: (width, height) px, upright.
         letterbox: From the upright recording to `frames`.
-        notes: What was changed or assumed, a sentence each.
+        file_notes: What the file needed or was assumed to be, a sentence each.
     """
 
     frames: np.ndarray
@@ -45,7 +46,13 @@ class Clip:
     source_fps: float
     source_size: tuple[int, int]
     letterbox: Letterbox
-    notes: list[str] = field(default_factory=list)
+    file_notes: list[str] = field(default_factory=list)
+
+    @property
+    def notes(self) -> list[str]:
+        """What was changed or assumed, a sentence each."""
+        note = letterbox_for(self.letterbox.source, self.letterbox.size)[1]
+        return [*self.file_notes, *([note] if note else []), *repeats(self.source_times.tolist(), 1 / self.times[1])]
 
 
 def read_clip(
@@ -53,7 +60,7 @@ def read_clip(
     start: float = 0.0,
     seconds: float = 1.0,
     fps: float = FPS,
-    size: tuple[int, int] = SIZE,
+    size: tuple[int, int] | None = SIZE,
     assume_fps: float | None = None,
 ) -> Clip:
     """Read a part of a video as round(seconds * fps) frames.
@@ -66,7 +73,7 @@ def read_clip(
         start: Start of the clip, s.
         seconds: Length of the clip, s.
         fps: Frame rate of the clip.
-        size: (width, height) px.
+        size: (width, height) px; None: the recording's own, or as large as `MOST_BYTES` allow.
         assume_fps: Frame rate that replaces the time stamps where they are wrong, as in slow motion. `start` and
             `seconds` then refer to that time.
 
@@ -85,14 +92,14 @@ def read_clip(
     check_file(path)
     decoder = Decoder(path, start, assume_fps)
     letterbox: Letterbox | None = None
-    note = None
     frames: list[np.ndarray] = []
     recorded: list[float] = []
     wanted = start + np.arange(count) / fps
     before: tuple[float, np.ndarray] | None = None
     for time, picture in decoder:
         if letterbox is None:
-            letterbox, note = letterbox_for((picture.shape[1], picture.shape[0]), size)
+            source = (picture.shape[1], picture.shape[0])
+            letterbox, _ = letterbox_for(source, size or largest_size(source, count))
         if before is not None:
             while len(frames) < count and wanted[len(frames)] <= (before[0] + time) / 2:
                 frames.append(letterbox.apply(before[1]))
@@ -115,7 +122,6 @@ def read_clip(
             f"{path} is {end:.2f} s long{broken}: a clip of {seconds:g} s from {start:g} s on does not fit; at most "
             f"{max(end - start, 0):.2f} s do"
         )
-    notes = [*decoder.notes(assume_fps), *([note] if note else []), *repeats(recorded, fps)]
     return Clip(
         frames=np.stack(frames),
         times=np.arange(count) / fps,
@@ -123,7 +129,27 @@ def read_clip(
         source_fps=decoder.fps,
         source_size=letterbox.source,
         letterbox=letterbox,
-        notes=notes,
+        file_notes=decoder.notes(assume_fps),
+    )
+
+
+def largest_size(source: tuple[int, int], count: int) -> tuple[int, int]:
+    """The recording's size (width, height), px, made smaller where `count` frames would take more than `MOST_BYTES`."""
+    width, height = source
+    scale = min(1.0, (MOST_BYTES / (count * width * height * 3)) ** 0.5)
+    return round(width * scale), round(height * scale)
+
+
+def resampled(clip: Clip, every: int, size: tuple[int, int] = SIZE) -> Clip:
+    """A clip in its own size, reduced to its frames 0, every, 2 every … and brought to another size (width, height)."""
+    height, width = clip.frames.shape[1:3]
+    fitted, _ = letterbox_for((width, height), size)
+    return replace(
+        clip,
+        frames=np.stack([fitted.apply(f) for f in clip.frames[::every]]),
+        times=clip.times[::every],
+        source_times=clip.source_times[::every],
+        letterbox=letterbox_for(clip.source_size, size)[0],
     )
 
 

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.motion_masks import masks_from_motion
 from pipeline.errors import VideoError
-from pipeline.vision.recordings.motion_masks import masks_from_motion
 
 HEIGHT, WIDTH, COUNT = 120, 180, 20
 

@@ -1,0 +1,120 @@
+"""`pipeline.masks`: the moving bodies of a clip, without any inference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.api.result_folder import result_folder
+from pipeline.inference.found_bodies import FoundBodies
+from pipeline.inference.progress import Progress
+from pipeline.inference.prompts import Prompts
+from pipeline.inference.user_clip import UserClip, read_frames, with_masks
+from pipeline.vision.recordings.video import FPS
+
+
+@dataclass(frozen=True)
+class Masks:
+    """What `masks` found.
+
+    Attributes:
+        name: Of the clip.
+        start: s, where the clip begins in the video.
+        seconds: Its length.
+        fps: Frames a second at which it was shot, where that was given.
+        prompts: What was asked for.
+        taken: The clip as `infer` takes it: `infer(found.taken)`.
+        times: The time that each step took, s.
+    """
+
+    name: str
+    start: float
+    seconds: float
+    fps: float | None
+    prompts: Prompts
+    taken: UserClip
+    times: dict[str, float]
+
+    @property
+    def found(self) -> FoundBodies:
+        """The bodies, their scores and masks (T, H, W) uint8 in the video's own size."""
+        assert self.taken.found is not None
+        return self.taken.found
+
+    @property
+    def masks(self) -> np.ndarray:
+        """(T, H, W) uint8: 0 or the body's number, in the video's own size."""
+        return self.found.masks
+
+    def save(self, out: str | Path, force: bool = False) -> None:
+        """Write a folder with masks.npz, masks/ (PNGs), masks.png, overlay.mp4 and result.json.
+
+        Args:
+            out: The folder, which must not exist yet.
+            force: Replace it where `dynamics` wrote it and nothing else is in it.
+
+        Raises:
+            OutputError: Where it cannot be written; nothing is left then.
+        """
+        from pipeline.api.mask_files import write_files
+
+        with result_folder(Path(out), force) as folder:
+            write_files(folder, self, Progress())
+
+
+def masks(
+    clip: str | Path,
+    *,
+    start: float = 0.0,
+    seconds: float = 1.0,
+    fps: float | None = None,
+    prompts: Prompts | None = None,
+    progress: Progress | None = None,
+) -> Masks:
+    """Find the bodies that move in a clip.
+
+    Args:
+        clip: A video, or a folder with one; masks that lie beside it are not used.
+        start: s, where the clip begins in the video.
+        seconds: Its length.
+        fps: Frames a second at which it was shot, where the file's header lies.
+        prompts: What is known of the bodies: points, boxes, their number, what to ignore.
+        progress: Told of each step; None: nothing is printed.
+
+    Raises:
+        VideoError: For a clip that cannot be used, or in which no body is found.
+        ParamsError: For prompts that do not fit the clip.
+    """
+    progress = progress or Progress()
+    with progress.step("masks"):
+        read = read_frames(Path(clip), start=start, seconds=seconds, fps=FPS, assume_fps=fps)
+        taken = with_masks(read, prompts or Prompts())
+    found = Masks(str(clip), start, seconds, fps, prompts or Prompts(), taken, dict(progress.seconds))
+    say(progress, found.name, start, taken, found.found.clip.file_notes)
+    return found
+
+
+def say(progress: Progress, name: str, start: float, taken: UserClip, notes: Sequence[str]) -> None:
+    """Tell what was read and found; notes: on the clip."""
+    width, height = taken.clip.source_size
+    span = f"{start:g} to {start + len(taken.clip.times) * taken.clip.times[1]:g} s"
+    progress.say("clip", f"{name}: {span}, {width}x{height}, {taken.clip.source_fps:.4g} FPS")
+    for note in notes:
+        progress.say("note", note)
+    progress.say("masks", summary(taken))
+    for note in taken.found.notes if taken.found else ():
+        progress.say("note", note)
+    for doubt in taken.doubts:
+        progress.say("doubt", doubt)
+
+
+def summary(taken: UserClip) -> str:
+    """How many bodies, with their scores, and from where."""
+    many = "body" if taken.objects == 1 else "bodies"
+    if taken.found is None:
+        return f"{taken.objects} {many}, from {taken.masks_from}"
+    scores = ", ".join(f"{k} ({b.label})" for k, b in enumerate(taken.found.bodies, 1))
+    return f"{len(taken.found.bodies)} {many}, from {taken.masks_from}: {scores}"

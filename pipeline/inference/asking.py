@@ -1,0 +1,191 @@
+"""What the model says of a clip: the flow is measured as it was trained, it is loaded, and it is asked.
+
+Asking needs no masks, so that it runs in a thread of its own while bodies are looked for: importing transformers alone
+takes seconds. What is heavy is imported by the functions that need it.
+"""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.errors import ModelError, ParamsError, naming
+from pipeline.model.model_input import ModelInput, missing_input, read_input
+
+if TYPE_CHECKING:
+    from pipeline.clips.schedule import Schedule
+    from pipeline.inference.answers import Answer
+    from pipeline.model.base import Base
+    from pipeline.model.generate import Sampling
+    from pipeline.vision.recordings.video import Clip
+
+ROOT = Path(__file__).resolve().parents[2]
+FLOW_SIZE, FLOW_ITERATIONS = (240, 160), 4  # of flow for a model that is not shown any, as in params.yaml
+DECODE_BATCH_SIZE = 64  # sequences decoded at a time, as in params.yaml
+
+
+@dataclass(frozen=True)
+class Question:
+    """How the model is asked.
+
+    Attributes:
+        samples: Answers beside the greedy one.
+        temperature: Of sampling words.
+        top_p: Share of the distribution that words are sampled from.
+        middle: Share of a number's distribution from which samples are drawn.
+        seed: Of sampling.
+    """
+
+    samples: int
+    temperature: float
+    top_p: float
+    middle: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class LoadingModel:
+    """A model that is being loaded.
+
+    Attributes:
+        name: As it was given.
+        input: How its input is made; None where that is not known before it is there.
+        base: The model.
+    """
+
+    name: str
+    input: ModelInput | None
+    base: Future[Base]
+
+    @property
+    def shown(self) -> ModelInput:
+        """How its input is made. Raises ModelError."""
+        return self.input or input_of(self.base.result())
+
+
+class Stopped(Exception):
+    """Nobody waits for the answers any more."""
+
+
+def ask_model(
+    loading: LoadingModel, clip: Clip, schedule: Schedule, flow: np.ndarray, question: Question, stop: threading.Event
+) -> tuple[list[Answer], Sampling]:
+    """Wait for the model and ask it.
+
+    Args:
+        loading: The model.
+        clip: The frames.
+        schedule: Which pairs of them the model sees.
+        flow: (P, H, W, 2), px per frame interval, of these pairs.
+        question: How it is asked.
+        stop: Set where nobody waits any more.
+
+    Returns:
+        The greedy answer, then the samples; and how they were drawn.
+
+    Raises:
+        ModelError: For a model that cannot be loaded.
+        Stopped: After `stop`.
+    """
+    from pipeline.inference.answers import answer_seed, ask
+    from pipeline.inference.model_pictures import model_pictures
+    from pipeline.model.generate import Sampling
+
+    base = loading.base.result()
+    if stop.is_set():
+        raise Stopped
+    shown, q = input_of(base), question
+    sampling = Sampling(q.samples, q.temperature, q.top_p, shown.reasoning, schedule.seconds, middle=q.middle)
+    pictures = model_pictures(shown, base.layout, flow, clip.frames[schedule.pairs[:, 0]], 1 / schedule.fps)
+    (answers,) = ask(base, lambda _: pictures, [answer_seed(q.seed, 0)], sampling, DECODE_BATCH_SIZE)
+    return answers, sampling
+
+
+def shown_flow(clip: Clip, schedule: Schedule, shown: ModelInput, source: str, raft: Path) -> np.ndarray:
+    """The flow (P, H, W, 2) of the pairs of frames that the model sees, as it was trained.
+
+    Args:
+        clip: The frames.
+        schedule: Which pairs of them.
+        shown: How the model's input is made.
+        source: "raft" or "dis".
+        raft: Weights of RAFT.
+    """
+    from pipeline.vision.flow.dis import DIS
+    from pipeline.vision.flow.measured_flow import measured_flow
+    from pipeline.vision.flow.raft import load_raft
+
+    return measured_flow(
+        load_raft(raft) if source == "raft" else DIS("medium"),
+        clip.frames,
+        clip.source_times,
+        schedule.pairs,
+        1 / schedule.fps,
+        shown.flow_iterations or FLOW_ITERATIONS,
+        shown.flow_size or FLOW_SIZE,
+    )
+
+
+def load_in_background(name: str, parameter: str = "model") -> LoadingModel:
+    """`load_model` in a thread of its own."""
+    thread = ThreadPoolExecutor(1, "load_model")
+    base = thread.submit(load_model, name, parameter)
+    thread.shutdown(wait=False)
+    try:
+        return LoadingModel(name, read_input(str(shipped(name))), base)
+    except ModelError:  # which `base` will raise, too
+        return LoadingModel(name, None, base)
+
+
+def loaded(base: Base) -> LoadingModel:
+    """A model that is there already."""
+    there: Future[Base] = Future()
+    there.set_result(base)
+    return LoadingModel(base.name, input_of(base), there)
+
+
+def load_model(name: str, parameter: str = "model") -> Base:
+    """The model in a folder, or of that name in the local hub cache.
+
+    Args:
+        name: Also that of a folder which ships with this project.
+        parameter: What the user calls it, for the message of an error.
+
+    Raises:
+        ModelError: Where it cannot be loaded, or has not recorded how its input is made.
+    """
+    from pipeline.clips.schedule import Schedule
+    from pipeline.model.base import load_base
+
+    with naming(parameter):
+        base = load_base(str(shipped(name)), frames=Schedule().model_frames)
+        input_of(base)
+        return base
+
+
+def input_of(base: Base) -> ModelInput:
+    """How the model's input is made. Raises ModelError where the checkpoint has not recorded that."""
+    if base.input is None:
+        raise missing_input(base.name)
+    return base.input
+
+
+def flow_source(shown: ModelInput, flow: str | None, model: str) -> str:
+    """How flow is measured: as asked for, else as in training. model: its name, for the message of an error."""
+    if flow is not None and flow not in ("raft", "dis"):
+        raise ParamsError(f"flow: {flow!r}; valid: raft, dis")
+    if flow is not None and shown.input == "flow":
+        shown.check("flow_source", flow, "flow", model)
+    trained = shown.flow_source if shown.flow_source in ("raft", "dis") else "raft"
+    return flow or trained
+
+
+def shipped(path: str | Path) -> Path:
+    """A path as given; where it is not there from here, the same path in this project (models/tiny), if it is there."""
+    place = Path(path)
+    return ROOT / place if not place.exists() and not place.is_absolute() and (ROOT / place).exists() else place

@@ -1,0 +1,114 @@
+"""The moving bodies of a clip, found by the network for masks and by what the user says of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.errors import VideoError
+from pipeline.inference.clip_faults import clip_faults
+from pipeline.inference.prompts import Prompts
+from pipeline.inference.track_choice import TrackChoice
+from pipeline.segmentation.bodies import Candidates, find_candidates
+from pipeline.segmentation.chosen_bodies import bodies_of, candidate_scores, figure
+from pipeline.segmentation.network import SegmentationNetwork
+from pipeline.vision.recordings.video import Clip
+
+LIKE_OTHER = 0.5  # probability from which a body is doubted
+LEAST_OTHER = 0.002  # of the picture, mean over the clip, that hands and cloth cover: they are named as what moves
+
+
+@dataclass(frozen=True)
+class FoundBody:
+    """One body of the masks.
+
+    Attributes:
+        score: Probability that it is a moving body; None where the user pointed at it and the network did not see it.
+        origin: "network", "candidate" (below the least score, but asked for), "grown" (from a point or a box), or the
+            published segmenter that followed it.
+        radius_px: Of the clip's frames; None where it was not estimated.
+    """
+
+    score: float | None
+    origin: str
+    radius_px: float | None
+
+    @property
+    def label(self) -> str:
+        """Its score, or where it comes from, in few letters."""
+        return self.origin if self.score is None else f"{self.score:.2f}"
+
+
+@dataclass(frozen=True)
+class FoundBodies:
+    """The bodies of a clip.
+
+    Attributes:
+        clip: The frames in which they were looked for, in the video's own size.
+        masks: (T, H, W) uint8 of these frames, 0 or the body's number from 1.
+        bodies: In the order of their numbers, which is that of their appearance.
+        notes: What was done because of prompts, a sentence each.
+        doubts: What may be wrong, a sentence each.
+    """
+
+    clip: Clip
+    masks: np.ndarray
+    bodies: tuple[FoundBody, ...]
+    notes: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+def find_in_clip(clip: Clip, network: SegmentationNetwork, prompts: Prompts) -> FoundBodies:
+    """The bodies of a clip in its own size.
+
+    Args:
+        clip: Its frames, of a resting camera.
+        network: For masks.
+        prompts: What the user says.
+
+    Raises:
+        VideoError: Where no body is found; it says what moves instead.
+        ParamsError: For prompts that are outside of the clip, or that nothing in it fits.
+    """
+    prompts.check(clip.source_size, clip.source_times)
+    found = find_candidates(clip.frames, network)
+    like_other = figure(found, "other")
+    likely = candidate_scores(found, network)
+    choice = TrackChoice(found, likely, like_other, prompts, clip.source_times, clip.source_size)
+    kept = choice.chosen()
+    if not kept:
+        raise VideoError(why_none(clip, found, float(likely.max(initial=0)), choice.notes))
+    scores = np.array([1.0 if c.score is None else c.score for c in kept])
+    drawn = bodies_of([c.track for c in kept], scores, found, clip.frames)
+    bodies = tuple(FoundBody(c.score, c.origin, float(r)) for c, r in zip(kept, drawn.radii, strict=True))
+    doubts = [
+        f"body {k} may be a hand, cloth or a mirror image (probability {c.like_other:.2f}); if it is, --ignore drops it"
+        for k, c in enumerate(kept, 1)
+        if c.like_other > LIKE_OTHER
+    ]
+    doubts += clip_faults(clip.frames, drawn.masks)
+    return FoundBodies(clip, drawn.masks, bodies, tuple(choice.notes), tuple(doubts))
+
+
+def why_none(clip: Clip, found: Candidates, likeliest: float, notes: list[str]) -> str:
+    """One sentence on a clip in which no body is found: what moves instead, and what to do.
+
+    Args:
+        clip: Its frames.
+        found: The candidates, none of which counts.
+        likeliest: The highest of their probabilities.
+        notes: What prompts did.
+    """
+    ask = "; give another --start, or --point X,Y on a body"
+    nothing = np.zeros(clip.frames.shape[:3], np.uint8)
+    faults = clip_faults(clip.frames, nothing)
+    if notes:
+        return f"no body is left: {'; '.join(notes)}"
+    if faults:
+        return f"no moving body is found, and {' and '.join(faults)}{ask}"
+    if float((found.prediction.other > LIKE_OTHER).mean()) > LEAST_OTHER:
+        return f"no moving body is found: what moves in this clip looks like a hand, cloth or a mirror image{ask}"
+    if len(found.tracks):
+        return f"no moving body is found: what changes is a body with probability {likeliest:.2f} at most{ask}"
+    return f"nothing moves in this clip, or it is too small to be seen{ask}"

@@ -1,0 +1,152 @@
+"""A user's clip with its masks: given as files, or found by the network."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.errors import ParamsError, VideoError, naming
+from pipeline.inference.clip_faults import clip_faults
+from pipeline.inference.found_bodies import FoundBodies, find_in_clip
+from pipeline.inference.prompts import Prompts
+from pipeline.segmentation.network import SegmentationNetwork, load_network
+from pipeline.vision.recordings.clip_folder import masks_beside, video_of
+from pipeline.vision.recordings.given_masks import given_masks
+from pipeline.vision.recordings.letterbox import letterbox_for
+from pipeline.vision.recordings.mask_file import letterboxed, renumbered
+from pipeline.vision.recordings.video import Clip, read_clip, resampled
+
+WEIGHTS = Path(__file__).resolve().parents[2] / "models" / "masks"  # the network that ships
+LEAST_FRAMES = 30  # in which the network looks for bodies, where so many were filmed
+NETWORK = "the network for masks"
+
+
+@dataclass(frozen=True)
+class UserClip:
+    """A clip and its masks.
+
+    Attributes:
+        clip: The frames that are inferred from.
+        masks: (T, H, W) uint8 of these frames, 0 or the body's number.
+        masks_from: `NETWORK`, or the name of a file.
+        found: The bodies as they were found, in the video's own size; None where masks were given.
+        doubts: What may be wrong with them, a sentence each.
+    """
+
+    clip: Clip
+    masks: np.ndarray
+    masks_from: str
+    found: FoundBodies | None
+    doubts: tuple[str, ...]
+
+    @property
+    def objects(self) -> int:
+        """How many bodies the masks have."""
+        return int(self.masks.max(initial=0))
+
+
+@dataclass(frozen=True)
+class ReadClip:
+    """A clip before its masks are known.
+
+    Attributes:
+        place: The video, or the folder with it.
+        clip: The frames that are inferred from.
+        given: Its masks; None where they have to be found.
+        filmed: The frames in which they are looked for, in the video's own size, each but once; None with given ones.
+        assume_fps: As the clip was read with.
+    """
+
+    place: Path
+    clip: Clip
+    given: Path | None
+    filmed: Clip | None
+    assume_fps: float | None
+
+
+def read_frames(
+    place: Path,
+    *,
+    start: float = 0.0,
+    seconds: float = 1.0,
+    fps: float = 30.0,
+    assume_fps: float | None = None,
+    given: Path | None = None,
+) -> ReadClip:
+    """Read a clip.
+
+    Bodies are looked for in the video's own size, in the frames at `fps`, or at the least multiple of it that gives
+    LEAST_FRAMES, so that a short clip in slow motion has enough; of a video with fewer frames, in all of them.
+
+    Args:
+        place: A video, or a folder with one.
+        start: Start of the clip, s.
+        seconds: Length of the clip, s.
+        fps: Frame rate of the clip.
+        assume_fps: Frame rate of the recording where its time stamps are wrong; None: they are used.
+        given: Masks, as a file or folder; None: they have to be found.
+
+    Raises:
+        VideoError: The video cannot be used.
+    """
+    video = video_of(place)
+    if given is not None:
+        return ReadClip(place, read_clip(video, start, seconds, fps, assume_fps=assume_fps), given, None, assume_fps)
+    every = max(math.ceil(LEAST_FRAMES / max(round(seconds * fps), 1)), 1)
+    own = read_clip(video, start, seconds, fps * every, size=None, assume_fps=assume_fps)
+    distinct = np.unique(own.source_times, return_index=True)[1]
+    if len(distinct) < 2:
+        raise VideoError(f"{place}: the clip has one frame only; at least two are needed")
+    filmed = replace(
+        own,
+        frames=own.frames[distinct],
+        times=own.source_times[distinct] - own.source_times[0],
+        source_times=own.source_times[distinct],
+    )
+    return ReadClip(place, resampled(own, every), None, filmed, assume_fps)
+
+
+def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:
+    """The clip with its masks; the network for masks finds the moving bodies where they are not given.
+
+    Raises:
+        VideoError: The masks do not match the clip, or no body is found.
+        ParamsError: The prompts do not fit the clip.
+    """
+    clip, filmed = read.clip, read.filmed
+    if filmed is None:
+        assert read.given is not None
+        ids = given_masks(read.given, clip, video_of(read.place), read.assume_fps)
+        return UserClip(clip, ids, read.given.name, None, tuple(clip_faults(clip.frames, ids)))
+    with naming(str(read.place)):
+        found = find_in_clip(filmed, mask_network(), prompts)
+        at = np.searchsorted(filmed.source_times, clip.source_times)
+        height, width = found.masks.shape[1:]
+        masks = letterboxed(found.masks[at], letterbox_for((width, height), clip.letterbox.size)[0])
+        if not masks.any():
+            raise VideoError(
+                "the moving bodies are outside of the part of the picture that is used, or too small for it"
+            )
+    return UserClip(clip, renumbered(masks), NETWORK, found, found.doubts)
+
+
+def given_or_beside(place: Path, masks: Path | None, prompts: Prompts) -> Path | None:
+    """The masks of a clip that are given: those named, else those beside the video; None where they have to be found.
+
+    Raises ParamsError where prompts are given, too, which are for masks that are found.
+    """
+    if prompts and masks is not None:
+        raise ParamsError(
+            f"--masks {masks}: points, boxes and numbers of objects are for masks that are found; give one"
+        )
+    return masks if masks is not None or prompts else masks_beside(place)
+
+
+@lru_cache(maxsize=1)
+def mask_network() -> SegmentationNetwork:
+    """The network that ships, loaded once."""
+    return load_network(WEIGHTS)
