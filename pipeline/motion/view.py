@@ -126,43 +126,66 @@ def growth(tracks: Sequence[ImageTrack]) -> float:
     return slope * max(ways) if abs(slope) > SIGNIFICANT * error else 0.0
 
 
-def find_view(tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]], roll_deg: float = 0.0) -> View:
+def find_view(
+    tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]], roll_deg: float = 0.0, kind: str | None = None
+) -> View:
     """The view that the tracks of a clip and their arcs tell of.
 
     Args:
         tracks: Of the bodies.
         arcs: Of each track.
         roll_deg: By which the world's vertical is turned in the picture, clockwise; free fall tells it better.
+        kind: Of `VIEWS`, where it is known; None: the tracks decide.
+
+    Raises:
+        ValueError: The tracks show nothing of what a view of this kind needs.
     """
     motions = tuple(describe_arc(a, t.radius, roll_deg) for t, own in zip(tracks, arcs, strict=True) for a in own)
     moving = [m for m in motions if m.kind != "rest"]
     total = sum(m.path for m in moving)
+    gravity, slope = free_fall(_of_kind(moving, "free"), total), common_slope(_of_kind(moving, "slope"), total)
+    if kind is None:
+        kind, reason = _likely_kind(tracks, motions, gravity, slope)
+    else:
+        reason = "as it was asked for"
+        if kind == "flight" and gravity is None:
+            raise ValueError("no body falls freely")
+        if kind == "incline" and slope is None:
+            raise ValueError("no body speeds up along a line")
+    if kind not in ("side", "flight"):
+        gravity = None
+    if gravity is not None:
+        roll_deg = float(np.degrees(np.arctan2(-gravity[0], gravity[1])))
+    if kind in ("table", "top"):
+        roll_deg = 0.0
+    return View(kind, motions, gravity, slope or 0.0 if kind == "incline" else 0.0, roll_deg, reason)
 
-    def of_kind(kind: str) -> list[ArcMotion]:
-        return [m for m in moving if m.kind == kind]
 
-    def view(kind: str, reason: str, slope_deg: float = 0.0) -> View:
-        return View(kind, motions, None, slope_deg, 0.0 if kind in ("table", "top") else roll_deg, reason)
+def _of_kind(motions: Sequence[ArcMotion], kind: str) -> list[ArcMotion]:
+    return [m for m in motions if m.kind == kind]
 
-    if total == 0:
-        return view("table", "no body moves far enough to tell the view")
+
+def _likely_kind(
+    tracks: Sequence[ImageTrack], motions: Sequence[ArcMotion], gravity: np.ndarray | None, slope: float | None
+) -> tuple[str, str]:
+    """The kind of view, and what told. gravity: px/s², slope: deg, where bodies show them."""
+    moving = [m for m in motions if m.kind != "rest"]
+    total = sum(m.path for m in moving)
     larger = growth(tracks)
+    if total == 0:
+        return "table", "no body moves far enough to tell the view"
     if larger > LEAST_GROWTH:
-        words = f"bodies are {np.expm1(larger):.0%} larger where they are lower in the picture: a table in perspective"
-        return view("table", words)
-    gravity = free_fall(of_kind("free"), total)
+        return "table", f"bodies are {np.expm1(larger):.0%} larger where they are lower in the picture"
     if gravity is not None:
         kind = "flight" if all(m.kind in ("free", "rest") for m in motions) else "side"
-        turned = float(np.degrees(np.arctan2(-gravity[0], gravity[1])))
-        return View(kind, motions, gravity, 0.0, turned, f"bodies fall with {np.linalg.norm(gravity):.0f} px/s²")
-    slope = common_slope(of_kind("slope"), total)
+        return kind, f"bodies fall with {np.linalg.norm(gravity):.0f} px/s²"
     if slope is not None:
-        return view("incline", f"bodies speed up along a line of {abs(slope):.1f}°", slope)
-    if sum(m.path for m in of_kind("other")) > LEAST_SHARE_FREE * total:
-        return view("table", "paths bend, and not as free fall does")
+        return "incline", f"bodies speed up along a line of {abs(slope):.1f}°"
+    if sum(m.path for m in _of_kind(moving, "other")) > LEAST_SHARE_FREE * total:
+        return "table", "paths bend, and not as free fall does"
     if max(abs(m.slope_deg) for m in moving) > 3 * LEVEL_DEG and len(moving) > 1:
-        return view("top", "bodies move along straight lines and grow nowhere: seen from above")
-    return view("side", "bodies move along level lines")
+        return "top", "bodies move along straight lines in several directions and grow nowhere"
+    return "side", "bodies move along level lines"
 
 
 def free_fall(free: Sequence[ArcMotion], total: float) -> np.ndarray | None:

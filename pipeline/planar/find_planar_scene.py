@@ -21,6 +21,7 @@ from pipeline.planar.supports import Support, find_supports
 from pipeline.scene.scene import HOLLOW_SHAPES, Scene, SceneObject
 
 START_HOLLOW = 0.6
+KNOWN_ERROR = 0.01  # of a length that is given, as a share
 BACKGROUND_FRAMES = 15  # whose median is the background
 
 
@@ -64,8 +65,30 @@ class PlanarAnswer:
     scale: Scale
 
 
+@dataclass(frozen=True)
+class KnownSize:
+    """A body's size that is known.
+
+    Attributes:
+        index: Of the body, from 0, in the order of the scene's objects.
+        key: "radius", "width" or "height", as the picture shows it.
+        m: Its length.
+    """
+
+    index: int
+    key: str
+    m: float
+
+
 def measure_motion(
-    masks: np.ndarray, frames: np.ndarray, times: np.ndarray, *, px_per_m: float | None = None, gravity: float = GRAVITY
+    masks: np.ndarray,
+    frames: np.ndarray,
+    times: np.ndarray,
+    *,
+    view: str | None = None,
+    gravity: float = GRAVITY,
+    px_per_m: float | None = None,
+    size: KnownSize | None = None,
 ) -> ClipMotion:
     """Tracks, view, shapes, scale and supports of a clip.
 
@@ -73,8 +96,13 @@ def measure_motion(
         masks: (T, H, W) ids.
         frames: (T, H, W, 3) uint8 RGB.
         times: (T,) s, from 0.
-        px_per_m: Where a length is known.
+        view: Of `pipeline.motion.view.VIEWS`, where it is known.
         gravity: m/s².
+        px_per_m: Where a length is known.
+        size: Where a body's size is known.
+
+    Raises:
+        ValueError: The tracks do not fit the view, or there is no body of that size's index.
     """
     tracks, arcs = [], []
     for track in image_tracks(masks, times):
@@ -82,12 +110,27 @@ def measure_motion(
         if own:
             tracks.append(track)
             arcs.append(tuple(own))
-    view = find_view(tracks, arcs, background_roll(frames))
+    found = find_view(tracks, arcs, background_roll(frames), view)
     silhouettes = tuple(silhouette(t, masks, frames) for t in tracks)
-    scale = find_scale(view, silhouettes, gravity) if px_per_m is None else Scale(px_per_m, "length", 0.01)
-    plane = Plane(masks.shape[2], masks.shape[1], scale.px_per_m, -float(np.radians(view.roll_deg)), view.kind == "top")
-    supports: Sequence[Support] = [] if view.kind in ("top", "table") else find_supports(view, tracks, masks)
-    return ClipMotion(tuple(tracks), tuple(arcs), view, silhouettes, scale, plane, tuple(supports))
+    if px_per_m is not None:
+        scale = Scale(px_per_m, "length", KNOWN_ERROR)
+    elif size is not None:
+        scale = Scale(size_px(silhouettes, size) / size.m, "size", KNOWN_ERROR)
+    else:
+        scale = find_scale(found, silhouettes, gravity)
+    plane = Plane(
+        masks.shape[2], masks.shape[1], scale.px_per_m, -float(np.radians(found.roll_deg)), found.kind == "top"
+    )
+    supports: Sequence[Support] = [] if found.kind in ("top", "table") else find_supports(found, tracks, masks)
+    return ClipMotion(tuple(tracks), tuple(arcs), found, silhouettes, scale, plane, tuple(supports))
+
+
+def size_px(silhouettes: Sequence[Silhouette], size: KnownSize) -> float:
+    """px that a known size has in the picture. Raises ValueError where there is no such body."""
+    if size.index >= len(silhouettes):
+        raise ValueError(f"there is no body {size.index}; valid: 0 to {len(silhouettes) - 1}")
+    own = silhouettes[size.index]
+    return {"radius": own.width / 2, "width": own.width, "height": own.height}[size.key]
 
 
 def background_roll(frames: np.ndarray) -> float:

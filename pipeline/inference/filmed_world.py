@@ -1,0 +1,148 @@
+"""The scene of a clip whose bodies move in a plane parallel to the picture, from their tracks in all filmed frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.errors import ParamsError
+from pipeline.inference.trust import Forecast, forecast
+from pipeline.inference.user_clip import UserClip
+from pipeline.planar.find_planar_scene import ClipMotion, KnownSize, PlanarAnswer, find_planar_scene, measure_motion
+from pipeline.planar.scale import GRAVITY
+from pipeline.scene.scene import Scene
+from pipeline.vision.recordings.letterbox import Letterbox
+from pipeline.vision.rendering.camera import focal_px
+
+
+@dataclass(frozen=True)
+class KnownLength:
+    """A length that is known in the plane in which bodies move.
+
+    Attributes:
+        ends: (x0, y0, x1, y1) px of the video's own picture.
+        m: Its length.
+    """
+
+    ends: tuple[float, ...]
+    m: float
+
+    @property
+    def px_per_m(self) -> float:
+        x0, y0, x1, y1 = self.ends
+        return float(np.hypot(x1 - x0, y1 - y0)) / self.m
+
+
+@dataclass(frozen=True)
+class World:
+    """What a user knows of the world that was filmed.
+
+    Attributes:
+        view: Of `pipeline.motion.view.VIEWS`; None: the tracks decide.
+        gravity: m/s².
+        length: A known length.
+        size: A known size of a body.
+    """
+
+    view: str | None = None
+    gravity: float = GRAVITY
+    length: KnownLength | None = None
+    size: KnownSize | None = None
+
+
+@dataclass(frozen=True)
+class FilmedWorld:
+    """What the tracks of a clip tell of the world.
+
+    Attributes:
+        motion: Tracks, view and scale, in px of the frames in which bodies were looked for.
+        masks: (T, H, W) ids of these frames.
+        answer: The planar scene; None where the view is a table, or no body can be measured.
+        scene: That scene, with the camera of the clip's own frames.
+        forecast: Of frames that were not fitted; None where it could not be tried.
+    """
+
+    motion: ClipMotion
+    masks: np.ndarray
+    answer: PlanarAnswer | None
+    scene: Scene | None
+    forecast: Forecast | None
+
+
+def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
+    """The world that the tracks of a clip tell of.
+
+    Raises:
+        ParamsError: The tracks do not fit what the user knows.
+    """
+    frames, masks, times = filmed_frames(taken)
+    motion = _measured(masks, frames, times, world)
+    if motion.view.kind == "table" or not motion.tracks:
+        return FilmedWorld(motion, masks, None, None, None)
+    answer = find_planar_scene(motion, world.gravity)
+    kept = renumbered_by_track(masks, motion)
+
+    def first_part(count: int) -> Scene | None:
+        early = _measured(masks[:count], frames[:count], times[:count], replace(world, view=motion.view.kind))
+        return find_planar_scene(early, world.gravity).scene if early.tracks else None
+
+    def tried(count: int) -> Scene | None:
+        try:
+            return first_part(count)
+        except ParamsError:  # the first part does not show the view
+            return None
+
+    seen = clip_camera(answer.scene, masks.shape[2], taken.clip.letterbox if taken.found else None)
+    return FilmedWorld(motion, masks, answer, seen, forecast(kept, times, tried))
+
+
+def filmed_frames(taken: UserClip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frames (T, H, W, 3), masks (T, H, W) and times (T,) s in which the bodies of a clip can be followed."""
+    if taken.found is not None:
+        clip = taken.found.clip
+        return clip.frames, taken.found.masks, np.asarray(clip.times)
+    clip = taken.clip
+    return clip.frames, taken.masks, np.asarray(clip.source_times - clip.source_times[0])
+
+
+def clip_camera(scene: Scene, width: int, letterbox: Letterbox | None) -> Scene:
+    """The scene with the camera of a picture that a letterbox made, instead of that of the video's own picture.
+
+    Args:
+        scene: Its camera sees the video's own picture.
+        width: px, of that picture, as it was looked at.
+        letterbox: None: the picture is the video's own.
+    """
+    if letterbox is None:
+        return scene
+    assert scene.camera is not None
+    left, top, kept, _ = letterbox.window
+    height = width * letterbox.source[1] / letterbox.source[0]
+    scale = letterbox.place[2] / kept * letterbox.source[0] / width
+    focal = focal_px(scene.camera.fov, height) * scale
+    fov = 2 * np.degrees(np.arctan(letterbox.size[1] / 2 / focal))
+    return replace(scene, camera=replace(scene.camera, fov=float(fov)))
+
+
+def renumbered_by_track(masks: np.ndarray, motion: ClipMotion) -> np.ndarray:
+    """The masks (T, H, W) of the bodies that have a track, numbered from 1 in the order of the scene's objects."""
+    table = np.zeros(256, np.uint8)
+    for i, track in enumerate(motion.tracks, 1):
+        table[track.body] = i
+    return table[masks]
+
+
+def _measured(masks: np.ndarray, frames: np.ndarray, times: np.ndarray, world: World) -> ClipMotion:
+    try:
+        return measure_motion(
+            masks,
+            frames,
+            times,
+            view=world.view,
+            gravity=world.gravity,
+            px_per_m=None if world.length is None else world.length.px_per_m,
+            size=world.size,
+        )
+    except ValueError as error:
+        raise ParamsError(f"--view {world.view}, --size: {error}") from None
