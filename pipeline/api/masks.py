@@ -113,8 +113,9 @@ def say(progress: Progress, name: str, start: float, taken: UserClip, notes: Seq
 
 def summary(taken: UserClip) -> str:
     """How many bodies, with their scores, and from where."""
-    many = "body" if taken.objects == 1 else "bodies"
+    count = len(taken.found.bodies) if taken.found else taken.objects
+    many = "body" if count == 1 else "bodies"
     if taken.found is None:
-        return f"{taken.objects} {many}, from {taken.masks_from}"
+        return f"{count} {many}, from {taken.masks_from}"
     scores = ", ".join(f"{k} ({b.label})" for k, b in enumerate(taken.found.bodies, 1))
-    return f"{len(taken.found.bodies)} {many}, from {taken.masks_from}: {scores}"
+    return f"{count} {many}, from {taken.masks_from}: {scores}"

@@ -16,6 +16,7 @@ from pipeline.segmentation.resting import with_rests
 MOST_BODIES = 255
 NEAR_RADII, NEAR_PX = 0.5, 2.0  # a point so near to a track's pixels is on its body; px of the network's picture
 IN_BOX = 0.7  # share of a track's pixels that must lie in a box
+SAME = 0.5  # median overlap of two tracks that are one body
 FILLS_BOX = 0.3  # intersection over union of a box and of the box around the tracks in it
 
 
@@ -150,11 +151,18 @@ class TrackChoice:
 
     def _grow(self, prompt: str, t: int, region: np.ndarray, how: str) -> None:
         track = grown_track(self._frames, t, region)
-        self.notes.append(
-            f"{prompt}: the network finds no body there; {how} and followed through {len(track.pieces)} of "
-            f"{len(self._frames)} frames"
-        )
-        self._all.append(ChosenTrack(track, None, marked=True))
+        note = f"{prompt}: the network finds no body there; {how} and followed through {len(track.pieces)} of "
+        note += f"{len(self._frames)} frames"
+        same = sorted((c for c in self._all if _same(c.track, track)), key=lambda c: c.rank, reverse=True)
+        if not same:
+            self.notes.append(note)
+            self._all.append(ChosenTrack(track, None, marked=True))
+            return
+        self.notes.append(f"{note}; it is a body that the network sees in other frames")
+        pieces: dict[int, Piece] = {}
+        for c in sorted([*same, ChosenTrack(track, LEAST_SCORE)], key=lambda c: c.rank):  # the surer, the later
+            pieces |= c.track.pieces
+        self._replace(same, replace(same[0], track=replace(same[0].track, pieces=pieces), marked=True))
 
     def _note_candidate(self, prompt: str, on: ChosenTrack) -> None:
         if on.origin == "candidate":
@@ -193,6 +201,18 @@ class TrackChoice:
         low, high = places.min(0) - 0.5, places.max(0) + 0.5
         shared = np.prod(np.clip(np.minimum(high, corners[2:]) - np.maximum(low, corners[:2]), 0, None))
         return float(shared / (np.prod(high - low) + np.prod(corners[2:] - corners[:2]) - shared))
+
+
+def _same(one: Track, other: Track) -> bool:
+    """Whether two tracks are one body's: they overlap in the frames in which both are seen."""
+    shared = set(one.pieces) & set(other.pieces)
+    if not shared:
+        return False
+    overlaps = []
+    for t in shared:
+        first, second = one.pieces[t].pixels, other.pieces[t].pixels
+        overlaps.append(len(np.intersect1d(first, second)) / min(len(first), len(second)))
+    return bool(np.median(overlaps) > SAME)
 
 
 def _joined(tracks: list[ChosenTrack]) -> Track:

@@ -131,7 +131,9 @@ def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:
             raise VideoError(
                 "the moving bodies are outside of the part of the picture that is used, or too small for it"
             )
-    return UserClip(clip, renumbered(masks), NETWORK, found, found.doubts)
+    lost = [k for k in range(1, len(found.bodies) + 1) if not (masks == k).any()]
+    doubts = [f"body {k} is outside of the part of the picture that is used, or too small for it" for k in lost]
+    return UserClip(clip, renumbered(masks), NETWORK, found, (*found.doubts, *doubts))
 
 
 def given_or_beside(place: Path, masks: Path | None, prompts: Prompts) -> Path | None:
