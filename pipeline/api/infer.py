@@ -33,6 +33,7 @@ from pipeline.inference.asking import (
     shipped,
     shown_flow,
 )
+from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world
 from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
 from pipeline.inference.prompts import Prompts
@@ -43,12 +44,14 @@ from pipeline.inference.scene_search import (
     scene_certainties,
     search_clip,
 )
+from pipeline.inference.trust import Forecast, Grade, forecast, grade
 from pipeline.inference.user_clip import UserClip, given_or_beside, read_frames, with_masks
 from pipeline.metrics.overlap import Overlap, overlap
+from pipeline.planar.find_planar_scene import PlanarAnswer
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
 from pipeline.search.certainty import Certainty, weakly_identified
-from pipeline.search.evaluator import Rewards
+from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.vision.recordings.clip_folder import video_of
 from pipeline.vision.recordings.video import check_file
 
@@ -61,8 +64,9 @@ if TYPE_CHECKING:
 SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward
 STARTS = 3  # answers that a search starts from
 LEAST_SEARCH = 200
-DOUBTFUL_IOU = 0.2
-DOUBT = "the replay overlaps little of what moves in the clip: do not rely on this answer"
+FORECAST_SHARE = 0.35  # of the simulations of a search, that are spent again on the first part of the clip
+TRACKS = "tracks"  # the method that fits a planar scene to tracks
+TRACKS_IOU = 0.6  # from which its scene needs no search beside it, which knows tables alone
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,7 @@ class Settings:
     prompts: Prompts
     search: int
     incline: bool
+    world: World
     flow: str
     raft: Path
     sampling: Sampling
@@ -86,9 +91,10 @@ class Method:
     """A way to a scene, and what it reached.
 
     Attributes:
-        name: "greedy", "best of K" or "search".
+        name: "greedy", "best of K", "search" or "tracks".
         scene: What it found.
-        answer: The model's, whose words belong to the scene: of a search, the best one with the same shapes.
+        answer: The model's, whose words belong to the scene: of a search, the best one with the same shapes; None for
+            tracks.
         reward: As the search measures: iou - epe_frame.
         iou: As the search measures.
         epe_frame: px of 480x320 per frame interval, over the whole frame.
@@ -98,7 +104,7 @@ class Method:
 
     name: str
     scene: Scene
-    answer: Answer
+    answer: Answer | None
     reward: float
     iou: float
     epe_frame: float
@@ -118,7 +124,9 @@ class Inference:
         answers: The model's: greedy first, then the samples.
         rewards: Of the answers, in their order.
         methods: Each way to a scene, in the order in which they were tried.
+        filmed: The world that the tracks tell of.
         searched: The search; None where there was none.
+        forecast: Of frames that were not fitted, by the best method; None where it was not tried.
         certainties: How far the clip determines each number of the scene; empty without a search.
         seconds: The time that each step took.
     """
@@ -130,7 +138,9 @@ class Inference:
     answers: tuple[Answer, ...]
     rewards: Rewards
     methods: tuple[Method, ...]
+    filmed: FilmedWorld
     searched: ClipSearch | None
+    forecast: Forecast | None
     certainties: tuple[Certainty, ...]
     seconds: dict[str, float]
 
@@ -149,10 +159,20 @@ class Inference:
         return input_of(self.base).flow_size or FLOW_SIZE
 
     @property
+    def grade(self) -> Grade:
+        """How far the answer can be trusted."""
+        return grade(self.best.overlap.sequence, self.forecast)
+
+    @property
+    def metric(self) -> str:
+        """What fixed the scale: "gravity", "length", "size" or "none"."""
+        scale = self.filmed.answer.scale if self.filmed.answer and self.best.name == TRACKS else None
+        return "none" if scale is None else scale.by
+
+    @property
     def doubts(self) -> list[str]:
         """Why the answer should not be relied on."""
-        poor = self.best.overlap.sequence < DOUBTFUL_IOU
-        return [*self.clip.taken.doubts, *([DOUBT] if poor else [])]
+        return list(self.clip.taken.doubts)
 
     def replay(self) -> Replay:
         """The scene, run over the clip."""
@@ -189,6 +209,7 @@ def infer(
     middle: float = 0.4,
     search: int = 0,
     incline: bool = False,
+    world: World | None = None,
     flow: str | None = None,
     raft: str | Path = "models/raft-small",
     seed: int = 0,
@@ -213,6 +234,7 @@ def infer(
         middle: Share of a number's distribution, about its median, from which samples are drawn.
         search: Refine the best answers with so many simulations; 0: do not.
         incline: The ground may slope in the picture: the search may roll the camera.
+        world: What is known of the world: view, gravity, a length or a size.
         flow: "raft" or "dis"; None for what the model was trained with, RAFT where that was exact flow.
         raft: Weights of RAFT.
         seed: Of sampling and search.
@@ -268,7 +290,19 @@ def infer(
         finally:
             stop.set()
     measured = clip if isinstance(clip, MeasuredClip) else measured_clip(name, taken, schedule, field)
-    settings = Settings(start, seconds, fps, prompts, search, incline, source, weights, sampling, seed)
+    settings = Settings(
+        start=start,
+        seconds=seconds,
+        fps=fps,
+        prompts=prompts,
+        search=search,
+        incline=incline,
+        world=world or World(),
+        flow=source,
+        raft=weights,
+        sampling=sampling,
+        seed=seed,
+    )
     progress.say(
         "answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: {answers[0].scene.composition}"
     )
@@ -281,8 +315,13 @@ def infer(
         if len(answers) > 1:
             top = int(ranking.order[0])
             methods.append(_answer_method("best of K", answers, ranking.rewards, top, measured, len(answers)))
-    searched = None
-    if search:
+    with progress.step("tracks"):
+        filmed = filmed_world(measured.taken, settings.world)
+    progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
+    if filmed.answer is not None and filmed.scene is not None:
+        methods.append(_tracks_method(filmed.answer, filmed.scene, evaluator, measured))
+    searched, told = None, filmed.forecast
+    if search and not (filmed.scene is not None and methods[-1].overlap.sequence >= TRACKS_IOU):
         with progress.step("search"):
             ranked = [answers[int(i)].scene for i in ranking.order]
             starts = distinct_starts(ranked, ranking.rewards.valid[ranking.order].tolist(), STARTS)
@@ -294,6 +333,7 @@ def infer(
                 lambda spent, reward: progress.detail(f" {spent}/{search} simulations, reward {reward:.3f}"),
                 incline,
             )
+            told = _search_forecast(measured, starts, search, seed, incline)
         methods.append(_search_method(searched, answers, ranking, measured))
     best = max(methods, key=lambda m: m.reward)
     certain: tuple[Certainty, ...] = ()
@@ -308,7 +348,9 @@ def infer(
         answers=tuple(answers),
         rewards=ranking.rewards,
         methods=tuple(methods),
+        filmed=filmed,
         searched=searched,
+        forecast=told if best.name in (TRACKS, "search") else None,
         certainties=certain,
         seconds=progress.seconds,
     )
@@ -361,6 +403,40 @@ def _search_method(searched: ClipSearch, answers: list[Answer], ranking: Ranking
         overlap=_overlap(found.scene, clip),
         simulations=len(answers) + found.simulations,
     )
+
+
+def _tracks_method(answer: PlanarAnswer, scene: Scene, evaluator: Evaluator, clip: MeasuredClip) -> Method:
+    rewards = rank(evaluator, [scene]).rewards
+    shown = _overlap(scene, clip) if rewards.valid[0] else Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
+    return Method(
+        name=TRACKS,
+        scene=scene,
+        answer=None,
+        reward=float(rewards.reward[0]),
+        iou=float(rewards.iou[0]),
+        epe_frame=float(rewards.epe_frame[0]),
+        overlap=shown,
+        simulations=answer.fit.simulations,
+    )
+
+
+def _search_forecast(
+    clip: MeasuredClip, starts: list[Scene], simulations: int, seed: int, incline: bool
+) -> Forecast | None:
+    """How well a search on the first part of the clip forecasts the rest; None where the clip cannot be parted."""
+    schedule, masks = clip.schedule, clip.taken.masks
+    times = np.arange(len(masks)) / schedule.fps
+    budget = max(LEAST_SEARCH, round(FORECAST_SHARE * simulations))
+
+    def find(count: int) -> Scene | None:
+        try:
+            part = schedule.first(count / schedule.fps)
+        except ValueError:
+            return None
+        evaluator = clip_evaluator(masks, clip.flow, part, SEARCH_SIZE, cores())
+        return search_clip(evaluator, starts, budget, np.random.default_rng(seed), incline=incline).result.scene
+
+    return forecast(masks, times, find)
 
 
 def _overlap(scene: Scene, clip: MeasuredClip) -> Overlap:

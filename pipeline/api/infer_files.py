@@ -10,12 +10,16 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from pipeline.api.infer import Inference, Method
+from pipeline.api.infer import TRACKS, Inference, Method
 from pipeline.api.mask_files import SHEET, write_sheet
+from pipeline.api.motion_figure import write_motion_figure
 from pipeline.api.overlay import Row, Sheet, draw, markdown, side_by_side
 from pipeline.api.result_folder import write_result
 from pipeline.clips.replay import Replay
+from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
 from pipeline.inference.progress import Progress
+from pipeline.language.completion import think_text
+from pipeline.planar.plane import FOV_DEG
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.text import write_scene
 from pipeline.shards.content_hash import hash_path
@@ -25,10 +29,15 @@ from pipeline.vision.recordings.video import write_video
 from pipeline.vision.rendering.render_backend import choose_backend
 
 _VERSIONS = ("dynamics-pipeline", "mujoco", "numpy", "opencv-python-headless", "rerun-sdk", "torch", "transformers")
-SCALE = (
-    "one camera cannot tell how large things are: lengths are such that the camera stands 2 m before the middle; "
-    "masses of bodies that hit nothing movable are guesses"
-)
+SCALE = {
+    "none": "nothing tells how large things are: lengths are relative; masses of bodies that hit nothing movable are "
+    "guesses",
+    "gravity": "gravity fixes it: the acceleration of what falls or rolls",
+    "length": "the length that was given",
+    "size": "the size that was given",
+}
+TABLE_CAMERA = "at rest, at (0, -2, h) m, looking along +y; square pixels, no distortion"
+PLANAR_CAMERA = f"at rest, its picture parallel to the plane of motion, {FOV_DEG:g} degrees along its longer side"
 
 
 def prepare() -> None:
@@ -43,6 +52,7 @@ def write_files(folder: Path, found: Inference, progress: Progress) -> None:
         write_sheet(folder, found.name, found.clip.taken)
     with progress.step("pictures"):
         renderer = _write_pictures(folder, found, run)
+        _write_motion(folder, found, run)
     progress.say("pictures", f"of the replay: {renderer}")
     result = _result(found, run, renderer, found.seconds | progress.seconds)
     write_result(folder, "infer", result)
@@ -104,9 +114,9 @@ def _write_pictures(folder: Path, found: Inference, run: Replay) -> str:
             "",
             *(f"- {n}" for n in (*clip.notes, *found.doubts)),
             "",
-            "**The model's words**",
+            "**In words**",
             "",
-            *best.answer.completion.think.splitlines(),
+            *words_of(found, run).splitlines(),
         ]
     )
     assert run.trace is not None
@@ -121,8 +131,29 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
     sampling, shown = settings.sampling, found.base.input
     assert shown is not None
     search = None if found.searched is None else found.searched.result
+    motion = found.filmed.motion
     return {
         "clip": found.name,
+        "grade": found.grade.name,
+        "grade_reason": found.grade.reason,
+        "metric": {"by": found.metric, "error": _metric_error(found)},
+        "forecast": None
+        if found.forecast is None
+        else {
+            "from_s": round(found.forecast.from_s, 4),
+            "iou": _number(found.forecast.iou),
+            "constant_velocity_iou": _number(found.forecast.constant_velocity_iou),
+        },
+        "view": {
+            "kind": motion.view.kind,
+            "reason": motion.view.reason,
+            "slope_deg": _number(motion.view.slope_deg),
+            "roll_deg": _number(motion.view.roll_deg),
+            "gravity_px_per_s2": None
+            if motion.view.gravity_px is None
+            else [_number(v) for v in motion.view.gravity_px],
+            "px_per_m": _number(found.filmed.answer.scale.px_per_m) if found.filmed.answer else None,
+        },
         "assumed": {
             "start_s": settings.start,
             "seconds": settings.seconds,
@@ -135,9 +166,10 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "masks_from": found.clip.taken.masks_from,
             "instances": found.clip.objects,
             "prompts": settings.prompts.record(),
-            "camera": "at rest, at (0, -2, h) m, looking along +y; square pixels, no distortion",
+            "camera": PLANAR_CAMERA if best.name == TRACKS else TABLE_CAMERA,
             "incline": settings.incline,
-            "scale": SCALE,
+            "gravity": settings.world.gravity,
+            "scale": SCALE[found.metric],
             "notes": list(found.clip.notes),
         },
         "flow": {
@@ -160,7 +192,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
         "answer": {
             "from": best.name,
             "composition": best.scene.composition,
-            "think": best.answer.completion.think,
+            "think": words_of(found, run),
             "events_of_replay": [f"t={e.time:.2f}s: {event_text(e, run.scene)}" for e in run.events],
             "doubts": found.doubts,
         },
@@ -174,7 +206,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
                 "sequence_iou": _number(m.overlap.sequence),
                 "initial_iou": _number(m.overlap.initial),
                 "foreground_iou": _number(m.overlap.foreground),
-                "sample": m.answer.sample,
+                "sample": None if m.answer is None else m.answer.sample,
                 "simulations": m.simulations,
             }
             for m in found.methods
@@ -212,6 +244,30 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
         "made": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
         "versions": {name: version(name) for name in _VERSIONS},
     }
+
+
+def words_of(found: Inference, run: Replay) -> str:
+    """What happens, in words: the model's, or of the replay's events where no answer belongs to the scene."""
+    answer = found.best.answer
+    return think_text(run.scene, list(run.events), run.schedule.seconds) if answer is None else answer.completion.think
+
+
+def _metric_error(found: Inference) -> float | None:
+    """Standard error of the scale, as a share; None where nothing fixes it."""
+    return None if found.metric == "none" or found.filmed.answer is None else _number(found.filmed.answer.scale.error)
+
+
+def _write_motion(folder: Path, found: Inference, run: Replay) -> None:
+    """Write tracks.parquet and motion.png: the measured motion of the bodies in the scene's metres."""
+    filmed, clip = found.filmed, found.clip.taken
+    width, height = clip.clip.letterbox.size
+    tracks = list(filmed.motion.tracks)
+    if clip.found is not None:
+        tracks = [clip_track(t, clip.clip.letterbox) for t in tracks]
+    objects = objects_of(found.best.overlap.pairs, found.best.name == TRACKS, tracks)
+    measured = body_tracks(run.scene, objects, width, height)
+    track_table(Path(found.name).stem, measured).to_parquet(folder / "tracks.parquet", index=False)
+    write_motion_figure(folder / "motion.png", measured, run.scene, found.metric)
 
 
 def _number(value: float) -> float | None:

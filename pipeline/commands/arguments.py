@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from math import isfinite
 
 
@@ -56,6 +57,45 @@ def add_prompts(parser: argparse.ArgumentParser) -> None:
     )
     add("--ignore", type=point, action="append", default=[], metavar="X,Y[,T]", help="what is found there is no body")
     add("--objects", type=count, metavar="N", help="keep the N most likely bodies (default: those that are likely)")
+
+
+def length(text: str) -> tuple[float, ...]:
+    """x0,y0,x1,y1=M: four px and metres."""
+    ends, equals, metres = text.partition("=")
+    if not equals:
+        raise argparse.ArgumentTypeError(f"{text!r}; valid: x0,y0,x1,y1=M, px of the video's own picture and metres")
+    return (*_numbers(ends, (4,), "x0,y0,x1,y1=M"), positive(metres))
+
+
+def size(text: str) -> tuple[int, str, float]:
+    """BODY.KEY=M: the number at the end of the body's name, what is known, and metres."""
+    found = re.fullmatch(r"(?:[A-Za-z]+_)?(\d+)\.(radius|width|height)=(.+)", text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"{text!r}; valid: sphere_0.radius=0.033, with radius, width or height, in m")
+    return int(found[1]), found[2], positive(found[3])
+
+
+def add_world(parser: argparse.ArgumentParser) -> None:
+    """The arguments with which the user says what is known of the world that was filmed."""
+    add = parser.add_argument
+    add(
+        "--view",
+        choices=("auto", "table", "side", "incline", "flight", "top"),
+        default="auto",
+        help="how the camera sees the world: a table from above and aside, from the side, an incline from the side, "
+        "a throw or fall, straight from above (auto: what the tracks tell)",
+    )
+    add("--gravity", type=positive, default=9.81, metavar="G", help="gravity, m/s² (9.81)")
+    known = parser.add_mutually_exclusive_group()
+    known.add_argument(
+        "--length",
+        type=length,
+        metavar="X0,Y0,X1,Y1=M",
+        help="two points of the video's own picture, px, in the plane of motion, and their distance, m",
+    )
+    known.add_argument(
+        "--size", type=size, metavar="BODY.KEY=M", help="a known size of a body, m: sphere_0.radius=0.033"
+    )
 
 
 def _numbers(text: str, lengths: tuple[int, ...], form: str) -> tuple[float, ...]:

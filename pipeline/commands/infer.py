@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pipeline.commands.arguments import add_prompts, count, positive, share
+from pipeline.commands.arguments import add_prompts, add_world, count, positive, share
 
 SUMMARY = "find the scene that a clip shows: shapes, sizes, masses, frictions, motion, camera"
 DESCRIPTION = """\
@@ -22,6 +22,8 @@ ones. OUT then has
   scene.yaml      the scene, to edit and to run:  dynamics simulate OUT --set objects[0].mass=2
   scene.xml       the same as MJCF, for MuJoCo
   recording.rrd   for the rerun viewer:  rerun OUT/recording.rrd
+  motion.png      place, speed and energy of each body against time, measured and of the replay
+  tracks.parquet  the measured motion, for `dynamics discover`
   result.json     what was assumed, what every step reached, and the time it took
 
 The camera has to rest, and what moves should be rigid. Where masks.png is wrong, say what is a body: --point, --box,
@@ -49,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     masks += "FPS, as NPZ with `masks` or a folder of PNGs (default: the network in models/masks finds what moves)"
     add("--masks", type=Path, metavar="PATH", help=masks)
     add_prompts(parser)
+    add_world(parser)
     add("--samples", type=count, default=8, metavar="K", help="answers sampled beside the greedy one (8)")
     add("--search", type=count, default=0, metavar="N", help="refine the best answers with N simulations (0: do not)")
     add("--incline", action="store_true", help="the ground may slope in the picture: the search may roll the camera")
@@ -74,6 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     from pipeline.api.result_folder import result_folder
     from pipeline.inference.asking import load_in_background
+    from pipeline.inference.filmed_world import World
     from pipeline.inference.progress import Progress
     from pipeline.inference.prompts import Prompts
     from pipeline.vision.recordings.clip_folder import video_of
@@ -109,6 +113,7 @@ def run(arguments: argparse.Namespace) -> None:
             middle=a.middle,
             search=a.search,
             incline=a.incline,
+            world=World.of(a.view, a.gravity, a.length, a.size),
             flow=a.flow,
             raft=a.raft,
             seed=a.seed,
@@ -122,7 +127,9 @@ def run(arguments: argparse.Namespace) -> None:
             progress.say("", line)
         if found.certainties:
             progress.say("note", f"weakly determined by this clip: {uncertain(found.certainties)}")
+        progress.say("scale", f"by {found.metric}" if found.metric != "none" else "not known: lengths are relative")
         for line in found.doubts:
             progress.say("doubt", line)
         write_files(folder, found, progress)
+    print(f"{'grade':<11}{found.grade.name}: {found.grade.reason}")
     print(f"{'written':<11}{a.out}: look at overlay.png first")

@@ -16,6 +16,7 @@ from pipeline.clips.replay import states_at
 from pipeline.motion.image_track import ImageTrack
 from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene
+from pipeline.vision.recordings.letterbox import Letterbox
 from pipeline.vision.rendering.camera import focal_px, pinhole, project
 
 
@@ -76,6 +77,26 @@ def body_tracks(scene: Scene, tracks: Mapping[int, ImageTrack], width: int, heig
             )
         )
     return out
+
+
+def clip_track(track: ImageTrack, letterbox: Letterbox) -> ImageTrack:
+    """A track in the video's own picture as one in the picture that a letterbox makes of it."""
+    scale = letterbox.place[2] / letterbox.window[2]
+    return track.in_picture(scale, np.array(letterbox.place[:2]) - scale * np.array(letterbox.window[:2]))
+
+
+def objects_of(pairs: np.ndarray, in_order: bool, tracks: list[ImageTrack]) -> dict[int, ImageTrack]:
+    """The tracks by index of the object whose motion they are.
+
+    Args:
+        pairs: (P, 2) object and instance of the clip, from 0.
+        in_order: The scene's objects are the tracks' bodies, in order.
+        tracks: Of the bodies, which number the instances.
+    """
+    if in_order:
+        return dict(enumerate(tracks))
+    by_body = {t.body: t for t in tracks}
+    return {int(i): by_body[int(j) + 1] for i, j in pairs if int(j) + 1 in by_body}
 
 
 def track_table(clip: str, tracks: list[BodyTrack]) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,6 +51,23 @@ class World:
     length: KnownLength | None = None
     size: KnownSize | None = None
 
+    @staticmethod
+    def of(
+        view: str = "auto",
+        gravity: float = GRAVITY,
+        length: Sequence[float] | None = None,
+        size: tuple[int, str, float] | None = None,
+    ) -> World:
+        """A world from plain values: a view or "auto", (x0, y0, x1, y1, m), and (body, "radius", m)."""
+        if length is not None and tuple(length[:2]) == tuple(length[2:4]):
+            raise ParamsError("--length: the two points are one; valid: two points of the picture")
+        return World(
+            view=None if view == "auto" else view,
+            gravity=gravity,
+            length=None if length is None else KnownLength(tuple(length[:4]), length[4]),
+            size=None if size is None else KnownSize(*size),
+        )
+
 
 @dataclass(frozen=True)
 class FilmedWorld:
@@ -93,7 +111,7 @@ def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
         except ParamsError:  # the first part does not show the view
             return None
 
-    seen = clip_camera(answer.scene, masks.shape[2], taken.clip.letterbox if taken.found else None)
+    seen = answer.scene if taken.found is None else clip_camera(answer.scene, taken.clip.letterbox)
     return FilmedWorld(motion, masks, answer, seen, forecast(kept, times, tried))
 
 
@@ -106,21 +124,10 @@ def filmed_frames(taken: UserClip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return clip.frames, taken.masks, np.asarray(clip.source_times - clip.source_times[0])
 
 
-def clip_camera(scene: Scene, width: int, letterbox: Letterbox | None) -> Scene:
-    """The scene with the camera of a picture that a letterbox made, instead of that of the video's own picture.
-
-    Args:
-        scene: Its camera sees the video's own picture.
-        width: px, of that picture, as it was looked at.
-        letterbox: None: the picture is the video's own.
-    """
-    if letterbox is None:
-        return scene
+def clip_camera(scene: Scene, letterbox: Letterbox) -> Scene:
+    """The scene with the camera of the picture that a letterbox makes of what its own camera sees."""
     assert scene.camera is not None
-    left, top, kept, _ = letterbox.window
-    height = width * letterbox.source[1] / letterbox.source[0]
-    scale = letterbox.place[2] / kept * letterbox.source[0] / width
-    focal = focal_px(scene.camera.fov, height) * scale
+    focal = focal_px(scene.camera.fov, letterbox.source[1]) * letterbox.place[2] / letterbox.window[2]
     fov = 2 * np.degrees(np.arctan(letterbox.size[1] / 2 / focal))
     return replace(scene, camera=replace(scene.camera, fov=float(fov)))
 
