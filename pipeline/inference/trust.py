@@ -100,7 +100,7 @@ def grade(sequence_iou: float, told: Forecast | None) -> Grade:
     if sequence_iou < POOR_IOU:
         return Grade("poor", f"the replay overlaps little of what moves in the clip (IoU {sequence_iou:.2f})")
     if told is None:
-        return Grade("doubtful", "the clip is too short to test the answer on frames that were not fitted")
+        return Grade("doubtful", "the answer could not be tested on frames that were not fitted")
     against = f"IoU {told.iou:.2f} from {told.from_s:.2f} s on, constant velocity {told.constant_velocity_iou:.2f}"
     if told.iou < told.constant_velocity_iou:
         return Grade(

@@ -17,7 +17,8 @@ from pipeline.motion.image_track import ImageTrack
 
 VIEWS = ("table", "side", "incline", "flight", "top")
 SIGNIFICANT = 4.0  # standard errors from which an acceleration counts
-STRAIGHT = 0.012  # of the chord: largest sagitta of a straight arc
+STRAIGHT = 0.012  # of its length: largest sagitta of a straight arc
+STRAIGHT_RADII = 0.15  # of the body: and of one that speeds up downhill, whose outline shading and shadows change
 STEEP_DEG = 78.0  # of a line to the horizontal, from which it counts as vertical
 LEVEL_DEG = 2.0  # of a line to the horizontal, below which it counts as level
 OFF_DOWN_DEG = 25.0  # largest angle of free fall to the picture's vertical
@@ -88,18 +89,18 @@ def describe_arc(arc: Arc, radius: float, roll_deg: float = 0.0) -> ArcMotion:
     parallel = float(arc.acceleration @ along)
     across = arc.acceleration - parallel * along
     sagitta = float(np.linalg.norm(across)) * arc.span**2 / 8
-    curved = sagitta > STRAIGHT * path and np.linalg.norm(across) > SIGNIFICANT * arc.acceleration_sigma
+    bends = np.linalg.norm(across) > SIGNIFICANT * arc.acceleration_sigma
     size = float(np.linalg.norm(arc.acceleration))
     significant = size > SIGNIFICANT * arc.acceleration_sigma
     falls = significant and arc.acceleration @ down(roll_deg) > np.cos(np.radians(OFF_DOWN_DEG)) * size
-    if curved:
+    if bends and sagitta > max(STRAIGHT * path, STRAIGHT_RADII * radius):
         return ArcMotion(arc, "free" if falls else "other", path, slope)
     if falls and abs(slope) > STEEP_DEG:
         return ArcMotion(arc, "free", path, slope)
     downhill = along if along @ down(roll_deg) > 0 else -along
     if significant and arc.acceleration @ downhill > 0 and LEVEL_DEG < abs(slope) <= STEEP_DEG:
         return ArcMotion(arc, "slope", path, slope)
-    return ArcMotion(arc, "straight", path, slope)
+    return ArcMotion(arc, "other" if bends and sagitta > STRAIGHT * path else "straight", path, slope)
 
 
 def growth(tracks: Sequence[ImageTrack]) -> float:
@@ -151,7 +152,9 @@ def find_view(
         if kind == "flight" and gravity is None:
             raise ValueError("no body falls freely")
         if kind == "incline" and slope is None:
-            raise ValueError("no body speeds up along a line")
+            slope = common_slope([m for m in moving if m.kind in ("slope", "straight")], total)
+            if slope is None:
+                raise ValueError("no body moves along a line")
     if kind not in ("side", "flight"):
         gravity = None
     if gravity is not None:

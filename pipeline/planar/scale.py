@@ -43,9 +43,10 @@ def find_scale(view: View, silhouettes: Sequence[Silhouette], gravity: float = G
         size = float(np.linalg.norm(view.gravity_px))
         return Scale(size / gravity, "gravity", max(error / size, 0.02))
     if view.kind == "incline":
-        arcs = [m for m in view.arcs if m.kind == "slope"]
+        arcs = [m for m in view.arcs if m.kind == "slope"] or [m for m in view.arcs if m.kind != "rest"]
         weights = [m.arc.covariance[2, 2] ** -1 for m in arcs]
         size = float(np.average([np.linalg.norm(m.arc.acceleration) for m in arcs], weights=weights))
+        size = max(size, arcs[0].arc.acceleration_sigma)
         slope = np.radians(abs(view.slope_deg))
         shapes = {s.shape for s in silhouettes}
         if shapes <= ROLLING.keys():

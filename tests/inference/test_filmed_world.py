@@ -1,0 +1,123 @@
+"""The world of a clip from its tracks, the forecast of unseen frames, and the grade."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.clips.replay import replay_poses
+from pipeline.clips.schedule import Schedule
+from pipeline.errors import ParamsError
+from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
+from pipeline.inference.filmed_world import World, filmed_world
+from pipeline.inference.trust import Forecast, fitted_frames, grade
+from pipeline.inference.user_clip import UserClip
+from pipeline.motion.image_track import image_tracks
+from pipeline.planar.plane import Plane
+from pipeline.scene.scene import Scene, SceneObject
+from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for
+from pipeline.vision.recordings.video import Clip
+
+SCHEDULE = Schedule()
+TIMES = np.arange(SCHEDULE.frames) / SCHEDULE.fps
+THROW = Scene(
+    (SceneObject("sphere", (0.08,), 1.0, position=(-0.8, 0, -0.2), velocity=(1.6, 0, 3.0)),),
+    Plane(480, 320, 200.0).camera(),
+    ground=None,
+)
+
+
+def clip_of(scene: Scene) -> UserClip:
+    """A scene's clip with its own masks."""
+    shown = replay_poses(scene, SCHEDULE)
+    letterbox, _ = letterbox_for((480, 320), (480, 320))
+    clip = Clip(
+        frames=shown.pictures("raycast"),
+        times=TIMES,
+        source_times=TIMES,
+        source_size=(480, 320),
+        source_fps=30.0,
+        letterbox=letterbox,
+    )
+    return UserClip(clip, shown.masks, "masks.npz", None, ())
+
+
+@pytest.fixture(scope="module")
+def throw() -> UserClip:
+    return clip_of(THROW)
+
+
+def test_a_throw_is_answered_and_forecast(throw: UserClip) -> None:
+    found = filmed_world(throw, World())
+    assert found.motion.view.kind == "flight"
+    assert found.scene is not None
+    assert found.forecast is not None
+    assert found.forecast.iou > 0.8 > found.forecast.constant_velocity_iou
+    assert grade(0.9, found.forecast).name == "good"
+
+
+def test_a_view_that_the_tracks_contradict_is_refused(throw: UserClip) -> None:
+    with pytest.raises(ParamsError, match="incline"):
+        filmed_world(throw, World(view="incline"))
+
+
+def test_a_view_that_is_given_is_kept(throw: UserClip) -> None:
+    assert filmed_world(throw, World(view="table")).scene is None
+
+
+def test_a_known_size_gives_the_scale(throw: UserClip) -> None:
+    found = filmed_world(throw, World.of(size=(0, "radius", 0.08)))
+    assert found.answer is not None
+    assert found.answer.scale.by == "size"
+    assert found.answer.scale.px_per_m == pytest.approx(200, rel=0.03)
+    assert -found.answer.scene.gravity[2] == pytest.approx(9.81, rel=0.04)
+    with pytest.raises(ParamsError, match="no body 3"):
+        filmed_world(throw, World.of(size=(3, "radius", 0.08)))
+
+
+def test_a_length_needs_two_points() -> None:
+    with pytest.raises(ParamsError, match="two points"):
+        World.of(length=(10, 20, 10, 20, 1.0))
+
+
+def test_measured_tracks_are_in_the_scenes_metres(throw: UserClip) -> None:
+    tracks = image_tracks(throw.masks, TIMES)
+    (ball,) = body_tracks(THROW, objects_of(np.array([[0, 0]]), False, tracks), 480, 320)
+    assert np.abs(ball.position - ball.replayed).max() < 0.01
+    assert ball.position[:, 1] == pytest.approx(0, abs=1e-9)
+    wrong = replace(THROW, objects=(replace(THROW.objects[0], velocity=(1.4, 0, 3.0)),))
+    (moved,) = body_tracks(wrong, dict(enumerate(tracks)), 480, 320)
+    assert np.abs(moved.position - ball.position).max() < 0.01  # measured, whatever the replay does
+    table = track_table("throw", [ball])
+    assert list(table.columns[:6]) == ["clip", "object", "time", "x", "y", "z"]
+    assert set(table["object"]) == {"sphere_0"}
+
+
+def test_tracks_of_a_cropped_picture_are_moved_into_the_clip() -> None:
+    masks = np.zeros((8, 480, 640), np.uint8)
+    masks[:, 200:240, 300:340] = 1
+    (track,) = image_tracks(masks, np.arange(8) / 30)
+    letterbox = Letterbox((640, 480), (480, 320), (0, 26, 640, 427), (0, 0, 480, 320))
+    moved = clip_track(track, letterbox)
+    assert moved.centre[0] == pytest.approx([240, (220 - 26) * 0.75], abs=0.1)
+
+
+def test_the_last_third_is_forecast_and_short_clips_are_not() -> None:
+    assert fitted_frames(TIMES) == 21
+    assert fitted_frames(np.arange(5) / 30) == 0
+
+
+@pytest.mark.parametrize(
+    ("iou", "forecast", "name"),
+    [
+        (0.9, Forecast(0.7, 0.8, 0.3), "good"),
+        (0.9, Forecast(0.7, 0.3, 0.8), "doubtful"),
+        (0.6, Forecast(0.7, 0.8, 0.3), "doubtful"),
+        (0.9, None, "doubtful"),
+        (0.3, Forecast(0.7, 0.8, 0.3), "poor"),
+    ],
+)
+def test_the_grade_says_why(iou: float, forecast: Forecast | None, name: str) -> None:
+    graded = grade(iou, forecast)
+    assert graded.name == name
+    assert graded.reason
