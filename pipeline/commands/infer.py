@@ -46,8 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     masks = (
         "instance masks: masks.npz of `dynamics masks`, or one for each frame of the recording, or of the clip at 30 "
     )
-    masks += "FPS, as NPZ with `masks` or a folder of PNGs (default: the network in models/masks finds what moves)"
-    add("--masks", type=Path, metavar="PATH", help=masks)
+    masks += "FPS, as NPZ with `masks` or a folder of PNGs (default: the network in models/masks)"
+    masks += "; sam2:PATH or edgetam:PATH: a published segmenter follows what it finds"
+    add("--masks", metavar="PATH", help=masks)
     add_prompts(parser)
     add("--samples", type=count, default=8, metavar="K", help="answers sampled beside the greedy one (8)")
     add("--search", type=count, default=0, metavar="N", help="refine the best answers with N simulations (0: do not)")

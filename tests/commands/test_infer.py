@@ -19,6 +19,7 @@ from pipeline.api.infer_files import relabelled
 from pipeline.api.scene_source import edited
 from pipeline.clips.replay import replay
 from pipeline.errors import VideoError
+from pipeline.inference.mask_source import MaskSource
 from pipeline.inference.measured_clip import MeasuredClip, check_motion, clip_schedule, limits, measured_clip
 from pipeline.inference.prompts import Prompts
 from pipeline.inference.scene_search import clip_evaluator
@@ -42,7 +43,7 @@ def words(shelf: Path, clip: Path, out: Path, *more: object) -> tuple[object, ..
 def measured(clip: Path, masks: Path) -> MeasuredClip:
     """A clip with masks, and its flow by DIS."""
     schedule = clip_schedule(clip, 1.0)
-    taken = with_masks(read_frames(clip, given=masks), Prompts())
+    taken = with_masks(read_frames(clip, source=MaskSource(masks)), Prompts())
     seen, pairs = taken.clip, schedule.pairs
     flow = measured_flow(DIS(), seen.frames, seen.source_times, pairs, 1 / schedule.fps, 1, (240, 160))
     return measured_clip("clip", taken, schedule, flow)
