@@ -14,9 +14,9 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import ParamsError
-from pipeline.inference.mask_source import MaskSource
-from pipeline.inference.prompts import Prompts
-from pipeline.inference.user_clip import WEIGHTS, read_frames, with_masks
+from pipeline.perception.mask_source import MaskSource
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import WEIGHTS, read_frames, with_masks
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows

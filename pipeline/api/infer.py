@@ -33,10 +33,8 @@ from pipeline.inference.asking import (
     shipped,
     shown_flow,
 )
-from pipeline.inference.mask_source import mask_source
 from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
-from pipeline.inference.prompts import Prompts
 from pipeline.inference.scene_search import (
     ClipSearch,
     clip_evaluator,
@@ -44,8 +42,10 @@ from pipeline.inference.scene_search import (
     scene_certainties,
     search_clip,
 )
-from pipeline.inference.user_clip import UserClip, read_frames, with_masks
 from pipeline.metrics.overlap import Overlap, overlap
+from pipeline.perception.mask_source import mask_source
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import UserClip, read_frames, with_masks
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
 from pipeline.search.certainty import Certainty, weakly_identified

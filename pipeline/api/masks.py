@@ -10,11 +10,11 @@ import numpy as np
 
 from pipeline.api.result_folder import result_folder
 from pipeline.errors import ParamsError
-from pipeline.inference.found_bodies import FoundBodies
-from pipeline.inference.mask_source import FAMILIES, mask_source
 from pipeline.inference.progress import Progress
-from pipeline.inference.prompts import Prompts
-from pipeline.inference.user_clip import UserClip, read_frames, with_masks
+from pipeline.perception.found_bodies import FoundBodies
+from pipeline.perception.mask_source import FAMILIES, mask_source
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import UserClip, read_frames, with_masks
 from pipeline.vision.recordings.video import FPS
 
 

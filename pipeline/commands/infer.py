@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> None:
     from pipeline.api.result_folder import result_folder
     from pipeline.inference.asking import load_in_background
     from pipeline.inference.progress import Progress
-    from pipeline.inference.prompts import Prompts
+    from pipeline.perception.prompts import Prompts
     from pipeline.vision.recordings.clip_folder import video_of
     from pipeline.vision.recordings.video import check_file
 
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> None:
         loading = load_in_background(a.model, "--model")  # imports transformers while this thread imports the rest
         from pipeline.api.infer import infer, uncertain
         from pipeline.api.mask_files import write_sheet
-        from pipeline.inference.user_clip import UserClip
+        from pipeline.perception.user_clip import UserClip
 
         def show(taken: UserClip) -> None:
             write_sheet(folder, str(a.clip), taken)

@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> None:
     from pipeline.api.masks import masks
     from pipeline.api.result_folder import result_folder
     from pipeline.inference.progress import Progress
-    from pipeline.inference.prompts import Prompts
+    from pipeline.perception.prompts import Prompts
 
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)

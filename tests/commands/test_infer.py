@@ -19,12 +19,12 @@ from pipeline.api.infer_files import relabelled
 from pipeline.api.scene_source import edited
 from pipeline.clips.replay import replay
 from pipeline.errors import VideoError
-from pipeline.inference.mask_source import MaskSource
 from pipeline.inference.measured_clip import MeasuredClip, check_motion, clip_schedule, limits, measured_clip
-from pipeline.inference.prompts import Prompts
 from pipeline.inference.scene_search import clip_evaluator
-from pipeline.inference.user_clip import NETWORK, read_frames, with_masks
 from pipeline.metrics.overlap import overlap
+from pipeline.perception.mask_source import MaskSource
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import NETWORK, read_frames, with_masks
 from pipeline.physics.simulate import simulate
 from pipeline.scene.text import load_scene
 from pipeline.search.best_of_k import rank

@@ -11,9 +11,9 @@ from PIL import Image
 
 from pipeline.api.masks import masks
 from pipeline.errors import VideoError
-from pipeline.inference.mask_source import FAMILIES, MaskSource
-from pipeline.inference.prompts import Prompts
-from pipeline.inference.user_clip import read_frames, with_masks
+from pipeline.perception.mask_source import FAMILIES, MaskSource
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import read_frames, with_masks
 from pipeline.segmentation import published_models
 from pipeline.vision.recordings.video import read_clip, write_video
 from tests.segmentation.tiny_segmenters import save_sam2

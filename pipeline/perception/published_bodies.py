@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import VideoError
-from pipeline.inference.clip_faults import clip_faults
-from pipeline.inference.found_bodies import FoundBodies, FoundBody, find_in_clip
-from pipeline.inference.prompts import Prompts, frame_of
+from pipeline.perception.clip_faults import clip_faults
+from pipeline.perception.found_bodies import FoundBodies, FoundBody, find_in_clip
+from pipeline.perception.prompts import Prompts, frame_of
 from pipeline.segmentation.network import SegmentationNetwork
 from pipeline.segmentation.propagation import Prompt, body_prompts, segment_with
 from pipeline.segmentation.published_models import load_published

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import VideoError, naming
-from pipeline.inference.clip_faults import clip_faults
-from pipeline.inference.found_bodies import FoundBodies, find_in_clip
-from pipeline.inference.mask_source import MaskSource
-from pipeline.inference.prompts import Prompts
+from pipeline.perception.clip_faults import clip_faults
+from pipeline.perception.found_bodies import FoundBodies, find_in_clip
+from pipeline.perception.mask_source import MaskSource
+from pipeline.perception.prompts import Prompts
 from pipeline.segmentation.network import SegmentationNetwork, load_network
 from pipeline.vision.recordings.clip_folder import video_of
 from pipeline.vision.recordings.given_masks import given_masks
@@ -141,7 +141,7 @@ def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:
 def _found(filmed: Clip, prompts: Prompts, source: MaskSource) -> FoundBodies:
     if source.published is None:
         return find_in_clip(filmed, mask_network(), prompts)
-    from pipeline.inference.published_bodies import follow_in_clip
+    from pipeline.perception.published_bodies import follow_in_clip
 
     return follow_in_clip(filmed, mask_network(), prompts, *source.published)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.errors import ParamsError
-from pipeline.inference.prompts import Prompts
+from pipeline.perception.prompts import Prompts
 from pipeline.vision.recordings.clip_folder import masks_beside
 
 FAMILIES = ("sam2", "edgetam")  # as pipeline.segmentation.published_models has them, which imports torch
