@@ -29,8 +29,6 @@ from benchmarks.published.published_set import ROOT
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.scene_scores import measured_reference, score
 from pipeline.evaluation.tables import cell, markdown
-from pipeline.inference.prompts import Prompts
-from pipeline.inference.user_clip import read_frames, with_masks
 from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
@@ -38,6 +36,9 @@ from pipeline.model.generate import Sampling
 from pipeline.model.patches import resize_frames
 from pipeline.model.preference import Pair, draw_answers, pairs_of, prefer, weighted_reward
 from pipeline.model.trainer import TrainingPlan
+from pipeline.perception.mask_source import MaskSource
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import read_frames, with_masks
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.search.target import make_target
@@ -91,7 +92,7 @@ def read_clips(
     raft, f, interval = load_raft(params.flow.raft), params.flow, 1 / schedule.fps
     clips = []
     for place in find_clips(folder):
-        read = read_frames(place, seconds=schedule.seconds, fps=schedule.fps, given=masks_beside(place))
+        read = read_frames(place, seconds=schedule.seconds, fps=schedule.fps, source=MaskSource(masks_beside(place)))
         taken = with_masks(read, Prompts())
         file = work / f"{place.name}.flow.npy"
         if not file.is_file():

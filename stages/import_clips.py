@@ -14,8 +14,9 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import ParamsError
-from pipeline.inference.prompts import Prompts
-from pipeline.inference.user_clip import WEIGHTS, read_frames, with_masks
+from pipeline.perception.mask_source import MaskSource
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import WEIGHTS, read_frames, with_masks
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
@@ -64,7 +65,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
             seconds=parameters.seconds,
             fps=parameters.frames_per_second,
             assume_fps=parameters.assume_fps,
-            given=masks_beside(place),
+            source=MaskSource(masks_beside(place)),
         )
         taken = with_masks(read, Prompts())
         rows.append(

@@ -36,7 +36,6 @@ from pipeline.inference.asking import (
 from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world
 from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
-from pipeline.inference.prompts import Prompts
 from pipeline.inference.scene_search import (
     ClipSearch,
     clip_evaluator,
@@ -45,8 +44,10 @@ from pipeline.inference.scene_search import (
     search_clip,
 )
 from pipeline.inference.trust import Forecast, Grade, forecast, grade
-from pipeline.inference.user_clip import UserClip, given_or_beside, read_frames, with_masks
 from pipeline.metrics.overlap import Overlap, overlap
+from pipeline.perception.mask_source import mask_source
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import UserClip, read_frames, with_masks
 from pipeline.planar.find_planar_scene import PlanarAnswer
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
@@ -224,7 +225,8 @@ def infer(
         start: s, where the clip begins in the video.
         seconds: Its length; the models learned from 1 s.
         fps: Frames a second at which it was shot, where the file's header lies.
-        masks: A file or folder of instance masks; None for those beside the video, or those that the network finds.
+        masks: A file or folder of instance masks; `sam2:PATH` or `edgetam:PATH` for a published segmenter; None for
+            masks beside the video, or those that our network finds.
         prompts: What is known of the bodies in the video: points, boxes, their number, what to ignore.
         model: A folder or hub name, or a model that is loaded, or is being loaded. It is shown what its checkpoint says
             that it was trained with (model_input.json).
@@ -259,12 +261,14 @@ def infer(
     name = str(clip) if isinstance(clip, (str, Path)) else "clip"
     schedule = clip.schedule if isinstance(clip, MeasuredClip) else clip_schedule(Path(name), seconds)
     if isinstance(clip, (str, Path)):
-        given = given_or_beside(Path(clip), None if masks is None else Path(masks), prompts)
+        masks_from = mask_source(Path(clip), masks, prompts)
         check_file(video_of(Path(clip)))
     loading = _loading(model)
     if isinstance(clip, (str, Path)):
         with progress.step("frames"):
-            read = read_frames(Path(clip), start=start, seconds=seconds, fps=schedule.fps, assume_fps=fps, given=given)
+            read = read_frames(
+                Path(clip), start=start, seconds=seconds, fps=schedule.fps, assume_fps=fps, source=masks_from
+            )
         frames = read.clip
     else:
         taken = clip.taken if isinstance(clip, MeasuredClip) else clip

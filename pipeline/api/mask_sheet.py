@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw
 
 from pipeline.api.masks import summary
 from pipeline.api.overlay import FAINT, GAP, INK, LINE, PAPER, font, outlined
-from pipeline.inference.user_clip import UserClip
+from pipeline.perception.user_clip import UserClip
 from pipeline.vision.rendering.appearance import object_colour
 
 COLUMNS, MOMENTS = 4, 8

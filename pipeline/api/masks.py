@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.api.result_folder import result_folder
-from pipeline.inference.found_bodies import FoundBodies
+from pipeline.errors import ParamsError
 from pipeline.inference.progress import Progress
-from pipeline.inference.prompts import Prompts
-from pipeline.inference.user_clip import UserClip, read_frames, with_masks
+from pipeline.perception.found_bodies import FoundBodies
+from pipeline.perception.mask_source import FAMILIES, mask_source
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import UserClip, read_frames, with_masks
 from pipeline.vision.recordings.video import FPS
 
 
@@ -71,6 +73,7 @@ def masks(
     start: float = 0.0,
     seconds: float = 1.0,
     fps: float | None = None,
+    masks: str | None = None,
     prompts: Prompts | None = None,
     progress: Progress | None = None,
 ) -> Masks:
@@ -81,18 +84,24 @@ def masks(
         start: s, where the clip begins in the video.
         seconds: Its length.
         fps: Frames a second at which it was shot, where the file's header lies.
+        masks: `sam2:PATH` or `edgetam:PATH` for a published segmenter that follows what is found; None: our network.
         prompts: What is known of the bodies: points, boxes, their number, what to ignore.
         progress: Told of each step; None: nothing is printed.
 
     Raises:
         VideoError: For a clip that cannot be used, or in which no body is found.
         ParamsError: For prompts that do not fit the clip.
+        ModelError: For a segmenter that cannot be loaded.
     """
     progress = progress or Progress()
+    prompts = prompts or Prompts()
+    source = mask_source(None, masks, prompts)
+    if source.given is not None:
+        raise ParamsError(f"masks: {masks} is no segmenter; valid: {', '.join(f'{name}:PATH' for name in FAMILIES)}")
     with progress.step("masks"):
-        read = read_frames(Path(clip), start=start, seconds=seconds, fps=FPS, assume_fps=fps)
-        taken = with_masks(read, prompts or Prompts())
-    found = Masks(str(clip), start, seconds, fps, prompts or Prompts(), taken, dict(progress.seconds))
+        read = read_frames(Path(clip), start=start, seconds=seconds, fps=FPS, assume_fps=fps, source=source)
+        taken = with_masks(read, prompts)
+    found = Masks(str(clip), start, seconds, fps, prompts, taken, dict(progress.seconds))
     say(progress, found.name, start, taken, found.found.clip.file_notes)
     return found
 

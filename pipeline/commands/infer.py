@@ -48,8 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     masks = (
         "instance masks: masks.npz of `dynamics masks`, or one for each frame of the recording, or of the clip at 30 "
     )
-    masks += "FPS, as NPZ with `masks` or a folder of PNGs (default: the network in models/masks finds what moves)"
-    add("--masks", type=Path, metavar="PATH", help=masks)
+    masks += "FPS, as NPZ with `masks` or a folder of PNGs (default: the network in models/masks)"
+    masks += "; sam2:PATH or edgetam:PATH: a published segmenter follows what it finds"
+    add("--masks", metavar="PATH", help=masks)
     add_prompts(parser)
     add_world(parser)
     add("--samples", type=count, default=8, metavar="K", help="answers sampled beside the greedy one (8)")
@@ -79,7 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
     from pipeline.inference.asking import load_in_background
     from pipeline.inference.filmed_world import World
     from pipeline.inference.progress import Progress
-    from pipeline.inference.prompts import Prompts
+    from pipeline.perception.prompts import Prompts
     from pipeline.vision.recordings.clip_folder import video_of
     from pipeline.vision.recordings.video import check_file
 
@@ -90,7 +91,7 @@ def run(arguments: argparse.Namespace) -> None:
         loading = load_in_background(a.model, "--model")  # imports transformers while this thread imports the rest
         from pipeline.api.infer import infer, uncertain
         from pipeline.api.mask_files import write_sheet
-        from pipeline.inference.user_clip import UserClip
+        from pipeline.perception.user_clip import UserClip
 
         def show(taken: UserClip) -> None:
             write_sheet(folder, str(a.clip), taken)

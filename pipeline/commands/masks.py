@@ -26,7 +26,7 @@ region is grown by motion and colour and followed.
 examples:
   dynamics masks clip.mp4 -o found
   dynamics masks clip.mp4 -o found --start 2.5 --point 120,80,2.6 --ignore 300,210
-  dynamics masks slow.mp4 -o found --fps 240 --objects 2
+  dynamics masks slow.mp4 -o found --fps 240 --objects 2 --masks sam2:/models/sam2.1-hiera-tiny
 """
 
 
@@ -37,6 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--start", type=float, default=0.0, metavar="S", help="where the clip begins in the video, s (0)")
     add("--seconds", type=positive, default=1.0, metavar="S", help="its length, s (1)")
     add("--fps", type=positive, metavar="F", help="frames a second at which it was shot, where the file's header lies")
+    add(
+        "--masks", metavar="SEGMENTER", help="sam2:PATH or edgetam:PATH: follow what is found by it (our network alone)"
+    )
     add_prompts(parser)
     add("--force", action="store_true", help="replace OUT where `dynamics` wrote it and nothing else is in it")
 
@@ -46,11 +49,13 @@ def run(arguments: argparse.Namespace) -> None:
     from pipeline.api.masks import masks
     from pipeline.api.result_folder import result_folder
     from pipeline.inference.progress import Progress
-    from pipeline.inference.prompts import Prompts
+    from pipeline.perception.prompts import Prompts
 
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
     with result_folder(a.out, a.force) as folder, Progress(2, shown=True) as progress:
-        found = masks(a.clip, start=a.start, seconds=a.seconds, fps=a.fps, prompts=prompts, progress=progress)
+        found = masks(
+            a.clip, start=a.start, seconds=a.seconds, fps=a.fps, masks=a.masks, prompts=prompts, progress=progress
+        )
         write_files(folder, found, progress)
     print(f"{'written':<11}{a.out}: look at masks.png first")

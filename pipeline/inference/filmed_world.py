@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.errors import ParamsError
 from pipeline.inference.trust import Forecast, forecast
-from pipeline.inference.user_clip import UserClip
+from pipeline.perception.user_clip import UserClip
 from pipeline.planar.find_planar_scene import ClipMotion, KnownSize, PlanarAnswer, find_planar_scene, measure_motion
 from pipeline.planar.scale import GRAVITY
 from pipeline.scene.scene import Scene

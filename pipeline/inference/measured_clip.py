@@ -9,8 +9,8 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import VideoError
-from pipeline.inference.user_clip import UserClip
 from pipeline.language.completion import MAX_OBJECTS
+from pipeline.perception.user_clip import UserClip
 
 STILL_PX = 0.3  # px of 480x320 per frame interval: a slower body does not move
 

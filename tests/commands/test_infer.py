@@ -20,10 +20,11 @@ from pipeline.api.scene_source import edited
 from pipeline.clips.replay import replay
 from pipeline.errors import VideoError
 from pipeline.inference.measured_clip import MeasuredClip, check_motion, clip_schedule, limits, measured_clip
-from pipeline.inference.prompts import Prompts
 from pipeline.inference.scene_search import clip_evaluator
-from pipeline.inference.user_clip import NETWORK, read_frames, with_masks
 from pipeline.metrics.overlap import overlap
+from pipeline.perception.mask_source import MaskSource
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import NETWORK, read_frames, with_masks
 from pipeline.physics.simulate import simulate
 from pipeline.scene.text import load_scene
 from pipeline.search.best_of_k import rank
@@ -42,7 +43,7 @@ def words(shelf: Path, clip: Path, out: Path, *more: object) -> tuple[object, ..
 def measured(clip: Path, masks: Path) -> MeasuredClip:
     """A clip with masks, and its flow by DIS."""
     schedule = clip_schedule(clip, 1.0)
-    taken = with_masks(read_frames(clip, given=masks), Prompts())
+    taken = with_masks(read_frames(clip, source=MaskSource(masks)), Prompts())
     seen, pairs = taken.clip, schedule.pairs
     flow = measured_flow(DIS(), seen.frames, seen.source_times, pairs, 1 / schedule.fps, 1, (240, 160))
     return measured_clip("clip", taken, schedule, flow)

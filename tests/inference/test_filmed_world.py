@@ -11,8 +11,8 @@ from pipeline.errors import ParamsError
 from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
 from pipeline.inference.filmed_world import World, filmed_world
 from pipeline.inference.trust import Forecast, fitted_frames, grade
-from pipeline.inference.user_clip import UserClip
 from pipeline.motion.image_track import image_tracks
+from pipeline.perception.user_clip import UserClip
 from pipeline.planar.plane import Plane
 from pipeline.scene.scene import Scene, SceneObject
 from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for

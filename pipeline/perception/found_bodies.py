@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import VideoError
-from pipeline.inference.clip_faults import clip_faults
-from pipeline.inference.prompts import Prompts
-from pipeline.inference.track_choice import TrackChoice
+from pipeline.perception.clip_faults import clip_faults
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.track_choice import TrackChoice
 from pipeline.segmentation.bodies import Candidates, find_candidates
 from pipeline.segmentation.chosen_bodies import bodies_of, candidate_scores, figure
 from pipeline.segmentation.network import SegmentationNetwork

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from pipeline.errors import ParamsError, VideoError
-from pipeline.inference.found_bodies import FoundBodies, find_in_clip
-from pipeline.inference.prompts import Prompts
-from pipeline.inference.user_clip import mask_network
+from pipeline.perception.found_bodies import FoundBodies, find_in_clip
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import mask_network
 
 RED, BLUE = (230, 60, 40), (40, 70, 240)
 #: Paths of two discs that move and of one that rests, px; the clip begins 2 s after its video.

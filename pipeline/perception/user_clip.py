@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.errors import ParamsError, VideoError, naming
-from pipeline.inference.clip_faults import clip_faults
-from pipeline.inference.found_bodies import FoundBodies, find_in_clip
-from pipeline.inference.prompts import Prompts
+from pipeline.errors import VideoError, naming
+from pipeline.perception.clip_faults import clip_faults
+from pipeline.perception.found_bodies import FoundBodies, find_in_clip
+from pipeline.perception.mask_source import MaskSource
+from pipeline.perception.prompts import Prompts
 from pipeline.segmentation.network import SegmentationNetwork, load_network
-from pipeline.vision.recordings.clip_folder import masks_beside, video_of
+from pipeline.vision.recordings.clip_folder import video_of
 from pipeline.vision.recordings.given_masks import given_masks
 from pipeline.vision.recordings.letterbox import letterbox_for
 from pipeline.vision.recordings.mask_file import letterboxed, renumbered
@@ -32,7 +33,7 @@ class UserClip:
     Attributes:
         clip: The frames that are inferred from.
         masks: (T, H, W) uint8 of these frames, 0 or the body's number.
-        masks_from: `NETWORK`, or the name of a file.
+        masks_from: `NETWORK`, a published segmenter, or the name of a file.
         found: The bodies as they were found, in the video's own size; None where masks were given.
         doubts: What may be wrong with them, a sentence each.
     """
@@ -56,14 +57,14 @@ class ReadClip:
     Attributes:
         place: The video, or the folder with it.
         clip: The frames that are inferred from.
-        given: Its masks; None where they have to be found.
+        source: Where its masks come from.
         filmed: The frames in which they are looked for, in the video's own size, each but once; None with given ones.
         assume_fps: As the clip was read with.
     """
 
     place: Path
     clip: Clip
-    given: Path | None
+    source: MaskSource
     filmed: Clip | None
     assume_fps: float | None
 
@@ -75,7 +76,7 @@ def read_frames(
     seconds: float = 1.0,
     fps: float = 30.0,
     assume_fps: float | None = None,
-    given: Path | None = None,
+    source: MaskSource | None = None,
 ) -> ReadClip:
     """Read a clip.
 
@@ -88,14 +89,14 @@ def read_frames(
         seconds: Length of the clip, s.
         fps: Frame rate of the clip.
         assume_fps: Frame rate of the recording where its time stamps are wrong; None: they are used.
-        given: Masks, as a file or folder; None: they have to be found.
+        source: Where its masks come from; None: our network finds them.
 
     Raises:
         VideoError: The video cannot be used.
     """
-    video = video_of(place)
-    if given is not None:
-        return ReadClip(place, read_clip(video, start, seconds, fps, assume_fps=assume_fps), given, None, assume_fps)
+    video, source = video_of(place), source or MaskSource()
+    if source.given is not None:
+        return ReadClip(place, read_clip(video, start, seconds, fps, assume_fps=assume_fps), source, None, assume_fps)
     every = max(math.ceil(LEAST_FRAMES / max(round(seconds * fps), 1)), 1)
     own = read_clip(video, start, seconds, fps * every, size=None, assume_fps=assume_fps)
     distinct = np.unique(own.source_times, return_index=True)[1]
@@ -107,7 +108,7 @@ def read_frames(
         times=own.source_times[distinct] - own.source_times[0],
         source_times=own.source_times[distinct],
     )
-    return ReadClip(place, resampled(own, every), None, filmed, assume_fps)
+    return ReadClip(place, resampled(own, every), source, filmed, assume_fps)
 
 
 def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:
@@ -119,11 +120,12 @@ def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:
     """
     clip, filmed = read.clip, read.filmed
     if filmed is None:
-        assert read.given is not None
-        ids = given_masks(read.given, clip, video_of(read.place), read.assume_fps)
-        return UserClip(clip, ids, read.given.name, None, tuple(clip_faults(clip.frames, ids)))
+        given = read.source.given
+        assert given is not None
+        ids = given_masks(given, clip, video_of(read.place), read.assume_fps)
+        return UserClip(clip, ids, given.name, None, tuple(clip_faults(clip.frames, ids)))
     with naming(str(read.place)):
-        found = find_in_clip(filmed, mask_network(), prompts)
+        found = _found(filmed, prompts, read.source)
         at = np.searchsorted(filmed.source_times, clip.source_times)
         height, width = found.masks.shape[1:]
         masks = letterboxed(found.masks[at], letterbox_for((width, height), clip.letterbox.size)[0])
@@ -133,19 +135,20 @@ def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:
             )
     lost = [k for k in range(1, len(found.bodies) + 1) if not (masks == k).any()]
     doubts = [f"body {k} is outside of the part of the picture that is used, or too small for it" for k in lost]
-    return UserClip(clip, renumbered(masks), NETWORK, found, (*found.doubts, *doubts))
+    return UserClip(clip, renumbered(masks), _finder(read.source), found, (*found.doubts, *doubts))
 
 
-def given_or_beside(place: Path, masks: Path | None, prompts: Prompts) -> Path | None:
-    """The masks of a clip that are given: those named, else those beside the video; None where they have to be found.
+def _found(filmed: Clip, prompts: Prompts, source: MaskSource) -> FoundBodies:
+    if source.published is None:
+        return find_in_clip(filmed, mask_network(), prompts)
+    from pipeline.perception.published_bodies import follow_in_clip
 
-    Raises ParamsError where prompts are given, too, which are for masks that are found.
-    """
-    if prompts and masks is not None:
-        raise ParamsError(
-            f"--masks {masks}: points, boxes and numbers of objects are for masks that are found; give one"
-        )
-    return masks if masks is not None or prompts else masks_beside(place)
+    return follow_in_clip(filmed, mask_network(), prompts, *source.published)
+
+
+def _finder(source: MaskSource) -> str:
+    """Who found the masks, in words."""
+    return NETWORK if source.published is None else f"{source.published[0]} in {source.published[1]}"
 
 
 @lru_cache(maxsize=1)

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from pipeline.errors import VideoError
-from pipeline.inference.clip_faults import camera_shift, clip_faults, flicker
-from pipeline.inference.found_bodies import find_in_clip
-from pipeline.inference.prompts import Prompts
-from pipeline.inference.user_clip import mask_network
+from pipeline.perception.clip_faults import camera_shift, clip_faults, flicker
+from pipeline.perception.found_bodies import find_in_clip
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import mask_network
 
 
 def said(frames: np.ndarray) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.errors import ParamsError
-from pipeline.inference.prompts import Mark, Prompts, frame_of
+from pipeline.perception.prompts import Mark, Prompts, frame_of
 from pipeline.segmentation.bodies import LEAST_SCORE, Candidates
 from pipeline.segmentation.grouping import Piece, Track
 from pipeline.segmentation.grown_track import grown_track, region_at_point, region_in_box
