@@ -22,7 +22,7 @@ STRAIGHT_RADII = 0.15  # of the body: and of one that speeds up downhill, whose 
 STEEP_DEG = 78.0  # of a line to the horizontal, from which it counts as vertical
 LEVEL_DEG = 2.0  # of a line to the horizontal, below which it counts as level
 OFF_DOWN_DEG = 25.0  # largest angle of free fall to the picture's vertical
-LEAST_PATH = 0.6  # radii: shorter arcs tell nothing
+LEAST_PATH, SLOW = 0.6, 0.2  # radii, and share of the body's fastest arc: what goes less far and as slow rests
 LEAST_SHARE_FREE, LEAST_SHARE_SLOPE = 0.2, 0.5  # of the way of all bodies that must fall, or speed up on a slope
 ALIKE = 0.3  # largest mean deviation of the accelerations of free arcs, as a share
 ALIKE_DEG = 2.0  # largest mean deviation of slopes
@@ -74,13 +74,20 @@ def down(roll_deg: float) -> np.ndarray:
     return np.array([-np.sin(roll), np.cos(roll)])
 
 
-def describe_arc(arc: Arc, radius: float, roll_deg: float = 0.0) -> ArcMotion:
-    """The kind of an arc of a body with a radius, px, in a picture whose vertical is turned by roll_deg."""
+def describe_arc(arc: Arc, radius: float, fastest: float, roll_deg: float = 0.0) -> ArcMotion:
+    """The kind of an arc.
+
+    Args:
+        arc: The arc.
+        radius: px, of the body.
+        fastest: px/s, the body's speed in its fastest arc.
+        roll_deg: By which the picture's vertical is turned.
+    """
     half = arc.span / 2
     ends = arc.position_at(np.array([arc.time - half, arc.time, arc.time + half]))
     path = float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum())
     chord = ends[2] - ends[0]
-    if path < LEAST_PATH * radius:
+    if path < LEAST_PATH * radius and np.linalg.norm(arc.velocity) <= SLOW * fastest:
         return ArcMotion(arc, "rest", path, 0.0)
     along = chord if np.linalg.norm(chord) > 0.3 * path else arc.acceleration
     along = along / np.linalg.norm(along)
@@ -141,7 +148,11 @@ def find_view(
     Raises:
         ValueError: The tracks show nothing of what a view of this kind needs.
     """
-    motions = tuple(describe_arc(a, t.radius, roll_deg) for t, own in zip(tracks, arcs, strict=True) for a in own)
+    motions = tuple(
+        describe_arc(arc, track.radius, max(float(np.linalg.norm(a.velocity)) for a in own), roll_deg)
+        for track, own in zip(tracks, arcs, strict=True)
+        for arc in own
+    )
     moving = [m for m in motions if m.kind != "rest"]
     total = sum(m.path for m in moving)
     gravity, slope = free_fall(_of_kind(moving, "free"), total), common_slope(_of_kind(moving, "slope"), total)

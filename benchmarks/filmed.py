@@ -1,0 +1,247 @@
+"""Real clips, one plain command each: bodies, view, overlap with drawn outlines, and what a teacher would check.
+
+    python -m benchmarks.filmed [--search 2000] [--only NAME ...] [--out FOLDER]
+
+Clips: benchmarks/outlines, whose videos are in DYNAMICS_DATA or ../shared/data. Each is asked for as `dynamics infer`
+would be, over the stretch in which its bodies move freely, with the frame rate at which it was shot, and the length or
+size that its source gives. --out keeps each result's folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks.drawn_outlines import DrawnClip, outline_mask, read_outlines
+from benchmarks.mask_clips import OUTLINES, data_folder
+from pipeline.api.infer import TRACKS, Inference, infer
+from pipeline.clips.replay import masks_at
+from pipeline.errors import DynamicsError
+from pipeline.inference.filmed_world import World
+from pipeline.metrics.overlap import overlap
+from pipeline.motion.view import ArcMotion
+
+PX = 480 * 320  # of the pictures that are compared
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """What is known of a clip beside its outlines.
+
+    Attributes:
+        view: True view.
+        size: Known size, as `World.of` takes it.
+        length: Whether the length marks of the outlines' file are given.
+    """
+
+    view: str
+    size: tuple[int, str, float] | None = None
+    length: bool = False
+
+
+CLIPS = {
+    "osp_BallTossOut": Filmed("flight", length=True),
+    "osp_airpucks_unequal": Filmed("top", length=True),
+    "osp_ball_rolls_off_table": Filmed("side", length=True),
+    "osp_cart_bounce_incline": Filmed("incline", length=True),
+    "osp_pucks_collide": Filmed("top", length=True),
+    "osp_pvcpipe_ramp17": Filmed("incline", length=True),
+    "osp_pvcpipe_ramp42": Filmed("incline", length=True),
+    "phys_CaromPuck_HeadOn": Filmed("top"),
+    "phys_Projectile_Motion__45Deg_2_687mps": Filmed("flight"),
+    "phys_RollingCylinder": Filmed("incline"),
+    "phys_SlidingFriction_R1": Filmed("incline"),
+    "physiq_ball_kettlebell": Filmed("table"),
+    "redball_drop_120fps": Filmed("flight", length=True),
+    "tennisball_toss_wall": Filmed("flight", size=(0, "radius", 0.0335)),
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """A number that a teacher would check: its clip, what it is, the value expected and its bound, both in `unit`."""
+
+    clip: str
+    what: str
+    expected: float
+    bound: float
+    unit: str
+    measure: Callable[[Inference], float]
+
+
+def gravity(found: Inference) -> float:
+    return float(np.linalg.norm(found.scene.gravity))
+
+
+def slope_deg(found: Inference) -> float:
+    """Of the ramp in the scene."""
+    (turn, *_) = (Rotation.from_quat(b.orientation, scalar_first=True) for b in found.scene.fixed)
+    return abs(float(turn.as_euler("yxz", degrees=True)[0]))
+
+
+def longest(found: Inference) -> ArcMotion:
+    return max(found.filmed.motion.view.arcs, key=lambda m: m.path)
+
+
+def acceleration(found: Inference) -> float:
+    """m/s² of the longest arc."""
+    assert found.filmed.answer is not None
+    return float(np.linalg.norm(longest(found).arc.acceleration)) / found.filmed.answer.scale.px_per_m
+
+
+def launched(found: Inference) -> np.ndarray:
+    """(2,) m/s of a thrown body 10 frames of 1/240 s before the clip begins, where the launcher lets it go."""
+    velocity, pull = np.array(found.scene.objects[0].velocity), np.array(found.scene.gravity)
+    return np.asarray((velocity - 10 / 240 * pull)[[0, 2]])
+
+
+def momentum_kept(found: Inference) -> float:
+    """Sum of the velocities after a collision of equal bodies over that before, along the latter."""
+    sums = []
+    for own in found.filmed.motion.arcs:
+        sums.append((own[0].velocity, own[-1].velocity))
+    before, after = np.sum([b for b, _ in sums], 0), np.sum([a for _, a in sums], 0)
+    return float(after @ before / (before @ before))
+
+
+def mass_ratio(found: Inference) -> float:
+    masses = [o.mass for o in found.scene.objects]
+    return max(masses) / min(masses)
+
+
+CHECKS = [
+    Check("osp_BallTossOut", "gravity", 9.8, 0.69, "m/s²", gravity),
+    Check("osp_ball_rolls_off_table", "gravity", 9.8, 0.69, "m/s²", gravity),
+    Check("redball_drop_120fps", "gravity", 9.8, 0.69, "m/s²", gravity),
+    Check("tennisball_toss_wall", "gravity", 9.8, 0.69, "m/s²", gravity),
+    Check(
+        "phys_Projectile_Motion__45Deg_2_687mps",
+        "speed of the throw",
+        2.687,
+        0.134,
+        "m/s",
+        lambda f: float(np.linalg.norm(launched(f))),
+    ),
+    Check(
+        "phys_Projectile_Motion__45Deg_2_687mps",
+        "angle of the throw",
+        45,
+        2,
+        "deg",
+        lambda f: float(np.degrees(np.arctan2(launched(f)[1], abs(launched(f)[0])))),
+    ),
+    Check("osp_pvcpipe_ramp17", "slope", 17.6, 1.5, "deg", slope_deg),
+    Check("osp_pvcpipe_ramp42", "slope", 42.4, 1.5, "deg", slope_deg),
+    Check("osp_pvcpipe_ramp17", "acceleration", 1.59, 0.159, "m/s²", acceleration),
+    Check("osp_pvcpipe_ramp42", "acceleration", 4.6, 0.46, "m/s²", acceleration),
+    Check("phys_SlidingFriction_R1", "slope", 22.0, 1.5, "deg", slope_deg),
+    Check("osp_pucks_collide", "momentum after over before", 1.0, 0.1, "", momentum_kept),
+    Check("osp_airpucks_unequal", "mass ratio", 1.35, 0.2, "", mass_ratio),
+]
+
+
+def asked(clip: DrawnClip, video: Path, search: int) -> Inference:
+    """The answer to one plain command."""
+    first, last = clip.stretch_frames
+    known = CLIPS[video.stem]
+    marks = clip.length_marks if known.length else None
+    # Pixel centres have integer coordinates in the outlines, half integers in the library.
+    length = None if marks is None else (*(marks.px + 0.5).ravel().tolist(), marks.m)
+    slow = abs(clip.fps / clip.file_fps - 1) > 0.05
+    return infer(
+        video,
+        start=first / clip.fps,
+        seconds=(last - first + 1) / clip.fps,
+        fps=clip.fps if slow else None,
+        world=World.of(length=length, size=known.size),
+        search=search,
+    )
+
+
+def drawn_iou(clip: DrawnClip, found: Inference) -> float:
+    """Sequence IoU of the answer's replay with the drawn outlines, in the video's own picture."""
+    names = [name for name, _ in clip.objects]
+    first = clip.stretch_frames[0]
+    frames = sorted(k for k in clip.frames if k >= first)
+    scale = min(1.0, (PX / (clip.width * clip.height)) ** 0.5)
+    size = (round(clip.width * scale), round(clip.height * scale))
+    masks = np.zeros((len(frames), size[1], size[0]), np.uint8)
+    for mask, k in zip(masks, frames, strict=True):
+        for outline in clip.frames[k]:
+            whole = outline_mask([outline.polygon], clip.width, clip.height)
+            mask[cv2.resize(whole, size, interpolation=cv2.INTER_NEAREST) > 0] = names.index(outline.object) + 1
+    times = (np.array(frames) - first) / clip.fps
+    if found.best.name == TRACKS and found.filmed.answer is not None:  # its own camera sees the whole picture
+        own = masks_at(found.filmed.answer.scene, times, *size)
+        return overlap(own, masks, len(found.scene.objects), len(names)).sequence
+    box = found.clip.taken.clip.letterbox
+    own = masks_at(found.scene, times, *box.size)
+    cut = np.stack([box.apply(cv2.resize(m, box.source, interpolation=cv2.INTER_NEAREST), True) for m in masks])
+    return overlap(own, cut, len(found.scene.objects), len(names)).sequence
+
+
+def row(clip: DrawnClip, found: Inference, seconds: float) -> tuple[str, float]:
+    """A line of the table, and the IoU with the drawn outlines."""
+    kinds = "+".join(sorted(shape for _, shape in clip.objects))
+    iou = drawn_iou(clip, found)
+    view, true = found.filmed.motion.view.kind, CLIPS[Path(clip.clip).stem].view
+    seen_right = view == true or {view, true} == {"side", "flight"}
+    marks = f"{'' if found.scene.composition == kinds else 'not '}{kinds}", f"{'' if seen_right else 'not '}{true}"
+    line = f"| {Path(clip.clip).stem} | {found.scene.composition} ({marks[0]}) | {view} ({marks[1]}) | {iou:.2f} | "
+    return line + f"{found.grade.name} | {found.best.name} | {seconds:.0f} |", iou
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--search", type=int, default=2000)
+    parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--out", type=Path)
+    arguments = parser.parse_args(argv)
+    folder = data_folder() / "real_video"
+    if not folder.is_dir():
+        raise SystemExit(f"there is no {folder}: set DYNAMICS_DATA to the folder that has real_video")
+    answers: dict[str, Inference] = {}
+    ious = []
+    print(
+        "| clip | bodies | view | IoU, drawn outlines | grade | by | s |\n| --- | --- | --- | --- | --- | --- | --- |"
+    )
+    for clip in read_outlines(OUTLINES):
+        name = Path(clip.clip).stem
+        if arguments.only and name not in arguments.only:
+            continue
+        start = time.monotonic()
+        try:
+            found = asked(clip, folder / clip.clip, arguments.search)
+        except DynamicsError as error:
+            print(f"| {name} | {error} | | 0 | | | |", flush=True)
+            ious.append(0.0)
+            continue
+        line, iou = row(clip, found, time.monotonic() - start)
+        print(line, flush=True)
+        ious.append(iou)
+        answers[name] = found
+        if arguments.out is not None:
+            found.save(arguments.out / name, force=True)
+    print(f"\nmean IoU {np.mean(ious):.3f} of {len(ious)} clips\n")
+    print("| clip | what | expected | bound | found | |\n| --- | --- | --- | --- | --- | --- |")
+    for check in CHECKS:
+        if check.clip not in answers:
+            continue
+        try:
+            value = check.measure(answers[check.clip])
+        except (AssertionError, ValueError, IndexError):
+            value = float("nan")
+        within = "within" if abs(value - check.expected) <= check.bound else "missed"
+        bounds = f"{check.expected:g} {check.unit} | {check.bound:g}"
+        print(f"| {check.clip} | {check.what} | {bounds} | {value:.3g} | {within} |")
+
+
+if __name__ == "__main__":
+    main()
