@@ -32,7 +32,7 @@ SCALE = (
 
 
 def prepare() -> None:
-    """Import what pictures need and try OpenGL, which takes seconds, while there is nothing else to do."""
+    """Try OpenGL, which takes a second; to be called in a thread while the search runs."""
     choose_backend("auto")
 
 
