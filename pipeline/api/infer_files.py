@@ -41,7 +41,7 @@ PLANAR_CAMERA = f"at rest, its picture parallel to the plane of motion, {FOV_DEG
 
 
 def prepare() -> None:
-    """Import what pictures need and try OpenGL, which takes seconds, while there is nothing else to do."""
+    """Try OpenGL, which takes a second; to be called in a thread while the search runs."""
     choose_backend("auto")
 
 

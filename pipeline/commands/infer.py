@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from pipeline.commands.arguments import add_prompts, add_world, count, positive, share
@@ -86,7 +87,12 @@ def run(arguments: argparse.Namespace) -> None:
 
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
-    with result_folder(a.out, a.force) as folder, Progress(7 + bool(a.search), shown=True) as progress:
+    steps = 7 + bool(a.search)
+    with (
+        result_folder(a.out, a.force) as folder,
+        Progress(steps, shown=True) as progress,
+        ThreadPoolExecutor(1, "prepare") as beside,
+    ):
         check_file(video_of(a.clip))
         loading = load_in_background(a.model, "--model")  # imports transformers while this thread imports the rest
         from pipeline.api.infer import infer, uncertain
@@ -96,9 +102,7 @@ def run(arguments: argparse.Namespace) -> None:
         def show(taken: UserClip) -> None:
             write_sheet(folder, str(a.clip), taken)
             progress.say("", f"{folder / 'masks.png'} shows them")
-            from pipeline.api.infer_files import prepare
-
-            prepare()  # the model is still being asked
+            beside.submit(_prepare_pictures)
 
         found = infer(
             a.clip,
@@ -134,3 +138,10 @@ def run(arguments: argparse.Namespace) -> None:
         write_files(folder, found, progress)
     print(f"{'grade':<11}{found.grade.name}: {found.grade.reason}")
     print(f"{'written':<11}{a.out}: look at overlay.png first")
+
+
+def _prepare_pictures() -> None:
+    """While the search runs: what pictures need is imported, and OpenGL is tried."""
+    from pipeline.api.infer_files import prepare
+
+    prepare()
