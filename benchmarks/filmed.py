@@ -158,7 +158,7 @@ def asked(clip: DrawnClip, video: Path, search: int) -> Inference:
     return infer(
         video,
         start=first / clip.fps,
-        seconds=(last - first + 1) / clip.fps,
+        seconds=(last - first) / clip.fps,
         fps=clip.fps if slow else None,
         world=World.of(length=length, size=known.size),
         search=search,
