@@ -14,6 +14,7 @@ from pipeline.language.completion import MAX_OBJECTS
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.measured_flow import measured_flow
 from pipeline.vision.flow.raft import RAFT
+from pipeline.vision.flow.supported_flow import supported_flow
 from pipeline.vision.recordings.user_clip import UserClip, read_user_clip
 
 STILL_PX = 0.3  # px of 480x320 per frame interval: a slower body does not move
@@ -87,10 +88,9 @@ def measure_clip(
     with progress.step("frames and masks"):
         taken = read_user_clip(place, start, seconds, schedule.fps, fps, masks)
     with progress.step("flow"):
-        pairs = schedule.pairs
-        flow = measured_flow(
-            estimator, taken.clip.frames, taken.clip.source_times, pairs, 1 / schedule.fps, flow_iterations, flow_size
-        )
+        frames, times, pairs, interval = taken.clip.frames, taken.clip.source_times, schedule.pairs, 1 / schedule.fps
+        raw = measured_flow(estimator, frames, times, pairs, interval, flow_iterations, flow_size)
+        flow = supported_flow(raw, frames, taken.masks, times, pairs, interval=interval, size=flow_size).flow
     speed = np.linalg.norm(flow, axis=-1)
     seen = taken.masks[pairs[:, 0]]
     check_motion(place, speed, seen)
