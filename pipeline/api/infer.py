@@ -7,7 +7,6 @@ and a classical guess are refined by the search, and the best scene of all is th
 from __future__ import annotations
 
 import os
-import threading
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -30,6 +29,7 @@ from pipeline.inference.asking import (
     input_of,
     load_in_background,
     loaded,
+    raw_flow,
     shipped,
     shown_flow,
 )
@@ -273,26 +273,23 @@ def infer(
     else:
         taken = clip.taken if isinstance(clip, MeasuredClip) else clip
         frames = taken.clip
-    source, weights = flow_source(loading.shown, flow, loading.name), shipped(raft)
+    source, weights, shown = flow_source(loading.shown, flow, loading.name), shipped(raft), loading.shown
     if isinstance(clip, MeasuredClip):
         field = clip.flow
     else:
-        with progress.step("flow"):
-            field = shown_flow(frames, schedule, loading.shown, source, weights)
-    question, stop = Question(samples, temperature, top_p, middle, seed), threading.Event()
-    with ThreadPoolExecutor(1, "ask") as beside:
-        asking = beside.submit(ask_model, loading, frames, schedule, field, question, stop)
-        try:
+        with ThreadPoolExecutor(1, "flow") as beside:
+            measuring = beside.submit(raw_flow, frames, schedule, shown, source, weights)
             if isinstance(clip, (str, Path)):
                 with progress.step("masks"):
                     taken = with_masks(read, prompts)
                 say(progress, name, start, taken, taken.clip.notes)
             if when_seen is not None:
                 when_seen(taken)
-            with progress.step("answers"):  # what is left of them after the masks
-                answers, sampling = asking.result()
-        finally:
-            stop.set()
+            with progress.step("flow"):  # what is left of it after the masks
+                field = shown_flow(measuring.result(), taken, schedule, shown)
+    with progress.step("answers"):
+        question = Question(samples, temperature, top_p, middle, seed)
+        answers, sampling = ask_model(loading, frames, schedule, field, question)
     measured = clip if isinstance(clip, MeasuredClip) else measured_clip(name, taken, schedule, field)
     settings = Settings(
         start=start,

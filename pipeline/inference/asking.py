@@ -1,12 +1,11 @@
 """What the model says of a clip: the flow is measured as it was trained, it is loaded, and it is asked.
 
-Asking needs no masks, so that it runs in a thread of its own while bodies are looked for: importing transformers alone
-takes seconds. What is heavy is imported by the functions that need it.
+Loading the model and measuring the flow need no masks, so that both run in threads of their own while bodies are looked
+for: importing transformers alone takes seconds. What is heavy is imported by the functions that need it.
 """
 
 from __future__ import annotations
 
-import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
     from pipeline.model.base import Base
     from pipeline.model.generate import Sampling
+    from pipeline.perception.user_clip import UserClip
     from pipeline.vision.recordings.video import Clip
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -68,12 +68,8 @@ class LoadingModel:
         return self.input or input_of(self.base.result())
 
 
-class Stopped(Exception):
-    """Nobody waits for the answers any more."""
-
-
 def ask_model(
-    loading: LoadingModel, clip: Clip, schedule: Schedule, flow: np.ndarray, question: Question, stop: threading.Event
+    loading: LoadingModel, clip: Clip, schedule: Schedule, flow: np.ndarray, question: Question
 ) -> tuple[list[Answer], Sampling]:
     """Wait for the model and ask it.
 
@@ -83,22 +79,18 @@ def ask_model(
         schedule: Which pairs of them the model sees.
         flow: (P, H, W, 2), px per frame interval, of these pairs.
         question: How it is asked.
-        stop: Set where nobody waits any more.
 
     Returns:
         The greedy answer, then the samples; and how they were drawn.
 
     Raises:
         ModelError: For a model that cannot be loaded.
-        Stopped: After `stop`.
     """
     from pipeline.inference.answers import answer_seed, ask
     from pipeline.inference.model_pictures import model_pictures
     from pipeline.model.generate import Sampling
 
     base = loading.base.result()
-    if stop.is_set():
-        raise Stopped
     shown, q = input_of(base), question
     sampling = Sampling(q.samples, q.temperature, q.top_p, shown.reasoning, schedule.seconds, middle=q.middle)
     pictures = model_pictures(shown, base.layout, flow, clip.frames[schedule.pairs[:, 0]], 1 / schedule.fps)
@@ -106,8 +98,8 @@ def ask_model(
     return answers, sampling
 
 
-def shown_flow(clip: Clip, schedule: Schedule, shown: ModelInput, source: str, raft: Path) -> np.ndarray:
-    """The flow (P, H, W, 2) of the pairs of frames that the model sees, as it was trained.
+def raw_flow(clip: Clip, schedule: Schedule, shown: ModelInput, source: str, raft: Path) -> np.ndarray:
+    """The flow (P, H, W, 2) of the pairs of frames that the model sees, as it is measured.
 
     Args:
         clip: The frames.
@@ -129,6 +121,22 @@ def shown_flow(clip: Clip, schedule: Schedule, shown: ModelInput, source: str, r
         shown.flow_iterations or FLOW_ITERATIONS,
         shown.flow_size or FLOW_SIZE,
     )
+
+
+def shown_flow(raw: np.ndarray, taken: UserClip, schedule: Schedule, shown: ModelInput) -> np.ndarray:
+    """The flow (P, H, W, 2) with what cannot be measured filled in by the masks, as the stage `flow` does.
+
+    Args:
+        raw: As `raw_flow` gives it.
+        taken: Frames and masks.
+        schedule: Which pairs of frames the model sees.
+        shown: How the model's input is made.
+    """
+    from pipeline.vision.flow.supported_flow import supported_flow
+
+    clip, size = taken.clip, shown.flow_size or FLOW_SIZE
+    times, interval = clip.source_times, 1 / schedule.fps
+    return supported_flow(raw, clip.frames, taken.masks, times, schedule.pairs, interval=interval, size=size).flow
 
 
 def load_in_background(name: str, parameter: str = "model") -> LoadingModel:

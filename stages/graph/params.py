@@ -133,6 +133,7 @@ class FlowSettings(Section):
     width: Annotated[int, Field(ge=64)]
     height: Annotated[int, Field(ge=64)]
     iterations: Count
+    confidence: bool
     noise: NonNegative
     picture: Literal["channels", "wheel"]
 
