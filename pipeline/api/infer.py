@@ -321,7 +321,7 @@ def infer(
     progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
     if filmed.answer is not None and filmed.scene is not None:
         methods.append(_tracks_method(filmed.answer, filmed.scene, evaluator, measured))
-    searched, told = None, filmed.forecast
+    searched, forecasts = None, {TRACKS: filmed.forecast}
     if search and not (filmed.scene is not None and methods[-1].overlap.sequence >= TRACKS_IOU):
         with progress.step("search"):
             ranked = [answers[int(i)].scene for i in ranking.order]
@@ -334,7 +334,7 @@ def infer(
                 lambda spent, reward: progress.detail(f" {spent}/{search} simulations, reward {reward:.3f}"),
                 incline,
             )
-            told = _search_forecast(measured, starts, search, seed, incline)
+            forecasts["search"] = _search_forecast(measured, starts, search, seed, incline)
         methods.append(_search_method(searched, answers, ranking, measured))
     best = max(methods, key=lambda m: m.reward)
     certain: tuple[Certainty, ...] = ()
@@ -351,7 +351,7 @@ def infer(
         methods=tuple(methods),
         filmed=filmed,
         searched=searched,
-        forecast=told if best.name in (TRACKS, "search") else None,
+        forecast=forecasts.get(best.name),
         certainties=certain,
         seconds=progress.seconds,
     )
