@@ -12,6 +12,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.scene.scene import Scene
 from pipeline.search.certainty import Certainty, certainties
 from pipeline.search.evaluator import Evaluator
+from pipeline.search.outlines.clip_outlines import ClipOutlines
 from pipeline.search.search_result import SearchResult
 from pipeline.search.search_scene import search_scene
 from pipeline.search.target import make_target
@@ -31,7 +32,9 @@ def clip_evaluator(
         threads: For simulation and rasterising.
     """
     target = make_target(masks[schedule.pairs[:, 0]], flow[: schedule.model_frames], *size)
-    return Evaluator(target, schedule, threads)
+    seen = masks[: schedule.frames]
+    outlines = ClipOutlines(seen, np.arange(len(seen)) / schedule.fps, target.instances)
+    return Evaluator(target, schedule, threads, outlines)
 
 
 def distinct_starts(ranked: Sequence[Scene], valid: Sequence[bool], count: int) -> list[Scene]:

@@ -11,6 +11,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.metrics.overlap import assign, pair_iou, sequence_iou
 from pipeline.physics.batch import BatchSimulator, SceneBatch, States, stack_scenes
 from pipeline.scene.scene import Scene
+from pipeline.search.outlines.clip_outlines import ClipOutlines
 from pipeline.search.pooled_residuals import PooledTarget, Residuals
 from pipeline.search.reward import Measured, Totals, measure_kernel
 from pipeline.search.target import REFERENCE_WIDTH, Target
@@ -45,10 +46,14 @@ class Evaluator:
         target: Masks and flow to match.
         schedule: Times of the target's frames.
         threads: For simulation and rendering.
+        outlines: Of the clip; None: of the target's own masks.
     """
 
-    def __init__(self, target: Target, schedule: Schedule, threads: int) -> None:
+    def __init__(
+        self, target: Target, schedule: Schedule, threads: int, outlines: ClipOutlines | None = None
+    ) -> None:
         self.target, self.schedule, self.threads = target, schedule, threads
+        self.outlines = outlines or ClipOutlines(target.masks, self.times, target.instances)
         steps = schedule.frame_steps[schedule.pairs]  # (F, 2)
         self._steps, self._inverse = np.unique(steps, return_inverse=True)
         self._inverse = self._inverse.reshape(steps.shape)
@@ -56,6 +61,11 @@ class Evaluator:
         self._pooled_target, self._totals = PooledTarget(target), Totals.of(target)
         self.simulations = 0
         self.invalid = 0
+
+    @property
+    def times(self) -> np.ndarray:
+        """(F,) s, of the target's frames."""
+        return self.schedule.pairs[:, 0] / self.schedule.fps
 
     def replay(self, scenes: SceneBatch, frames: int | None = None) -> States:
         """Simulate the candidates.

@@ -12,7 +12,6 @@ from pipeline.search.best_of_k import rank
 from pipeline.search.composition import propose_compositions
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.fit_scene import RUN_SIMULATIONS, fit_scene
-from pipeline.search.guess import CAMERA
 from pipeline.search.parameters import rollable
 from pipeline.search.search_result import SearchRecord, SearchResult
 
@@ -52,16 +51,12 @@ def search_scene(
         progress: Called with the simulations spent and the best reward so far.
         incline: The ground may be inclined: the camera may roll, and gravity need not be normal to the ground.
     """
-    record, guesses, guessing = SearchRecord(evaluator), [], 0
-    starts = [replace(a, camera=rollable(a.camera)) if incline and a.camera else a for a in answers]
-    if evaluator.target.instances and (simulations >= GUESS_SIMULATIONS or not starts):
-        room = max(1, simulations // RUN_SIMULATIONS - len(answers))
-        guesses = propose_compositions(
-            evaluator, record, simulations, rng, rollable(CAMERA) if incline else CAMERA, room
-        )
-        guessing = record.simulations
-        progress(record.simulations, record.reward)
-        starts.append(guesses[0])
+    record = SearchRecord(evaluator)
+    room = max(1, simulations // RUN_SIMULATIONS - len(answers))
+    proposal = propose_compositions(evaluator.outlines, evaluator.target, evaluator.times, room)
+    starts = [s for s in (*proposal.scenes[:1], *answers, *proposal.scenes[1:]) if s.objects]
+    if incline:
+        starts = [replace(s, camera=rollable(s.camera)) if s.camera else s for s in starts]
     order = rank(evaluator, starts).order
-    result = fit_scene(evaluator, record, [*(starts[i] for i in order), *guesses[1:]], simulations, rng, progress)
-    return SceneSearch(result, guesses[0] if guesses else None, guessing)
+    result = fit_scene(evaluator, record, [starts[i] for i in order], simulations, rng, progress)
+    return SceneSearch(result, proposal.scenes[0] if proposal.scenes[0].objects else None, 0)
