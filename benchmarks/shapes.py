@@ -2,8 +2,8 @@
 
     python -m benchmarks.shapes --seed N [--each 16] [--simulations 3200] [--workers 1] [--kept FOLDER] [--words WORDS]
 
-The clips are drawn as those of the suite `id`: `each` of 1, 2 and 3 objects. The search gets the true masks at 480x320
-and RAFT's flow of rendered pictures, as in the graph, and nothing else. FOLDER keeps the measured clips and the answers,
+The clips are drawn as those of the suite `id`: `each` of 1, 2 and 3 objects. The search gets the true masks at 480x320,
+and rendered pictures with RAFT's flow of them, as in the graph, and nothing else. FOLDER keeps the measured clips and the answers,
 so that a stopped run can be continued and two versions of the search see the same clips; `words` name the version.
 Prints composition, IoU and EPE with 95 % bootstrap intervals, and which true shape was found as which.
 """
@@ -55,12 +55,14 @@ RESAMPLES = 10_000
 Job = tuple[Path, int, int, int, int, str]
 
 
-def measured_clip(folder: Path, seed: int, objects: int, index: int, params: Params) -> tuple[Scene, np.ndarray]:
-    """A fresh clip's scene and RAFT's flow (P, H, W, 2), kept in a file."""
+def measured_clip(
+    folder: Path, seed: int, objects: int, index: int, params: Params
+) -> tuple[Scene, np.ndarray, np.ndarray]:
+    """A fresh clip's scene, frames (F, H, W, 3), and RAFT's flow (P, H, W, 2) of them, kept in a file."""
     path = folder / f"seed-{seed}-objects-{objects}-clip-{index}.npz"
     if path.exists():
         with np.load(path) as kept:
-            return read_scene(str(kept["scene"])), kept["flow"]
+            return read_scene(str(kept["scene"])), kept["frames"], kept["flow"]
     schedule, r = params.clip.schedule, params.render
     scene = drawn_scenes(params, seed, f"id {objects}", range(index, index + 1), {objects: 1.0})[0]
     how = r.model_dump(exclude={"width", "height"}) | {"backend": choose_backend(r.backend)[0]}
@@ -77,9 +79,9 @@ def measured_clip(folder: Path, seed: int, objects: int, index: int, params: Par
         (params.flow.width, params.flow.height),
     ).astype(np.float32)
     with tempfile.NamedTemporaryFile(dir=folder, suffix=".npz", delete=False) as file:
-        np.savez_compressed(file, scene=write_scene(scene), flow=flow)
+        np.savez_compressed(file, scene=write_scene(scene), frames=frames, flow=flow)
     Path(file.name).rename(path)
-    return scene, flow
+    return scene, frames, flow
 
 
 def answer(job: Job) -> dict[str, Any]:
@@ -88,9 +90,9 @@ def answer(job: Job) -> dict[str, Any]:
     warnings.simplefilter("ignore")
     params = read_params_file(PARAMS_FILE, Params)
     schedule = params.clip.schedule
-    scene, flow = measured_clip(folder, seed, objects, index, params)
+    scene, frames, flow = measured_clip(folder, seed, objects, index, params)
     truth = true_reference(scene, schedule)
-    evaluator = clip_evaluator(truth.masks, flow, schedule, params.search.size, threads=1)
+    evaluator = clip_evaluator(truth.masks, flow, schedule, params.search.size, 1, frames)
     found = search_scene(evaluator, [], simulations, clip_rng(seed, f"id {objects}", index, "search")).result
     masks = replay_poses(found.scene, schedule).masks
     pairs = assign(pair_iou(count(masks, truth.masks, len(found.scene.objects), len(scene.objects))))

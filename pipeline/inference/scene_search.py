@@ -19,21 +19,33 @@ from pipeline.search.target import make_target
 
 
 def clip_evaluator(
-    masks: np.ndarray, flow: np.ndarray, schedule: Schedule, size: tuple[int, int], threads: int
+    masks: np.ndarray,
+    flow: np.ndarray,
+    schedule: Schedule,
+    size: tuple[int, int],
+    threads: int,
+    pictures: np.ndarray | None = None,
 ) -> Evaluator:
     """The rewards of scenes for a clip.
 
     Args:
         masks: (F, H, W) uint8 of every frame, 0 background, j + 1 instance j.
         flow: (P, h, w, 2), px of its own size per frame interval, of the model's pairs of frames; more of them than
-            the schedule has are left out.
+            the schedule has are left out. Inside a body whose rigid motion is known, that replaces it.
         schedule: Of the clip, or of its first part.
         size: px, width and height, of masks and flow in the reward.
         threads: For simulation and rasterising.
+        pictures: (F, h, w, 3) uint8 of every frame, of any size; None where they are not known.
     """
-    target = make_target(masks[schedule.pairs[:, 0]], flow[: schedule.model_frames], *size)
-    seen = masks[: schedule.frames]
-    outlines = ClipOutlines(seen, np.arange(len(seen)) / schedule.fps, target.instances)
+    seen = schedule.frames
+    outlines = ClipOutlines(
+        masks[:seen],
+        np.arange(seen) / schedule.fps,
+        int(masks.max(initial=0)),
+        None if pictures is None else pictures[:seen],
+    )
+    rigid = outlines.rigid_flow(flow[: schedule.model_frames], schedule.pairs)
+    target = make_target(masks[schedule.pairs[:, 0]], rigid, *size)
     return Evaluator(target, schedule, threads, outlines)
 
 

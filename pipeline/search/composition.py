@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.physics.overlap import separated
-from pipeline.scene.scene import Camera, Scene
-from pipeline.search.guess import CAMERA, guess_object, guess_scene, track_mask
+from pipeline.scene.scene import Scene
+from pipeline.search.guess import guess_object, guess_scene, track_mask
 from pipeline.search.outlines.clip_outlines import ClipOutlines
 from pipeline.search.outlines.registered_scene import registered_scene
-from pipeline.search.outlines.shape_evidence import ShapeEvidence, joint_probabilities
+from pipeline.search.outlines.shape_evidence import LEAST_PROBABILITY, ShapeEvidence, joint_probabilities
 from pipeline.search.target import Target
 from pipeline.vision.rendering.camera import pinhole
-
-LEAST_PROBABILITY = 0.05  # of other shapes that are also tried, relative to the most probable
 
 
 @dataclass(frozen=True)
@@ -35,9 +33,7 @@ class Proposal:
     evidence: tuple[ShapeEvidence, ...]
 
 
-def propose_compositions(
-    outlines: ClipOutlines, target: Target, target_times: np.ndarray, most: int, camera: Camera = CAMERA
-) -> Proposal:
+def propose_compositions(outlines: ClipOutlines, target: Target, target_times: np.ndarray, most: int) -> Proposal:
     """Scenes with the most probable shapes of the instances.
 
     Args:
@@ -45,16 +41,15 @@ def propose_compositions(
         target: Of the search, for instances without outlines.
         target_times: (F,) of the target's frames, s.
         most: Largest number of scenes.
-        camera: A usual camera.
     """
-    evidence = outlines.evidence(camera)
+    evidence = outlines.evidence
     likely = joint_probabilities(evidence, most)
     scenes = [
         _scene(shapes, evidence, outlines, target, target_times)
         for shapes, probability in likely
         if probability >= LEAST_PROBABILITY * likely[0][1]
     ]
-    return Proposal(tuple(scenes), tuple(evidence))
+    return Proposal(tuple(scenes), evidence)
 
 
 def _scene(

@@ -49,9 +49,7 @@ class Evaluator:
         outlines: Of the clip; None: of the target's own masks.
     """
 
-    def __init__(
-        self, target: Target, schedule: Schedule, threads: int, outlines: ClipOutlines | None = None
-    ) -> None:
+    def __init__(self, target: Target, schedule: Schedule, threads: int, outlines: ClipOutlines | None = None) -> None:
         self.target, self.schedule, self.threads = target, schedule, threads
         self.outlines = outlines or ClipOutlines(target.masks, self.times, target.instances)
         steps = schedule.frame_steps[schedule.pairs]  # (F, 2)

@@ -1,4 +1,4 @@
-"""The outlines of all instances of a clip."""
+"""The outlines of all instances of a clip, and the solids that are registered to them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.scene.scene import Camera
+from pipeline.search.guess import CAMERA
 from pipeline.search.outlines.contour import Contour, instance_contour
-from pipeline.search.outlines.shape_evidence import ShapeEvidence, shape_evidence
+from pipeline.search.outlines.rigid_flow import replace_flow
+from pipeline.search.outlines.shape_evidence import LEAST_PROBABILITY, ShapeEvidence, shape_evidence
+from pipeline.search.outlines.spin import with_seen_turns
+from pipeline.search.target import resize_masks
 from pipeline.vision.rendering.camera import focal_px, pinhole
 
 
@@ -21,11 +24,14 @@ class ClipOutlines:
         masks: (F, H, W) uint8, j + 1 for instance j, 0 for the background.
         times: (F,) s.
         instances: Number of instances.
+        pictures: (F, h, w, 3) uint8 of the same frames, of any size; None where they are not known. They show how
+            round bodies turn.
     """
 
     masks: np.ndarray
     times: np.ndarray
     instances: int
+    pictures: np.ndarray | None = None
 
     @property
     def height(self) -> int:
@@ -36,7 +42,25 @@ class ClipOutlines:
         """Of each instance."""
         return tuple(instance_contour(self.masks, j) for j in range(self.instances))
 
-    def evidence(self, camera: Camera) -> list[ShapeEvidence]:
-        """Of each instance, which shape it has. camera: a usual one, with a pitch."""
-        focal, upright = focal_px(camera.fov, self.height), pinhole(camera).rotation_world.T
-        return [shape_evidence(contour, self.times, focal, upright) for contour in self.contours]
+    @cached_property
+    def evidence(self) -> tuple[ShapeEvidence, ...]:
+        """Of each instance, which shape it has, and the fits of likely shapes with the rotation that pictures show."""
+        focal, upright = focal_px(CAMERA.fov, self.height), pinhole(CAMERA).rotation_world.T
+        found = [shape_evidence(contour, self.times, focal, upright) for contour in self.contours]
+        if self.pictures is None:
+            return tuple(found)
+        for instance, evidence in enumerate(found):
+            for shape, fit in evidence.registrations.items():
+                if shape != "box" and evidence.probability[shape] >= LEAST_PROBABILITY:
+                    evidence.registrations[shape] = with_seen_turns(fit, self.masks, instance, self.pictures)
+        return tuple(found)
+
+    def rigid_flow(self, flow: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Measured flow (P, h, w, 2) of pairs (P, 2) of frames, with the rigid motion of bodies where it is known."""
+        height, width = flow.shape[1:3]
+        small = resize_masks(self.masks[pairs[:, 0]], width, height)
+        for instance, evidence in enumerate(self.evidence):
+            if evidence.registrations:
+                best = evidence.registrations[evidence.ranked[0]]
+                flow = replace_flow(flow, small == instance + 1, best, pairs, self.masks.shape[2])
+        return flow

@@ -18,6 +18,7 @@ from pipeline.vision.rendering.surface import CYLINDER, SPHERE
 HUBER = 4.0  # standard deviations beyond which a point counts linearly
 DEPTH_SPREAD = 0.3  # standard deviation of the logarithm of the depth
 FOCAL_SPREAD = 0.15  # of the logarithm of the focal length
+FOCAL_RANGE = 0.7  # most by which it may differ from the usual
 EXTENT_SPREAD = 0.6  # of the logarithms of half extents about their mean
 RECEDE = 0.6  # 1/s, standard deviation of changes of the relative velocity along the line of sight
 SPIN = 4.0  # rad/s, of changes of the angular velocity
@@ -265,7 +266,8 @@ def refine(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, t
             if not track:
                 for s in range(sizes):
                     new_extents[s] += min(max(move[base + s], -0.7), 0.7)
-                new_focal *= math.exp(min(max(move[base + sizes], -0.3), 0.3))
+                new_focal = math.log(focal) + min(max(move[base + sizes], -0.3), 0.3)
+                new_focal = math.exp(min(max(new_focal, usual[1] - FOCAL_RANGE), usual[1] + FOCAL_RANGE))
             new_cost, new_data = _cost(kind, points, free, count, times, sigma, usual, predicted, predicted_turn, track,
                                        new_poses, new_rotations, new_extents, new_focal, normals, new_distance,
                                        new_nearest)  # fmt: skip

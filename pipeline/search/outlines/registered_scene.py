@@ -42,6 +42,7 @@ class _Track:
     centres: np.ndarray
     rotations: np.ndarray
     times: np.ndarray
+    turns_seen: np.ndarray
 
     def lowest(self, up: np.ndarray) -> np.ndarray:
         """(K,) m, height of the lowest point above the camera; up (3,) in the camera frame."""
@@ -50,9 +51,14 @@ class _Track:
 
 
 def _track(registration: Registration, times: np.ndarray) -> _Track:
-    extents = registration.extents
-    half = {1: extents[[0, 0, 0]], 2: extents[[0, 0, -1]], 3: extents}[len(extents)]
-    return _Track(registration.shape, half, registration.centres, registration.rotations, times[registration.frames])
+    return _Track(
+        registration.shape,
+        registration.half,
+        registration.centres,
+        registration.rotations,
+        times[registration.frames],
+        registration.turns_seen,
+    )
 
 
 def up_direction(pitch: float) -> np.ndarray:
@@ -136,9 +142,8 @@ def _object(track: _Track, scale: float, view: Pinhole) -> SceneObject:
     if grounded:
         velocity[2] = 0.0
         turn = _stood(track.shape, turn)
-        spin = _rolling(track.shape, turn, half, velocity, spin)
-    elif track.shape == "sphere":
-        spin = np.zeros(3)
+        if not _spin_seen(track):
+            spin = _rolling(track.shape, turn, half, velocity, spin)
     spin *= min(1.0, FASTEST_SPIN / max(float(np.linalg.norm(spin)), 1e-9))
     start = start - velocity * first
     obj = SceneObject(
@@ -158,16 +163,25 @@ def _object(track: _Track, scale: float, view: Pinhole) -> SceneObject:
     return replace(obj, position=(start[0], start[1], z))
 
 
+def _first_turns(track: _Track) -> int:
+    """How many intervals give the first angular velocity."""
+    return int(np.searchsorted(track.times[1:], track.times[0] + TURN_SECONDS, side="right"))
+
+
+def _spin_seen(track: _Track) -> bool:
+    """Whether the first angular velocity is known, also about the axis of a cylinder."""
+    return bool(track.turns_seen[: _first_turns(track)].any())
+
+
 def _first_spin(track: _Track, rotation: np.ndarray) -> np.ndarray:
     """(3,) rad/s, world frame, over the first frames."""
-    if track.shape == "sphere" or len(rotation) < 2:
-        return np.zeros(3)
-    last = max(1, int(np.searchsorted(track.times, track.times[0] + TURN_SECONDS)))
-    last = min(last, len(rotation) - 1)
-    whole = np.zeros(3)
-    for k in range(last):
-        whole += turn_between(np.ascontiguousarray(rotation[k]), np.ascontiguousarray(rotation[k + 1]))
-    return whole / (track.times[last] - track.times[0])
+    turns = [
+        np.array(turn_between(np.ascontiguousarray(rotation[k]), np.ascontiguousarray(rotation[k + 1])))
+        / (track.times[k + 1] - track.times[k])
+        for k in range(_first_turns(track))
+        if track.turns_seen[k] or not _spin_seen(track)
+    ]
+    return np.mean(turns, 0) if turns else np.zeros(3)
 
 
 def _stood(shape: str, rotation: np.ndarray) -> np.ndarray:

@@ -39,6 +39,7 @@ class Registration:
         cost: Of the outlines at the frames fitted at once, squares in units of `SIGMA_PX`, with linear tails.
         points: How many points that cost has.
         fitted: (L,) positions in `frames` of the frames fitted at once.
+        turns_seen: (K - 1,) whether the rotation from a frame to the next is known. Outlines show that of a box only.
     """
 
     shape: str
@@ -50,6 +51,12 @@ class Registration:
     cost: float
     points: int
     fitted: np.ndarray
+    turns_seen: np.ndarray
+
+    @property
+    def half(self) -> np.ndarray:
+        """(3,) half extents along the body's axes, m."""
+        return {1: self.extents[[0, 0, 0]], 2: self.extents[[0, 0, -1]], 3: self.extents}[len(self.extents)]
 
     @property
     def centres(self) -> np.ndarray:
@@ -96,9 +103,7 @@ def _rotation_y(angle: float) -> np.ndarray:
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def register(
-    contour: Contour, shape: str, times: np.ndarray, focal: float, upright: np.ndarray
-) -> Registration:
+def register(contour: Contour, shape: str, times: np.ndarray, focal: float, upright: np.ndarray) -> Registration:
     """The best fit of a shape to the outlines of an instance.
 
     Args:
@@ -121,20 +126,29 @@ def register(
         cost, _, found = _fit(contour, [anchor], when, kind, usual, poses, rotations, extents, focal, SINGLE_STEPS)
         singles.append((cost, poses[0], rotations[0], extents, found))
     singles.sort(key=lambda single: single[0])
-    best: Registration | None = None
-    best_cost = np.inf
+    joint = []
     fitted = spread_frames(contour)
     for _, pose, rotation, extents, found in singles[:KEPT]:
         poses, rotations = track(contour, anchor, when, kind, pose, rotation, extents, found)
         some, turns = poses[fitted], rotations[fitted]
         cost, data, found = _fit(contour, fitted, when, kind, usual, some, turns, extents, found, JOINT_STEPS)
-        if cost < best_cost:
-            poses[fitted], rotations[fitted] = some, turns
-            best_cost = cost
-            points = int(contour.free[fitted].sum())
-            best = Registration(shape, np.exp(extents), found, contour.frames, poses, rotations, data, points, fitted)
-    assert best is not None, (singles, shape)
-    return best
+        joint.append((cost, data, some, turns, extents, found))
+    _, data, some, turns, extents, found = min(joint, key=lambda fit: fit[0])
+    first = int(np.argmin(np.abs(fitted - anchor)))
+    poses, rotations = track(contour, int(fitted[first]), when, kind, some[first], turns[first], extents, found)
+    points = int(contour.free[fitted].sum())
+    return Registration(
+        shape=shape,
+        extents=np.exp(extents),
+        focal=found,
+        frames=contour.frames,
+        poses=poses,
+        rotations=rotations,
+        cost=data,
+        points=points,
+        fitted=fitted,
+        turns_seen=np.full(max(len(poses) - 1, 0), shape == "box"),
+    )
 
 
 def _fit(contour, at, when, kind, usual, poses, rotations, extents, focal, steps):  # type: ignore[no-untyped-def]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from pipeline.search.outlines.registration import Registration, register
 #: Free parameters of each shape: sizes, and where it has one, an orientation and an angular velocity that show.
 PARAMETERS = {"sphere": 1, "cylinder": 6, "box": 9}
 CORRELATED = 8.0  # points of an outline that count as one independent observation
+LEAST_PROBABILITY = 0.05  # of a shape that is tried, relative to the most probable
 FLOOR = 0.3  # least mean square of the residuals: that of exact masks, whose outlines run between pixels
 assert PARAMETERS.keys() == set(BASIC_SHAPES)
 
@@ -27,8 +28,8 @@ class ShapeEvidence:
         probability: Of each shape.
     """
 
-    registrations: Mapping[str, Registration]
-    probability: Mapping[str, float]
+    registrations: dict[str, Registration]
+    probability: dict[str, float]
 
     @property
     def ranked(self) -> list[str]:
@@ -63,7 +64,7 @@ def probabilities(costs: np.ndarray, points: int, parameters: np.ndarray) -> lis
         parameters: (S,) free parameters.
     """
     independent = max(points / CORRELATED, 2.0)
-    mean_square = np.maximum(costs / points, FLOOR)
+    mean_square = np.clip(costs / points, FLOOR, 1e9)
     criterion = 0.5 * independent * np.log(mean_square) + 0.5 * parameters * np.log(independent)
     weight = np.exp(criterion.min() - criterion)
     return [float(w) for w in weight / weight.sum()]
