@@ -107,4 +107,4 @@ def search_clip(
 def scene_certainties(evaluator: Evaluator, scene: Scene) -> tuple[np.ndarray, tuple[Certainty, ...]]:
     """Pairs (P, 2) of object and instance for a scene, and how far the clip determines each of its numbers."""
     pairs = evaluator.pairs(scene)
-    return pairs, tuple(certainties(evaluator, scene, pairs))
+    return pairs, tuple(certainties(evaluator.without_outlines(), scene, pairs))

@@ -33,6 +33,11 @@ class Residuals:
     values: np.ndarray
     cost: np.ndarray
 
+    def joined(self, more: np.ndarray) -> Residuals:
+        """These residuals and others (B, N, R') of the same candidates."""
+        cost = self.cost + np.einsum("bnr,bnr->bn", more, more)
+        return Residuals(np.concatenate([self.values, more], 2), np.where(self.cost >= INVALID_COST, self.cost, cost))
+
 
 @kernel
 def pool_frame(

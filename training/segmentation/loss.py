@@ -11,8 +11,7 @@ from pipeline.segmentation.network import BODY, MOVING, OTHER, VOTE_SCALE_PX, Se
 from training.segmentation.clip import BODY_SHADOW
 from training.segmentation.clip import OTHER as OTHER_LABEL
 
-HARD = 2.0  # added weight of what moves, or differs from the background, and is no body: it is the hardest to tell
-CHANGED = 0.05  # of full scale: smoothed difference to the background from here on
+HARD = 2.0  # added weight of what moves and is no body: it is rare, and the hardest to tell
 PARTS = ("moving", "body", "other", "offset_px", "log_radius", "iou_moving", "iou_body", "iou_other")
 
 
@@ -40,8 +39,7 @@ def segmentation_loss(network: SegmentationNetwork, batch: dict[str, Tensor]) ->
         each = F.binary_cross_entropy_with_logits(logits[:, channel], target, reduction="none")
         return (each * weight).sum() / weight.sum().clamp(min=1)
 
-    change = F.avg_pool2d((batch["frame"] - batch["background"]).abs().amax(1, True), 3, 1, 1)[:, 0]
-    hard = 1 + HARD * ((other > 0) | ((change > CHANGED) & (body == 0))).float()
+    hard = 1 + HARD * (other > 0).float()
     everywhere = (other != BODY_SHADOW).float()
     other = (other == OTHER_LABEL).float()
     parts = [
@@ -54,14 +52,11 @@ def segmentation_loss(network: SegmentationNetwork, batch: dict[str, Tensor]) ->
     area = area + dice(probability[:, MOVING], moving, known) + 0.5 * dice(probability[:, BODY], body, visible)
     area = area + 0.5 * dice(probability[:, OTHER], other, everywhere)
     weight = batch["weight"] / (batch["weight"].sum() + 1e-6)
-    # A vote is right within a share of the body's radius, so errors on large bodies count less.
-    scale = (VOTE_SCALE_PX / (VOTE_SCALE_PX / 2 + batch["log_radius"].exp())).clamp(max=1.5)
-    apart = (votes[:, :2] - batch["offset"]).abs().sum(1) * weight
-    offset = (apart * scale).sum()
+    offset = ((votes[:, :2] - batch["offset"]).abs().sum(1) * weight).sum()
     radius = ((votes[:, 2] - batch["log_radius"]).abs() * weight).sum()
     shown = [
         *parts,
-        apart.sum() * VOTE_SCALE_PX,
+        offset * VOTE_SCALE_PX,
         radius,
         overlap(logits[:, MOVING], moving, known),
         overlap(logits[:, BODY], body, visible),

@@ -23,11 +23,10 @@ import torch
 from pipeline.segmentation.network import SegmentationNetwork, load_network, save_network
 from training.segmentation.clip import TrainingClip, load_clip
 from training.segmentation.loss import PARTS, segmentation_loss
-from training.segmentation.samples import Sample, batched, draw_sample, with_clear_plate
+from training.segmentation.samples import Sample, batched, draw_sample
 
 CROP, CROPS, WHOLE = (144, 112), 12, 4  # px; samples to a step of windows, and of whole frames
-WHOLE_SHARE = 0.5  # of the steps
-CLEAR_PLATES = 0.5  # share of clips whose background is without the bodies, as in the second look of `find_bodies`
+WHOLE_SHARE = 0.25  # of the steps
 POOL, RENEWED = 500, 1  # clips in memory, and how many are replaced in each step
 WARM_UP = 100  # steps
 AVERAGE = 0.998  # of the weights' moving average
@@ -48,8 +47,6 @@ class Clips:
                 self.paths = sorted(self.folder.glob("*.npz"))
                 self.queue = [self.paths[i] for i in self.rng.permutation(len(self.paths))]
             clip = load_clip(self.queue.pop())
-            if self.rng.random() < CLEAR_PLATES:
-                clip = with_clear_plate(self.rng, clip)
             if len(self.kept) < POOL:
                 self.kept.append(clip)
             else:
