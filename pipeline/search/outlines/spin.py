@@ -15,10 +15,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.compiled import kernel
+from pipeline.search.guess import CAMERA
 from pipeline.search.outlines.registration import Registration
+from pipeline.vision.rendering.camera import pinhole
 from pipeline.vision.rendering.surface import CYLINDER, KINDS, intersect, normal
 
-WINDOW = 3  # successive intervals that share an angular velocity
+WINDOW = 5  # successive intervals that share an angular velocity
 POINTS = 120  # of the surface that are compared, for each interval
 LEAST_POINTS = 25
 FACING = 0.3  # least cosine between the normal and the line of sight of a point that is compared
@@ -26,6 +28,10 @@ FASTEST = 0.75  # rad per interval, reach of the coarse search
 COARSE = 0.15  # rad, its step
 FINE = 0.01  # rad, the last step of the refinement
 TRUSTED = 0.6  # least correlation of a rotation that counts as seen
+LEAST_SEEN = 0.5  # share of the intervals with such a rotation; the others take the nearest one
+ROLLING_SHARE = 0.9  # of the largest correlation, from which a rotation like that of rolling is preferred
+BINS = 8  # across the body, of the pattern that stays at its place while the body turns: shading and highlights
+USUAL_UP = np.ascontiguousarray(pinhole(CAMERA).rotation_world[2])  # in the camera frame
 
 
 @kernel
@@ -132,18 +138,22 @@ def with_seen_turns(found: Registration, masks: np.ndarray, instance: int, frame
     count = len(found.frames)
     surface = _Surface(found, masks, instance, frames)
     successive = [k for k in range(count - 1) if found.frames[k + 1] == found.frames[k] + 1]
-    seen, rotations = np.zeros(max(count - 1, 0), bool), found.rotations.copy()
+    turns: dict[int, np.ndarray] = {}
     last: np.ndarray | None = None
-    for k in range(count - 1):
-        turn = found.rotations[k + 1] @ found.rotations[k].T
+    for k in successive:
         window = [j for j in successive if abs(j - k) <= WINDOW // 2]
-        if k in successive:
-            best, score = surface.best_turn(window, last)
-            seen[k], last = score >= TRUSTED, best if score >= TRUSTED else None
-            if last is not None:
-                turn = surface.turns([k], last)[0]
-        rotations[k + 1] = turn @ rotations[k]
-    return replace(found, rotations=rotations, turns_seen=seen)
+        best, score = surface.best_turn(window, k, last)
+        last = best if score >= TRUSTED else None
+        if last is not None:
+            turns[k] = last
+    if len(turns) < LEAST_SEEN * max(count - 1, 1):
+        return found
+    known = np.array(sorted(turns))
+    rotations = found.rotations.copy()
+    for k in range(count - 1):
+        nearest = int(known[np.argmin(np.abs(known - k))])
+        rotations[k + 1] = surface.turns([k], turns[nearest])[0] @ rotations[k]
+    return replace(found, rotations=rotations, turns_seen=np.full(count - 1, True))
 
 
 class _Surface:
@@ -179,7 +189,7 @@ class _Surface:
         return points[seen], normals[seen], at[seen]
 
     def _without_shading(self, frames: np.ndarray, at: list[np.ndarray]) -> np.ndarray:
-        """Pictures (K, h, w): the colours along their main direction, less a quadratic function of the normal.
+        """Pictures (K, h, w): the colours along their main direction, less what depends on the normal alone.
 
         at: for each frame the pixels (P, 2) that show the surface.
         """
@@ -190,6 +200,9 @@ class _Surface:
         values = colours @ vectors[:, -1]
         normals = np.concatenate(self._normals)
         fit, *_ = np.linalg.lstsq(_quadratic(normals), values, rcond=None)
+        rest = values - _quadratic(normals) @ fit
+        number = np.bincount(_bin(normals), minlength=BINS**2)
+        still = np.bincount(_bin(normals), rest, minlength=BINS**2) / np.maximum(number, 1)
         pictures = np.zeros(frames.shape[:3], np.float32)
         for k, frame in enumerate(frames):
             rows, columns = np.nonzero(self._inside[k])
@@ -200,7 +213,7 @@ class _Surface:
             points, normals, seen = np.zeros((len(rows), 3)), np.zeros((len(rows), 3)), np.zeros(len(rows), bool)
             fill_surface(self._kind, self._half, np.ascontiguousarray(self._found.rotations[k]), self._centres[k],
                          pixels, self._focal, FACING, points, normals, seen)  # fmt: skip
-            pictures[k, rows, columns] = frame[rows, columns] @ vectors[:, -1] - _quadratic(normals) @ fit
+            pictures[k, rows, columns] = frame[rows, columns] @ vectors[:, -1] - _quadratic(normals) @ fit - still[_bin(normals)]
         return pictures
 
     def turns(self, window: list[int], turn: np.ndarray) -> np.ndarray:
@@ -217,25 +230,34 @@ class _Surface:
         return Rotation.from_rotvec(cross / max(float(np.linalg.norm(cross)), 1e-12)
                                     * np.arctan2(np.linalg.norm(cross), a @ b)).as_matrix()  # fmt: skip
 
-    def best_turn(self, window: list[int], last: np.ndarray | None) -> tuple[np.ndarray, float]:
-        """The turn per interval of the largest correlation, and that; last: of the window before."""
-        longest = max((min(len(self._values[k]), POINTS) for k in window), default=0)
+    def rolling_turn(self, k: int, up: np.ndarray) -> np.ndarray:
+        """The turn over interval k of a body that rolls on a level ground; up (3,) is the vertical."""
+        moved = self._centres[k + 1] - self._centres[k]
+        turn = np.cross(up, moved) / self._half[0]
+        return np.array([turn @ self._axes[k + 1]]) if self._kind == CYLINDER else turn
+
+    def best_turn(self, window: list[int], k: int, last: np.ndarray | None) -> tuple[np.ndarray, float]:
+        """The turn per interval of the largest correlation over a window about interval k, and that.
+
+        last: The turn of the interval before, if it is known.
+        """
+        longest = max((min(len(self._values[j]), POINTS) for j in window), default=0)
         if longest < LEAST_POINTS:
             return np.zeros(1), -1.0
         points, normals = np.zeros((len(window), longest, 3)), np.zeros((len(window), longest, 3))
         values, count = np.zeros((len(window), longest)), np.zeros(len(window), np.int64)
-        for row, k in enumerate(window):
-            n = len(self._values[k])
+        for row, j in enumerate(window):
+            n = len(self._values[j])
             take = np.linspace(0, n - 1, min(n, POINTS)).round().astype(int)
             count[row] = len(take)
-            points[row, : len(take)], normals[row, : len(take)] = self._points[k][take], self._normals[k][take]
-            values[row, : len(take)] = self._values[k][take]
+            points[row, : len(take)], normals[row, : len(take)] = self._points[j][take], self._normals[j][take]
+            values[row, : len(take)] = self._values[j][take]
         after = np.array(window) + 1
         rest = (points, normals, values, count, self._centres[after], self._pictures[after], self._inside[after],
                 self._focal)  # fmt: skip
         unknowns = 1 if self._kind == CYLINDER else 3
         if self._kind == CYLINDER:
-            carried = np.array([self._carried(k) for k in window])
+            carried = np.array([self._carried(j) for j in window])
             axes = self._axes[after]
 
         def score(turn: np.ndarray) -> float:
@@ -257,16 +279,19 @@ class _Surface:
                     step *= 0.5
             return turn, value
 
+        rolling = self.rolling_turn(k, USUAL_UP)
+        rolling, rolling_value = refined(rolling, score(rolling), 0.5 * COARSE)
         if last is not None:
             turn, value = refined(last, score(last), 0.5 * COARSE)
-            if value >= TRUSTED:
-                return turn, value
+            if max(value, rolling_value) >= TRUSTED:
+                return (rolling, rolling_value) if rolling_value >= ROLLING_SHARE * value else (turn, value)
         grid = np.arange(-FASTEST, FASTEST + 1e-9, COARSE)
         trials = np.stack(np.meshgrid(*[grid] * unknowns, indexing="ij"), -1).reshape(-1, unknowns)
         trials = trials[np.linalg.norm(trials, axis=1) <= FASTEST + 1e-9]
         scores = np.array([score(t) for t in trials])
         starts = np.argsort(-scores)[:4]
-        return max((refined(trials[k], scores[k], 0.5 * COARSE) for k in starts), key=lambda found: found[1])
+        turn, value = max((refined(trials[j], scores[j], 0.5 * COARSE) for j in starts), key=lambda found: found[1])
+        return (rolling, rolling_value) if rolling_value >= ROLLING_SHARE * value else (turn, value)
 
 
 def _about(vectors: np.ndarray, angle: float) -> np.ndarray:
@@ -278,6 +303,12 @@ def _about(vectors: np.ndarray, angle: float) -> np.ndarray:
     skew = np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], 1)
     s, c = np.sinc(size / np.pi), 0.5 * np.sinc(0.5 * size / np.pi) ** 2
     return np.eye(3) + s * skew + c * skew @ skew
+
+
+def _bin(normals: np.ndarray) -> np.ndarray:
+    """Index (P,) of the bin of the first two components of normals (P, 3)."""
+    x, y = np.clip(((normals[:, :2] + 1) * BINS / 2).astype(int), 0, BINS - 1).T
+    return x * BINS + y
 
 
 def _quadratic(normals: np.ndarray) -> np.ndarray:
