@@ -95,9 +95,7 @@ class Evaluator:
         self.invalid += int((~states.valid).sum())
         return states
 
-    def measure(
-        self, scenes: SceneBatch, pooled: bool = False, first: int | None = None
-    ) -> tuple[Measured, States]:
+    def measure(self, scenes: SceneBatch, pooled: bool = False, first: int | None = None) -> tuple[Measured, States]:
         """Simulate and render the candidates, and compare them with the target.
 
         Args:

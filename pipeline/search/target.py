@@ -18,11 +18,14 @@ class Target:
         masks: (F, H, W) uint8, j + 1 for instance j, 0 for the background.
         flow: (F, H, W, 2) float32, px of this size per frame interval.
         instances: Number of instances.
+        rigid: (M,) whether the flow of an instance is that of its known rigid motion, which is more exact than measured
+            flow; None: of no instance.
     """
 
     masks: np.ndarray
     flow: np.ndarray
     instances: int
+    rigid: np.ndarray | None = None
 
     @property
     def height(self) -> int:
@@ -33,7 +36,9 @@ class Target:
         return self.masks.shape[2]
 
 
-def make_target(masks: np.ndarray, flow: np.ndarray, width: int, height: int) -> Target:
+def make_target(
+    masks: np.ndarray, flow: np.ndarray, width: int, height: int, rigid: np.ndarray | None = None
+) -> Target:
     """A target from masks and flow of any size.
 
     The camera does not move, so flow outside the instances is noise. It is set to zero.
@@ -43,10 +48,11 @@ def make_target(masks: np.ndarray, flow: np.ndarray, width: int, height: int) ->
         flow: (F, h, w, 2), px of its own size.
         width: Width of the target, px.
         height: Height of the target, px.
+        rigid: (M,) as in `Target`.
     """
     small = resize_masks(masks, width, height)
     moving = resize_flow(flow, width, height) * (small > 0)[..., None]
-    return Target(small, np.ascontiguousarray(moving, np.float32), int(masks.max(initial=0)))
+    return Target(small, np.ascontiguousarray(moving, np.float32), int(masks.max(initial=0)), rigid)
 
 
 def resize_masks(masks: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -55,6 +55,12 @@ class ClipOutlines:
                     evidence.registrations[shape] = with_seen_turns(fit, self.masks, instance, self.pictures)
         return tuple(found)
 
+    @property
+    def turns_seen(self) -> np.ndarray:
+        """(M,) whether the rotation of each instance is known."""
+        fits = [e.registrations[e.ranked[0]] if e.registrations else None for e in self.evidence]
+        return np.array([fit is not None and len(fit.turns_seen) > 0 and bool(fit.turns_seen.all()) for fit in fits])
+
     def rigid_flow(self, flow: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Measured flow (P, h, w, 2) of pairs (P, 2) of frames, with the rigid motion of bodies where it is known."""
         height, width = flow.shape[1:3]

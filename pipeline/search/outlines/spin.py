@@ -25,6 +25,7 @@ POINTS = 120  # of the surface that are compared, for each interval
 LEAST_POINTS = 25
 FACING = 0.3  # least cosine between the normal and the line of sight of a point that is compared
 FASTEST = 0.75  # rad per interval, reach of the coarse search
+SEARCH_EVERY = 3  # intervals, where the rotation before is not known
 COARSE = 0.15  # rad, its step
 FINE = 0.01  # rad, the last step of the refinement
 TRUSTED = 0.6  # least correlation of a rotation that counts as seen
@@ -142,6 +143,8 @@ def with_seen_turns(found: Registration, masks: np.ndarray, instance: int, frame
     last: np.ndarray | None = None
     for k in successive:
         window = [j for j in successive if abs(j - k) <= WINDOW // 2]
+        if last is None and k % SEARCH_EVERY:
+            continue
         best, score = surface.best_turn(window, k, last)
         last = best if score >= TRUSTED else None
         if last is not None:
@@ -213,7 +216,9 @@ class _Surface:
             points, normals, seen = np.zeros((len(rows), 3)), np.zeros((len(rows), 3)), np.zeros(len(rows), bool)
             fill_surface(self._kind, self._half, np.ascontiguousarray(self._found.rotations[k]), self._centres[k],
                          pixels, self._focal, FACING, points, normals, seen)  # fmt: skip
-            pictures[k, rows, columns] = frame[rows, columns] @ vectors[:, -1] - _quadratic(normals) @ fit - still[_bin(normals)]
+            pictures[k, rows, columns] = (
+                frame[rows, columns] @ vectors[:, -1] - _quadratic(normals) @ fit - still[_bin(normals)]
+            )
         return pictures
 
     def turns(self, window: list[int], turn: np.ndarray) -> np.ndarray:
