@@ -45,7 +45,7 @@ def clip_evaluator(
         None if pictures is None else pictures[:seen],
     )
     rigid = outlines.rigid_flow(flow[: schedule.model_frames], schedule.pairs)
-    target = make_target(masks[schedule.pairs[:, 0]], rigid, *size, outlines.turns_seen)
+    target = make_target(masks[schedule.pairs[:, 0]], rigid, *size, outlines.flow_errors)
     return Evaluator(target, schedule, threads, outlines)
 
 

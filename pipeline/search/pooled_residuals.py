@@ -20,7 +20,6 @@ CELLS = 24  # of the finest grid across the width of the picture
 LEVELS = 3  # grids, each with half as many cells as the one before
 #: An error of the flow by FLOW_PX (px of 480x320) plus FLOW_SHARE of the instance's mean flow counts as its whole area.
 FLOW_PX, FLOW_SHARE = 12.0, 0.25
-RIGID_PX, RIGID_SHARE = 5.0, 0.1  # the same, for flow of a known rigid motion
 CENTROID_PX = 80.0  # px of 480x320: an error of the centroid that counts as the whole area
 AREA_WEIGHT = 0.3  # residual for a factor e in area
 LOST = 3.0  # residual of centroid and area where only one of object and instance is visible
@@ -97,8 +96,9 @@ class PooledTarget:
         for j in range(target.instances):
             own = target.masks == j + 1
             speed[j] = np.linalg.norm(target.flow[own], axis=-1).mean() if own.any() else 0.0
-        rigid = np.zeros(target.instances, bool) if target.rigid is None else target.rigid
-        unit = np.where(rigid, RIGID_PX * scale + RIGID_SHARE * speed, FLOW_PX * scale + FLOW_SHARE * speed)
+        unit = FLOW_PX * scale + FLOW_SHARE * speed
+        if target.flow_error is not None:
+            unit *= target.flow_error
         self._units = np.stack([np.ones_like(unit), unit, unit], 1).astype(np.float32)  # (M, 3)
         self._centroid_px = CENTROID_PX * scale
         self._centroids = self._place(self._target[:, :, 0], areas)

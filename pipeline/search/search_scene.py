@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import rank
-from pipeline.search.composition import propose_compositions
+from pipeline.search.composition import best_mixture, propose_compositions
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.fit_scene import RUN_SIMULATIONS, fit_scene
 from pipeline.search.parameters import rollable
@@ -54,9 +54,10 @@ def search_scene(
     record = SearchRecord(evaluator)
     room = max(1, simulations // RUN_SIMULATIONS - len(answers))
     proposal = propose_compositions(evaluator.outlines, evaluator.target, evaluator.times, room)
-    starts = [s for s in (*proposal.scenes[:1], *answers, *proposal.scenes[1:]) if s.objects]
+    own = [best_mixture(evaluator, scenes) for scenes in proposal.starts if scenes[0].objects]
+    starts = [*own[:1], *answers, *own[1:]]
     if incline:
         starts = [replace(s, camera=rollable(s.camera)) if s.camera else s for s in starts]
     order = rank(evaluator, starts).order
     result = fit_scene(evaluator, record, [starts[i] for i in order], simulations, rng, progress)
-    return SceneSearch(result, proposal.scenes[0] if proposal.scenes[0].objects else None, 0)
+    return SceneSearch(result, own[0] if own else None, 0)

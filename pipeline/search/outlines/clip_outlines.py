@@ -15,6 +15,9 @@ from pipeline.search.outlines.spin import with_seen_turns
 from pipeline.search.target import resize_masks
 from pipeline.vision.rendering.camera import focal_px, pinhole
 
+#: Errors of flow, in those of usual measured flow: of a known rigid motion, and of a round body without texture.
+RIGID_ERROR, UNSEEN_ERROR = 0.4, 4.0
+
 
 @dataclass(frozen=True)
 class ClipOutlines:
@@ -56,10 +59,21 @@ class ClipOutlines:
         return tuple(found)
 
     @property
-    def turns_seen(self) -> np.ndarray:
-        """(M,) whether the rotation of each instance is known."""
-        fits = [e.registrations[e.ranked[0]] if e.registrations else None for e in self.evidence]
-        return np.array([fit is not None and len(fit.turns_seen) > 0 and bool(fit.turns_seen.all()) for fit in fits])
+    def flow_errors(self) -> np.ndarray:
+        """(M,) error of the flow of each instance from `rigid_flow`, in errors of usual measured flow.
+
+        Where pictures do not show how a round body turns, measured flow tells less than usual: it is mostly that of the
+        body's shading, which does not turn.
+        """
+        out = np.ones(self.instances)
+        for instance, evidence in enumerate(self.evidence):
+            if evidence.registrations:
+                best = evidence.registrations[evidence.ranked[0]]
+                if len(best.turns_seen) and best.turns_seen.all():
+                    out[instance] = RIGID_ERROR
+                elif self.pictures is not None:
+                    out[instance] = UNSEEN_ERROR
+        return out
 
     def rigid_flow(self, flow: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Measured flow (P, h, w, 2) of pairs (P, 2) of frames, with the rigid motion of bodies where it is known."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -29,8 +30,16 @@ UPRIGHT = np.radians(8.0)  # rad: a body on the ground that leans by less stands
 GROUNDED = 0.12  # gap to the ground, in mean half extents, up to which a body stands on it
 MOTION_SECONDS = 0.24  # part of the track that gives the first velocities
 TURN_SECONDS = 0.15
-GRAVITY = 7.0  # m/s²
+GRAVITIES = (7.0, 3.5, 10.5)  # m/s², that are tried
 FASTEST, FASTEST_SPIN = 4.0, 20.0  # m/s, rad/s
+
+
+class Support(Enum):
+    """Where a body is at first: where its track says, on the ground, or in the air."""
+
+    SEEN = "seen"
+    GROUND = "ground"
+    AIR = "air"
 
 
 @dataclass(frozen=True)
@@ -94,8 +103,8 @@ def _lean(track: _Track, up: np.ndarray) -> np.ndarray:
     return np.arccos(np.clip(along.max(1), 0, 1))
 
 
-def registered_scene(registrations: Sequence[Registration], times: np.ndarray, height_px: int) -> Scene:
-    """The scene in which object i is registration i.
+def registered_scenes(registrations: Sequence[Registration], times: np.ndarray, height_px: int) -> list[Scene]:
+    """Scenes in which object i is registration i: for each gravity of `GRAVITIES` one for each kind of `Support`.
 
     Args:
         registrations: One of each instance.
@@ -113,11 +122,20 @@ def registered_scene(registrations: Sequence[Registration], times: np.ndarray, h
     fov = float(np.degrees(2 * np.arctan(0.5 * height_px / focal)))
     camera = Camera((0.0, -2.0, height), fov=fov, pitch=pitch)
     view = pinhole(camera)
-    objects = tuple(_object(t, s * height, view) for t, s in zip(tracks, scales, strict=True))
-    return Scene(objects, camera, (0.0, 0.0, -GRAVITY))
+    scenes = []
+    for gravity in GRAVITIES:
+        for first in Support:
+            objects = []
+            for track, scale in zip(tracks, scales, strict=True):
+                if first is Support.GROUND:  # it is as far away as the ground at its lowest point
+                    early = track.times <= track.times[0] + MOTION_SECONDS
+                    scale = -1 / min(float(np.median(track.lowest(up)[early])), -0.1)
+                objects.append(_object(track, scale * height, view, gravity, first))
+            scenes.append(Scene(tuple(objects), camera, (0.0, 0.0, -gravity)))
+    return scenes
 
 
-def _object(track: _Track, scale: float, view: Pinhole) -> SceneObject:
+def _object(track: _Track, scale: float, view: Pinhole, gravity: float, first_support: Support) -> SceneObject:
     """The object of a track whose lengths are multiplied by `scale`."""
     half = scale * track.half
     position = scale * track.centres @ view.rotation_world.T + view.position_world
@@ -130,10 +148,12 @@ def _object(track: _Track, scale: float, view: Pinhole) -> SceneObject:
     since = track.times[early] - first
     gap = GROUNDED * np.exp(np.log(half).mean())
     grounded = bool(np.median(lowest[early]) < gap and lowest[0] < 2 * gap)
+    if first_support is not Support.SEEN:
+        grounded = first_support is Support.GROUND
     velocity, start = np.zeros(3), position[0].copy()
     if len(since) > 1:
         line = np.stack([np.ones(len(since)), since], 1)
-        moved = position[early] + 0.5 * GRAVITY * since[:, None] ** 2 * np.array([0.0, 0.0, 0.0 if grounded else 1.0])
+        moved = position[early] + 0.5 * gravity * since[:, None] ** 2 * np.array([0.0, 0.0, 0.0 if grounded else 1.0])
         start, velocity = np.linalg.lstsq(line, moved, rcond=None)[0]
     speed = float(np.linalg.norm(velocity))
     velocity *= min(1.0, FASTEST / max(speed, 1e-9))
