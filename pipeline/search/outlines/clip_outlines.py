@@ -54,7 +54,7 @@ class ClipOutlines:
             return tuple(found)
         for instance, evidence in enumerate(found):
             for shape, fit in evidence.registrations.items():
-                if shape != "box" and evidence.probability[shape] >= LEAST_PROBABILITY:
+                if evidence.probability[shape] >= LEAST_PROBABILITY:
                     evidence.registrations[shape] = with_seen_turns(fit, self.masks, instance, self.pictures)
         return tuple(found)
 
@@ -71,7 +71,7 @@ class ClipOutlines:
                 best = evidence.registrations[evidence.ranked[0]]
                 if len(best.turns_seen) and best.turns_seen.all():
                     out[instance] = RIGID_ERROR
-                elif self.pictures is not None:
+                elif self.pictures is not None and best.shape != "box":
                     out[instance] = UNSEEN_ERROR
         return out
 

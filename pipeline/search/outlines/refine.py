@@ -20,9 +20,9 @@ DEPTH_SPREAD = 0.3  # standard deviation of the logarithm of the depth
 FOCAL_SPREAD = 0.15  # of the logarithm of the focal length
 FOCAL_RANGE = 0.7  # most by which it may differ from the usual
 EXTENT_SPREAD = 0.6  # of the logarithms of half extents about their mean
-RECEDE = 0.6  # 1/s, standard deviation of changes of the relative velocity along the line of sight
-SPIN = 4.0  # rad/s, of changes of the angular velocity
-PREDICTED_DEPTH, PREDICTED_TURN = 0.03, 0.25  # of a tracked pose about its prediction: logarithm, rad
+RECEDE = 0.3  # 1/s, standard deviation of changes of the relative velocity along the line of sight
+SPIN = 1.0  # rad/s, of changes of the angular velocity
+PREDICTED_DEPTH, PREDICTED_TURN = 0.01, 0.12  # of a tracked pose about its prediction: logarithm, rad
 _STEP = 1e-5  # of finite differences: rad, and logarithms; in pixels a thousand times as much
 
 

@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.scene.scene import Camera, Scene, SceneObject, size_from_half
 from pipeline.scene.solid import reach_below, support
-from pipeline.search.outlines.refine import turn_between
 from pipeline.search.outlines.registration import Registration
 from pipeline.vision.rendering.camera import Pinhole, pinhole
 
@@ -51,6 +50,7 @@ class _Track:
     centres: np.ndarray
     rotations: np.ndarray
     times: np.ndarray
+    turns: np.ndarray
     turns_seen: np.ndarray
 
     def lowest(self, up: np.ndarray) -> np.ndarray:
@@ -66,6 +66,7 @@ def _track(registration: Registration, times: np.ndarray) -> _Track:
         registration.centres,
         registration.rotations,
         times[registration.frames],
+        registration.turns,
         registration.turns_seen,
     )
 
@@ -158,7 +159,7 @@ def _object(track: _Track, scale: float, view: Pinhole, gravity: float, first_su
     speed = float(np.linalg.norm(velocity))
     velocity *= min(1.0, FASTEST / max(speed, 1e-9))
     turn = rotation[0]
-    spin = _first_spin(track, rotation)
+    spin = _first_spin(track, view)
     if grounded:
         velocity[2] = 0.0
         turn = _stood(track.shape, turn)
@@ -193,10 +194,10 @@ def _spin_seen(track: _Track) -> bool:
     return bool(track.turns_seen[: _first_turns(track)].any())
 
 
-def _first_spin(track: _Track, rotation: np.ndarray) -> np.ndarray:
+def _first_spin(track: _Track, view: Pinhole) -> np.ndarray:
     """(3,) rad/s, world frame, over the first frames."""
     turns = [
-        np.array(turn_between(np.ascontiguousarray(rotation[k]), np.ascontiguousarray(rotation[k + 1])))
+        Rotation.from_matrix(view.rotation_world @ track.turns[k] @ view.rotation_world.T).as_rotvec()
         / (track.times[k + 1] - track.times[k])
         for k in range(_first_turns(track))
         if track.turns_seen[k] or not _spin_seen(track)

@@ -20,6 +20,7 @@ USUAL_DEPTH = 2.3  # m
 SIGMA_PX = 0.5  # px, standard deviation of the points of an outline
 KEPT = 3  # of the starts, that are tracked
 SINGLE_STEPS, TRACK_STEPS, JOINT_STEPS = 15, 4, 25  # most steps of each fit
+LEANING_COST, LEANING = 100.0, np.radians(12.0)
 MOST_FRAMES = 12  # frames that are fitted at once
 SIZES = {"sphere": 1, "cylinder": 2, "box": 3}
 FULL = {"sphere": 1.0, "cylinder": 0.8, "box": 0.75}  # half extents at the start over the radius of the outline
@@ -39,7 +40,8 @@ class Registration:
         cost: Of the outlines at the frames fitted at once, squares in units of `SIGMA_PX`, with linear tails.
         points: How many points that cost has.
         fitted: (L,) positions in `frames` of the frames fitted at once.
-        turns_seen: (K - 1,) whether the rotation from a frame to the next is known. Outlines show that of a box only.
+        turns: (K - 1, 3, 3) rotation from a frame to the next, camera frame.
+        turns_seen: (K - 1,) whether that is known. Outlines do not show how a round body turns.
     """
 
     shape: str
@@ -51,6 +53,7 @@ class Registration:
     cost: float
     points: int
     fitted: np.ndarray
+    turns: np.ndarray
     turns_seen: np.ndarray
 
     @property
@@ -124,7 +127,7 @@ def register(contour: Contour, shape: str, times: np.ndarray, focal: float, upri
         poses, rotations = np.array([[*middle, usual[0]]]), rotation[None].copy()
         extents = np.full(SIZES[shape], np.log(radius))
         cost, _, found = _fit(contour, [anchor], when, kind, usual, poses, rotations, extents, focal, SINGLE_STEPS)
-        singles.append((cost, poses[0], rotations[0], extents, found))
+        singles.append((cost + lean_cost(shape, rotations[0], upright), poses[0], rotations[0], extents, found))
     singles.sort(key=lambda single: single[0])
     joint = []
     fitted = spread_frames(contour)
@@ -132,7 +135,8 @@ def register(contour: Contour, shape: str, times: np.ndarray, focal: float, upri
         poses, rotations = track(contour, anchor, when, kind, pose, rotation, extents, found)
         some, turns = poses[fitted], rotations[fitted]
         cost, data, found = _fit(contour, fitted, when, kind, usual, some, turns, extents, found, JOINT_STEPS)
-        joint.append((cost, data, some, turns, extents, found))
+        leaning = float(np.mean([lean_cost(shape, turn, upright) for turn in turns]))
+        joint.append((cost + leaning, data, some, turns, extents, found))
     _, data, some, turns, extents, found = min(joint, key=lambda fit: fit[0])
     first = int(np.argmin(np.abs(fitted - anchor)))
     poses, rotations = track(contour, int(fitted[first]), when, kind, some[first], turns[first], extents, found)
@@ -147,8 +151,28 @@ def register(contour: Contour, shape: str, times: np.ndarray, focal: float, upri
         cost=data,
         points=points,
         fitted=fitted,
-        turns_seen=np.full(max(len(poses) - 1, 0), shape == "box"),
+        turns=rotations[1:] @ rotations[:-1].transpose(0, 2, 1),
+        turns_seen=np.zeros(max(len(poses) - 1, 0), bool),
     )
+
+
+def lean_cost(shape: str, rotation: np.ndarray, upright: np.ndarray) -> float:
+    """The cost of a body that neither stands on a face nor lies on its side, at most `LEANING_COST`.
+
+    Without perspective, a cylinder or box has the outline of another one that leans the other way. Most bodies stand.
+
+    Args:
+        shape: The shape.
+        rotation: (3, 3) from the body frame to the camera frame.
+        upright: (3, 3) from the world frame to the camera frame, as far as it is known.
+    """
+    if shape == "sphere":
+        return 0.0
+    along = np.clip(np.abs(rotation.T @ upright[:, 2]), 0, 1)
+    lean = np.arccos(along.max())
+    if shape == "cylinder":
+        lean = min(np.arccos(along[2]), np.arcsin(along[2]))
+    return float(LEANING_COST * (1 - np.exp(-((lean / LEANING) ** 2))))
 
 
 def _fit(contour, at, when, kind, usual, poses, rotations, extents, focal, steps):  # type: ignore[no-untyped-def]

@@ -23,9 +23,6 @@ def replace_flow(
         found: The registration.
         pairs: (P, 2) frames of the clip.
         mask_width: Width of the masks to which it was registered, px.
-
-    Returns:
-        (P, h, w, 2); and (P,) in which pairs it was replaced is `pairs_known`.
     """
     out = flow.copy()
     height, width = flow.shape[1:3]
@@ -43,12 +40,20 @@ def replace_flow(
                      FACING, points, normals, seen)  # fmt: skip
         if seen.sum() < LEAST_PIXELS:
             continue
-        moved = points @ (found.rotations[second] @ found.rotations[first].T).T + centres[second]
+        moved = points @ _turn(found, first, second).T + centres[second]
         after = focal * moved[:, :2] / -moved[:, 2:]
         change = (after - pixels) * np.array([1.0, -1.0])
         change[~seen] = change[seen].mean(0)
         out[p, rows, columns] = change
     return out
+
+
+def _turn(found: Registration, first: int, second: int) -> np.ndarray:
+    """(3, 3) rotation from one frame of a registration to a later one."""
+    turn = np.eye(3)
+    for k in range(first, second):
+        turn = found.turns[k] @ turn
+    return turn
 
 
 def pairs_known(found: Registration, pairs: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ three unknowns, a cylinder one, the rotation about its axis.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -27,6 +28,7 @@ FACING = 0.3  # least cosine between the normal and the line of sight of a point
 FASTEST = 0.75  # rad per interval, reach of the coarse search
 SEARCH_EVERY = 3  # intervals, where the rotation before is not known
 COARSE = 0.15  # rad, its step
+STEADY = 0.05  # rad, spread of the turns of a box over a window, up to which its outline shows them
 FINE = 0.01  # rad, the last step of the refinement
 TRUSTED = 0.6  # least correlation of a rotation that counts as seen
 LEAST_SEEN = 0.5  # share of the intervals with such a rotation; the others take the nearest one
@@ -128,7 +130,7 @@ def correlation(turns: np.ndarray, points: np.ndarray, normals: np.ndarray, valu
 
 
 def with_seen_turns(found: Registration, masks: np.ndarray, instance: int, frames: np.ndarray) -> Registration:
-    """The registration of a sphere or cylinder with the rotation that its texture shows.
+    """The registration with the rotation that the body's texture shows.
 
     Args:
         found: The registration, in every frame in which the instance is seen.
@@ -139,6 +141,8 @@ def with_seen_turns(found: Registration, masks: np.ndarray, instance: int, frame
     count = len(found.frames)
     surface = _Surface(found, masks, instance, frames)
     successive = [k for k in range(count - 1) if found.frames[k + 1] == found.frames[k] + 1]
+    if found.shape == "box":
+        return _box_turns(found, surface, successive)
     turns: dict[int, np.ndarray] = {}
     last: np.ndarray | None = None
     for k in successive:
@@ -152,11 +156,25 @@ def with_seen_turns(found: Registration, masks: np.ndarray, instance: int, frame
     if len(turns) < LEAST_SEEN * max(count - 1, 1):
         return found
     known = np.array(sorted(turns))
-    rotations = found.rotations.copy()
-    for k in range(count - 1):
-        nearest = int(known[np.argmin(np.abs(known - k))])
-        rotations[k + 1] = surface.turns([k], turns[nearest])[0] @ rotations[k]
-    return replace(found, rotations=rotations, turns_seen=np.full(count - 1, True))
+    nearest = [int(known[np.argmin(np.abs(known - k))]) for k in range(count - 1)]
+    matrices = np.array([surface.turns([k], turns[j])[0] for k, j in enumerate(nearest)])
+    return replace(found, turns=matrices, turns_seen=np.full(count - 1, True))
+
+
+def _box_turns(found: Registration, surface: _Surface, successive: list[int]) -> Registration:
+    """The box with the turns of its outlines, where these are steady, else with those that its texture shows."""
+    vectors = Rotation.from_matrix(found.turns.reshape(-1, 3, 3)).as_rotvec() if len(found.turns) else np.zeros((0, 3))
+    turns, seen = vectors.copy(), np.zeros(len(vectors), bool)
+    for k in successive:
+        window = [j for j in successive if abs(j - k) <= WINDOW // 2]
+        middle = np.median(vectors[window], 0)
+        spread = float(np.median(np.linalg.norm(vectors[window] - middle, axis=1)))
+        if spread < STEADY:
+            seen[k] = True
+            continue
+        best, score = surface.refined_turn(window, middle)
+        turns[k], seen[k] = best, score >= TRUSTED
+    return replace(found, turns=Rotation.from_rotvec(turns.reshape(-1, 3)).as_matrix(), turns_seen=seen)
 
 
 class _Surface:
@@ -241,14 +259,11 @@ class _Surface:
         turn = np.cross(up, moved) / self._half[0]
         return np.array([turn @ self._axes[k + 1]]) if self._kind == CYLINDER else turn
 
-    def best_turn(self, window: list[int], k: int, last: np.ndarray | None) -> tuple[np.ndarray, float]:
-        """The turn per interval of the largest correlation over a window about interval k, and that.
-
-        last: The turn of the interval before, if it is known.
-        """
+    def _score(self, window: list[int]) -> Callable[[np.ndarray], float] | None:
+        """The correlation over a window as a function of the turn per interval; None where too little is seen."""
         longest = max((min(len(self._values[j]), POINTS) for j in window), default=0)
         if longest < LEAST_POINTS:
-            return np.zeros(1), -1.0
+            return None
         points, normals = np.zeros((len(window), longest, 3)), np.zeros((len(window), longest, 3))
         values, count = np.zeros((len(window), longest)), np.zeros(len(window), np.int64)
         for row, j in enumerate(window):
@@ -260,7 +275,6 @@ class _Surface:
         after = np.array(window) + 1
         rest = (points, normals, values, count, self._centres[after], self._pictures[after], self._inside[after],
                 self._focal)  # fmt: skip
-        unknowns = 1 if self._kind == CYLINDER else 3
         if self._kind == CYLINDER:
             carried = np.array([self._carried(j) for j in window])
             axes = self._axes[after]
@@ -270,24 +284,26 @@ class _Surface:
                 return correlation(_about(axes, turn[0]) @ carried, *rest)
             return correlation(np.repeat(_about(turn[None], 1.0), len(window), 0), *rest)
 
-        def refined(turn: np.ndarray, value: float, step: float) -> tuple[np.ndarray, float]:
-            while step >= FINE:
-                moved = False
-                for axis in range(unknowns):
-                    for sign in (step, -step):
-                        trial = turn.copy()
-                        trial[axis] += sign
-                        new = score(trial)
-                        if new > value:
-                            turn, value, moved = trial, new, True
-                if not moved:
-                    step *= 0.5
-            return turn, value
+        return score
 
+    def refined_turn(self, window: list[int], turn: np.ndarray) -> tuple[np.ndarray, float]:
+        """The turn per interval of the largest correlation near a given one, and that."""
+        score = self._score(window)
+        return (turn, -1.0) if score is None else _refined(score, turn, score(turn))
+
+    def best_turn(self, window: list[int], k: int, last: np.ndarray | None) -> tuple[np.ndarray, float]:
+        """The turn per interval of the largest correlation over a window about interval k, and that.
+
+        last: The turn of the interval before, if it is known.
+        """
+        unknowns = 1 if self._kind == CYLINDER else 3
+        score = self._score(window)
+        if score is None:
+            return np.zeros(unknowns), -1.0
         rolling = self.rolling_turn(k, USUAL_UP)
-        rolling, rolling_value = refined(rolling, score(rolling), 0.5 * COARSE)
+        rolling, rolling_value = _refined(score, rolling, score(rolling))
         if last is not None:
-            turn, value = refined(last, score(last), 0.5 * COARSE)
+            turn, value = _refined(score, last, score(last))
             if max(value, rolling_value) >= TRUSTED:
                 return (rolling, rolling_value) if rolling_value >= ROLLING_SHARE * value else (turn, value)
         grid = np.arange(-FASTEST, FASTEST + 1e-9, COARSE)
@@ -295,8 +311,25 @@ class _Surface:
         trials = trials[np.linalg.norm(trials, axis=1) <= FASTEST + 1e-9]
         scores = np.array([score(t) for t in trials])
         starts = np.argsort(-scores)[:4]
-        turn, value = max((refined(trials[j], scores[j], 0.5 * COARSE) for j in starts), key=lambda found: found[1])
+        turn, value = max((_refined(score, trials[j], scores[j]) for j in starts), key=lambda found: found[1])
         return (rolling, rolling_value) if rolling_value >= ROLLING_SHARE * value else (turn, value)
+
+
+def _refined(score: Callable[[np.ndarray], float], turn: np.ndarray, value: float) -> tuple[np.ndarray, float]:
+    """A local maximum of the score from a turn, by steps along its axes, and its value."""
+    step = 0.5 * COARSE
+    while step >= FINE:
+        moved = False
+        for axis in range(len(turn)):
+            for sign in (step, -step):
+                trial = turn.copy()
+                trial[axis] += sign
+                new = score(trial)
+                if new > value:
+                    turn, value, moved = trial, new, True
+        if not moved:
+            step *= 0.5
+    return turn, value
 
 
 def _about(vectors: np.ndarray, angle: float) -> np.ndarray:
