@@ -3,8 +3,9 @@
     python -m benchmarks.shapes --seed N [--each 16] [--simulations 3200] [--workers 1] [--kept FOLDER] [--words WORDS]
 
 The clips are drawn as those of the suite `id`: `each` of 1, 2 and 3 objects. The search gets the true masks at 480x320,
-and rendered pictures with RAFT's flow of them, as in the graph, and nothing else. FOLDER keeps the measured clips and the answers,
-so that a stopped run can be continued and two versions of the search see the same clips; `words` name the version.
+and rendered pictures with RAFT's flow of them, as in the graph, and nothing else. FOLDER keeps the measured clips and
+the answers, so that a stopped run can be continued and two versions of the search see the same clips; `words` name the
+version.
 Prints composition, IoU and EPE with 95 % bootstrap intervals, and which true shape was found as which.
 """
 
@@ -22,7 +23,6 @@ from tqdm import tqdm
 
 from benchmarks.kept_answers import answers_of, kept_answers
 from pipeline.clips.replay import replay_poses
-from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.scene_scores import score, true_reference
 from pipeline.evaluation.tables import cell, markdown
 from pipeline.inference.scene_search import clip_evaluator

@@ -67,10 +67,12 @@ class ClipSearch:
 
     Attributes:
         result: The best scene, its reward, and the cost.
-        guess: The classical guess; None where the budget or the clip has no room for one.
+        guess: The scene registered to the outlines; None where the clip has no instances.
         guess_simulations: That the guess took.
         pairs: (P, 2) Which object of the scene found is which instance of the clip.
         certainties: How far the clip determines each number of that scene.
+        shapes: For each object of that scene the probability of each basic shape, from the outlines; empty for an
+            object without an instance.
     """
 
     result: SearchResult
@@ -78,6 +80,7 @@ class ClipSearch:
     guess_simulations: int
     pairs: np.ndarray
     certainties: tuple[Certainty, ...]
+    shapes: tuple[dict[str, float], ...]
 
 
 def search_clip(
@@ -101,7 +104,9 @@ def search_clip(
     with threadpool_limits(1, "blas"):  # with two threads, sums of small matrices have other last digits
         found = search_scene(evaluator, starts, simulations, rng, progress, incline)
         pairs, known = scene_certainties(evaluator, found.result.scene)
-    return ClipSearch(found.result, found.guess, found.guess_simulations, pairs, known)
+    instance = dict(pairs.tolist())
+    shapes = tuple(found.shapes[instance[i]] if i in instance else {} for i in range(len(found.result.scene.objects)))
+    return ClipSearch(found.result, found.guess, found.guess_simulations, pairs, known, shapes)
 
 
 def scene_certainties(evaluator: Evaluator, scene: Scene) -> tuple[np.ndarray, tuple[Certainty, ...]]:

@@ -1,8 +1,8 @@
 """Random jumps of single objects to descriptions that look alike, which a gradient step does not reach.
 
 A jump gives an object another orientation with sizes that keep its outline, a smaller size nearer to the camera,
-another velocity or angular velocity, other sizes, or another material. Each object of each candidate jumps independently, so the best
-candidate can be chosen for each object of a batch.
+another velocity or angular velocity, other sizes, or another material. Each object of each candidate jumps
+independently, so the best candidate can be chosen for each object of a batch.
 """
 
 from __future__ import annotations

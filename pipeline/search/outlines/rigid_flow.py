@@ -36,8 +36,8 @@ def replace_flow(
             continue
         pixels = np.stack([columns + 0.5 - width / 2, height / 2 - rows - 0.5], 1)
         points, normals, seen = np.zeros((len(rows), 3)), np.zeros((len(rows), 3)), np.zeros(len(rows), bool)
-        fill_surface(KINDS[found.shape], half, np.ascontiguousarray(found.rotations[first]), centres[first], pixels, focal,
-                     FACING, points, normals, seen)  # fmt: skip
+        fill_surface(KINDS[found.shape], half, np.ascontiguousarray(found.rotations[first]), centres[first], pixels,
+                     focal, FACING, points, normals, seen)  # fmt: skip
         if seen.sum() < LEAST_PIXELS:
             continue
         moved = points @ _turn(found, first, second).T + centres[second]
@@ -57,7 +57,7 @@ def _turn(found: Registration, first: int, second: int) -> np.ndarray:
 
 
 def pairs_known(found: Registration, pairs: np.ndarray) -> np.ndarray:
-    """(P, 2) positions in the registration of the frames of each pair; -1 where its rotation between them is unknown."""
+    """(P, 2) positions in the registration of the frames of each pair; -1 where the turn between them is unknown."""
     place = {int(frame): k for k, frame in enumerate(found.frames)}
     out = np.full((len(pairs), 2), -1)
     for p, (first, second) in enumerate(pairs):

@@ -1,8 +1,8 @@
 """Support functions of the silhouettes of convex solids, in closed form, and distances of points to them.
 
-The silhouette of a convex solid is convex, so its support function describes it completely: h(n) is the largest n·u over
+The silhouette of a convex solid is convex, so its support function describes it fully: h(n) is the largest n·u over
 its points u, in units of the focal length. A plane a·x = 0 through the camera, a = (n, h), touches the solid where its
-outline has the normal n. For an ellipsoid with centre c and covariance Q that is (a·c)² = aᵀ Q a; the shapes here are the
+outline has the normal n. For an ellipsoid with centre c and covariance Q that is (a·c)² = aᵀ Q a; the shapes are the
 convex hulls of points, discs and spheres.
 """
 

@@ -39,7 +39,8 @@ USUAL_UP = np.ascontiguousarray(pinhole(CAMERA).rotation_world[2])  # in the cam
 
 @kernel
 def fill_surface(kind: int, half: np.ndarray, rotation: np.ndarray, centre: np.ndarray, pixels: np.ndarray,
-                 focal: float, facing: float, points: np.ndarray, normals: np.ndarray, seen: np.ndarray) -> None:  # fmt: skip
+                 focal: float, facing: float, points: np.ndarray, normals: np.ndarray,
+                 seen: np.ndarray) -> None:  # fmt: skip
     """Surface points of a body at pixels, relative to its centre and in the directions of the camera frame.
 
     Args:
@@ -240,7 +241,7 @@ class _Surface:
         return pictures
 
     def turns(self, window: list[int], turn: np.ndarray) -> np.ndarray:
-        """(L, 3, 3) turns of intervals: by a rotation vector (3,) or, for a cylinder, by an angle (1,) about its axis."""
+        """(L, 3, 3) turns of intervals, by a rotation vector (3,), of a cylinder by an angle (1,) about its axis."""
         if self._kind == CYLINDER:
             return np.array([Rotation.from_rotvec(turn[0] * self._axes[k + 1]).as_matrix() @ self._carried(k)
                              for k in window])  # fmt: skip
