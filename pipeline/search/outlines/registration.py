@@ -7,7 +7,7 @@ near a usual one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ USUAL_DEPTH = 2.3  # m
 SIGMA_PX = 0.5  # px, standard deviation of the points of an outline
 KEPT = 3  # of the starts, that are tracked
 SINGLE_STEPS, TRACK_STEPS, JOINT_STEPS = 15, 4, 25  # most steps of each fit
-LEANING_COST, LEANING = 100.0, np.radians(12.0)
+LEANING_COST, LEANING = 100.0, np.radians(12.0)  # cost of a body that leans, and the lean at which it sets in, rad
 MOST_FRAMES = 12  # frames that are fitted at once
 SIZES = {"sphere": 1, "cylinder": 2, "box": 3}
 FULL = {"sphere": 1.0, "cylinder": 0.8, "box": 0.75}  # half extents at the start over the radius of the outline
@@ -116,43 +116,36 @@ def register(contour: Contour, shape: str, times: np.ndarray, focal: float, upri
         focal: Usual focal length, px.
         upright: (3, 3) from the world frame (z up) to the camera frame, as far as it is known.
     """
-    kind, usual = KINDS[shape], np.log([USUAL_DEPTH, focal])
-    when = times[contour.frames]
+    job = _Job(contour, times[contour.frames], shape, focal)
     own = contour.free.sum(1)
     anchor = int(np.argmax((own / np.maximum(contour.count, 1)) ** 2 * contour.area))
     singles = []
     for rotation in start_orientations(shape, upright):
-        middle = contour.points[anchor, : contour.count[anchor]].mean(0)
-        radius = FULL[shape] * np.sqrt(contour.area[anchor] / np.pi) * USUAL_DEPTH / focal
-        poses, rotations = np.array([[*middle, usual[0]]]), rotation[None].copy()
-        extents = np.full(SIZES[shape], np.log(radius))
-        cost, _, found = _fit(contour, [anchor], when, kind, usual, poses, rotations, extents, focal, SINGLE_STEPS)
-        singles.append((cost + lean_cost(shape, rotations[0], upright), poses[0], rotations[0], extents, found))
-    singles.sort(key=lambda single: single[0])
-    joint = []
-    fitted = spread_frames(contour)
-    for _, pose, rotation, extents, found in singles[:KEPT]:
-        poses, rotations = track(contour, anchor, when, kind, pose, rotation, extents, found)
-        some, turns = poses[fitted], rotations[fitted]
-        cost, data, found = _fit(contour, fitted, when, kind, usual, some, turns, extents, found, JOINT_STEPS)
-        leaning = float(np.mean([lean_cost(shape, turn, upright) for turn in turns]))
-        joint.append((cost + leaning, data, some, turns, extents, found))
-    _, data, some, turns, extents, found = min(joint, key=lambda fit: fit[0])
-    first = int(np.argmin(np.abs(fitted - anchor)))
-    poses, rotations = track(contour, int(fitted[first]), when, kind, some[first], turns[first], extents, found)
-    points = int(contour.free[fitted].sum())
+        single = job.fitted(job.start(anchor, rotation), np.array([anchor]), SINGLE_STEPS)
+        singles.append((single.cost + lean_cost(shape, single.rotations[0], upright), single))
+    singles.sort(key=lambda pair: pair[0])
+    at, joint = spread_frames(contour), []
+    for _, single in singles[:KEPT]:
+        tracked = job.tracked(single, anchor)
+        fit = job.fitted(replace(tracked, poses=tracked.poses[at], rotations=tracked.rotations[at]), at, JOINT_STEPS)
+        leaning = float(np.mean([lean_cost(shape, turn, upright) for turn in fit.rotations]))
+        joint.append((fit.cost + leaning, fit))
+    _, best = min(joint, key=lambda pair: pair[0])
+    first = int(np.argmin(np.abs(at - anchor)))
+    one = replace(best, poses=best.poses[[first]], rotations=best.rotations[[first]])
+    whole = job.tracked(one, int(at[first]))
     return Registration(
         shape=shape,
-        extents=np.exp(extents),
-        focal=found,
+        extents=np.exp(best.extents),
+        focal=best.focal,
         frames=contour.frames,
-        poses=poses,
-        rotations=rotations,
-        cost=data,
-        points=points,
-        fitted=fitted,
-        turns=rotations[1:] @ rotations[:-1].transpose(0, 2, 1),
-        turns_seen=np.zeros(max(len(poses) - 1, 0), bool),
+        poses=whole.poses,
+        rotations=whole.rotations,
+        cost=best.outline_cost,
+        points=int(contour.free[at].sum()),
+        fitted=at,
+        turns=whole.rotations[1:] @ whole.rotations[:-1].transpose(0, 2, 1),
+        turns_seen=np.zeros(max(len(whole.poses) - 1, 0), bool),
     )
 
 
@@ -175,34 +168,85 @@ def lean_cost(shape: str, rotation: np.ndarray, upright: np.ndarray) -> float:
     return float(LEANING_COST * (1 - np.exp(-((lean / LEANING) ** 2))))
 
 
-def _fit(contour, at, when, kind, usual, poses, rotations, extents, focal, steps):  # type: ignore[no-untyped-def]
-    at = np.asarray(at)
-    return refine(kind, contour.points[at], contour.free[at], contour.count[at], when[at], SIGMA_PX, usual,
-                  poses[0], rotations[0].copy(), False, NORMALS, poses, rotations, extents, focal, steps)  # fmt: skip
+@dataclass(frozen=True)
+class _Fit:
+    """poses (K, 3), rotations (K, 3, 3), logarithms of extents (S,), focal (px), cost with priors and of outlines."""
+
+    poses: np.ndarray
+    rotations: np.ndarray
+    extents: np.ndarray
+    focal: float
+    cost: float = np.inf
+    outline_cost: float = np.inf
 
 
-def track(contour, anchor, when, kind, pose, rotation, extents, focal):  # type: ignore[no-untyped-def]
-    """Poses (K, 3) and rotations (K, 3, 3) in all frames, with given sizes, from those of one frame."""
-    count = len(contour.frames)
-    poses, rotations = np.empty((count, 3)), np.empty((count, 3, 3))
-    usual = np.zeros(2)
-    poses[anchor], rotations[anchor] = pose, rotation
-    for direction in (1, -1):
-        spin, recede, last = np.zeros(3), 0.0, anchor
-        k = anchor + direction
-        while 0 <= k < count:
-            step = when[k] - when[last]
-            predicted, turn = poses[last].copy(), np.empty((3, 3))
-            predicted[:2] += (contour.points[k, : contour.count[k]].mean(0)
-                              - contour.points[last, : contour.count[last]].mean(0))  # fmt: skip
-            predicted[2] += recede * step
-            turned(rotations[last], *(spin * step), turn)
-            here, there = predicted[None].copy(), turn[None].copy()
-            one = np.array([k])
-            refine(kind, contour.points[one], contour.free[one], contour.count[one], when[one], SIGMA_PX, usual,
-                   predicted, turn, True, NORMALS, here, there, extents, focal, TRACK_STEPS)  # fmt: skip
-            spin = 0.5 * spin + 0.5 * np.array(turn_between(rotations[last], there[0])) / step
-            recede = 0.5 * recede + 0.5 * (here[0, 2] - poses[last, 2]) / step
-            poses[k], rotations[k] = here[0], there[0]
-            last, k = k, k + direction
-    return poses, rotations
+@dataclass(frozen=True)
+class _Job:
+    """A contour in K frames, their times (K,) s, a shape to fit to it, and the usual focal length, px."""
+
+    contour: Contour
+    times: np.ndarray
+    shape: str
+    focal: float
+
+    def start(self, anchor: int, rotation: np.ndarray) -> _Fit:
+        """A body at the usual depth, as large as its outline in one frame, with a given rotation (3, 3)."""
+        contour = self.contour
+        middle = contour.points[anchor, : contour.count[anchor]].mean(0)
+        radius = FULL[self.shape] * np.sqrt(contour.area[anchor] / np.pi) * USUAL_DEPTH / self.focal
+        poses = np.array([[*middle, np.log(USUAL_DEPTH)]])
+        return _Fit(poses, rotation[None], np.full(SIZES[self.shape], np.log(radius)), self.focal)
+
+    def fitted(self, fit: _Fit, at: np.ndarray, steps: int, predicted: bool = False) -> _Fit:
+        """The fit after refinement in some frames.
+
+        Args:
+            fit: Poses and rotations of those frames.
+            at: (L,) positions of the frames in the contour.
+            steps: Most steps.
+            predicted: Keep extents and focal length, and the pose of the only frame near that of `fit`.
+        """
+        contour = self.contour
+        poses, rotations, extents = fit.poses.copy(), fit.rotations.copy(), fit.extents.copy()
+        cost, outline_cost, focal = refine(
+            KINDS[self.shape],
+            contour.points[at],
+            contour.free[at],
+            contour.count[at],
+            self.times[at],
+            SIGMA_PX,
+            np.log([USUAL_DEPTH, self.focal]),
+            fit.poses[0].copy(),
+            fit.rotations[0].copy(),
+            predicted,
+            NORMALS,
+            poses,
+            rotations,
+            extents,
+            fit.focal,
+            steps,
+        )
+        return _Fit(poses, rotations, extents, focal, cost, outline_cost)
+
+    def tracked(self, fit: _Fit, anchor: int) -> _Fit:
+        """Poses and rotations in all frames, with the sizes of a fit to one frame."""
+        contour, count = self.contour, len(self.times)
+        poses, rotations = np.empty((count, 3)), np.empty((count, 3, 3))
+        poses[anchor], rotations[anchor] = fit.poses[0], fit.rotations[0]
+        middle = np.array([p[:n].mean(0) for p, n in zip(contour.points, contour.count, strict=True)])
+        for direction in (1, -1):
+            spin, recede, last = np.zeros(3), 0.0, anchor
+            k = anchor + direction
+            while 0 <= k < count:
+                step = float(self.times[k] - self.times[last])
+                pose, turn = poses[last].copy(), np.empty((3, 3))
+                pose[:2] += middle[k] - middle[last]
+                pose[2] += recede * step
+                turned(rotations[last], spin[0] * step, spin[1] * step, spin[2] * step, turn)
+                near = replace(fit, poses=pose[None], rotations=turn[None])
+                found = self.fitted(near, np.array([k]), TRACK_STEPS, predicted=True)
+                poses[k], rotations[k] = found.poses[0], found.rotations[0]
+                spin = 0.5 * spin + 0.5 * np.array(turn_between(rotations[last], rotations[k])) / step
+                recede = 0.5 * recede + 0.5 * float(poses[k, 2] - poses[last, 2]) / step
+                last, k = k, k + direction
+        return replace(fit, poses=poses, rotations=rotations)
