@@ -20,7 +20,7 @@ USUAL_DEPTH = 2.3  # m
 SIGMA_PX = 0.5  # px, standard deviation of the points of an outline
 KEPT = 3  # of the starts, that are tracked
 SINGLE_STEPS, TRACK_STEPS, JOINT_STEPS = 15, 4, 25  # most steps of each fit
-LEANING_COST, LEANING = 100.0, np.radians(12.0)  # cost of a body that leans, and the lean at which it sets in, rad
+LEANING_COST, LEANING = 100.0, np.radians(25.0)  # cost of a body that leans, and the lean at which it sets in, rad
 MOST_FRAMES = 12  # frames that are fitted at once
 SIZES = {"sphere": 1, "cylinder": 2, "box": 3}
 FULL = {"sphere": 1.0, "cylinder": 0.8, "box": 0.75}  # half extents at the start over the radius of the outline
@@ -125,7 +125,7 @@ def register(contour: Contour, shape: str, times: np.ndarray, focal: float, upri
         singles.append((single.cost + lean_cost(shape, single.rotations[0], upright), single))
     singles.sort(key=lambda pair: pair[0])
     at, joint = spread_frames(contour), []
-    for _, single in singles[:KEPT]:
+    for single in distinct([single for _, single in singles])[:KEPT]:
         tracked = job.tracked(single, anchor)
         fit = job.fitted(replace(tracked, poses=tracked.poses[at], rotations=tracked.rotations[at]), at, JOINT_STEPS)
         leaning = float(np.mean([lean_cost(shape, turn, upright) for turn in fit.rotations]))
@@ -178,6 +178,15 @@ class _Fit:
     focal: float
     cost: float = np.inf
     outline_cost: float = np.inf
+
+
+def distinct(fits: list[_Fit]) -> list[_Fit]:
+    """The fits without those that have the sizes and the cost of one before them."""
+    kept: list[_Fit] = []
+    for fit in fits:
+        if not any(abs(fit.cost - k.cost) < 0.5 and np.allclose(fit.extents, k.extents, atol=0.05) for k in kept):
+            kept.append(fit)
+    return kept
 
 
 @dataclass(frozen=True)

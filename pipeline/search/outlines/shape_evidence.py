@@ -15,7 +15,7 @@ from pipeline.search.outlines.registration import Registration, register
 PARAMETERS = {"sphere": 1, "cylinder": 6, "box": 9}
 CORRELATED = 8.0  # points of an outline that count as one independent observation
 LEAST_PROBABILITY = 0.05  # of a shape that is tried, relative to the most probable
-FLOOR = 0.3  # least mean square of the residuals: that of exact masks, whose outlines run between pixels
+FLOOR = 0.05  # least mean square of the residuals: finer differences than outlines between pixels can tell
 assert PARAMETERS.keys() == set(BASIC_SHAPES)
 
 
