@@ -308,7 +308,10 @@ def infer(
         "answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: {answers[0].scene.composition}"
     )
     with progress.step("best of K"):
-        evaluator = clip_evaluator(measured.taken.masks, measured.flow, measured.schedule, SEARCH_SIZE, cores())
+        taken = measured.taken
+        evaluator = clip_evaluator(
+            taken.masks, measured.flow, measured.schedule, SEARCH_SIZE, cores(), taken.clip.frames
+        )
         ranking = rank(evaluator, [a.scene for a in answers])
         if not ranking.rewards.valid.any():
             raise SimulationError(f"the simulation is unstable in each of the {len(answers)} answers; try more samples")

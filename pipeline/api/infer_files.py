@@ -229,6 +229,13 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "spent": search.spent.tolist(),
             "history": [_number(v) for v in search.history],
         },
+        "shapes": []
+        if found.searched is None
+        else [
+            {"object": obj.name, "probability": {s: round(p, 4) for s, p in probability.items()}}
+            for obj, probability in zip(found.searched.result.scene.objects, found.searched.shapes, strict=True)
+            if probability
+        ],
         "certainty": [
             {
                 "place": c.place,

@@ -12,26 +12,41 @@ from pipeline.clips.schedule import Schedule
 from pipeline.scene.scene import Scene
 from pipeline.search.certainty import Certainty, certainties
 from pipeline.search.evaluator import Evaluator
+from pipeline.search.outlines.clip_outlines import ClipOutlines
 from pipeline.search.search_result import SearchResult
 from pipeline.search.search_scene import search_scene
 from pipeline.search.target import make_target
 
 
 def clip_evaluator(
-    masks: np.ndarray, flow: np.ndarray, schedule: Schedule, size: tuple[int, int], threads: int
+    masks: np.ndarray,
+    flow: np.ndarray,
+    schedule: Schedule,
+    size: tuple[int, int],
+    threads: int,
+    pictures: np.ndarray | None = None,
 ) -> Evaluator:
     """The rewards of scenes for a clip.
 
     Args:
         masks: (F, H, W) uint8 of every frame, 0 background, j + 1 instance j.
         flow: (P, h, w, 2), px of its own size per frame interval, of the model's pairs of frames; more of them than
-            the schedule has are left out.
+            the schedule has are left out. Inside a body whose rigid motion is known, that replaces it.
         schedule: Of the clip, or of its first part.
         size: px, width and height, of masks and flow in the reward.
         threads: For simulation and rasterising.
+        pictures: (F, h, w, 3) uint8 of every frame, of any size; None where they are not known.
     """
-    target = make_target(masks[schedule.pairs[:, 0]], flow[: schedule.model_frames], *size)
-    return Evaluator(target, schedule, threads)
+    seen = schedule.frames
+    outlines = ClipOutlines(
+        masks[:seen],
+        np.arange(seen) / schedule.fps,
+        int(masks.max(initial=0)),
+        None if pictures is None else pictures[:seen],
+    )
+    rigid = outlines.rigid_flow(flow[: schedule.model_frames], schedule.pairs)
+    target = make_target(masks[schedule.pairs[:, 0]], rigid, *size, outlines.flow_errors)
+    return Evaluator(target, schedule, threads, outlines)
 
 
 def distinct_starts(ranked: Sequence[Scene], valid: Sequence[bool], count: int) -> list[Scene]:
@@ -52,10 +67,12 @@ class ClipSearch:
 
     Attributes:
         result: The best scene, its reward, and the cost.
-        guess: The classical guess; None where the budget or the clip has no room for one.
+        guess: The scene registered to the outlines; None where the clip has no instances.
         guess_simulations: That the guess took.
         pairs: (P, 2) Which object of the scene found is which instance of the clip.
         certainties: How far the clip determines each number of that scene.
+        shapes: For each object of that scene the probability of each basic shape, from the outlines; empty for an
+            object without an instance.
     """
 
     result: SearchResult
@@ -63,6 +80,7 @@ class ClipSearch:
     guess_simulations: int
     pairs: np.ndarray
     certainties: tuple[Certainty, ...]
+    shapes: tuple[dict[str, float], ...]
 
 
 def search_clip(
@@ -86,10 +104,12 @@ def search_clip(
     with threadpool_limits(1, "blas"):  # with two threads, sums of small matrices have other last digits
         found = search_scene(evaluator, starts, simulations, rng, progress, incline)
         pairs, known = scene_certainties(evaluator, found.result.scene)
-    return ClipSearch(found.result, found.guess, found.guess_simulations, pairs, known)
+    instance = dict(pairs.tolist())
+    shapes = tuple(found.shapes[instance[i]] if i in instance else {} for i in range(len(found.result.scene.objects)))
+    return ClipSearch(found.result, found.guess, found.guess_simulations, pairs, known, shapes)
 
 
 def scene_certainties(evaluator: Evaluator, scene: Scene) -> tuple[np.ndarray, tuple[Certainty, ...]]:
     """Pairs (P, 2) of object and instance for a scene, and how far the clip determines each of its numbers."""
     pairs = evaluator.pairs(scene)
-    return pairs, tuple(certainties(evaluator, scene, pairs))
+    return pairs, tuple(certainties(evaluator.without_outlines(), scene, pairs))

@@ -1,86 +1,96 @@
-"""The shapes of the objects: each instance is fitted as each of the basic shapes, all instances at once.
+"""Scenes to start from: the most probable shapes of the instances, registered to their outlines.
 
-As long as objects do not occlude or hit each other, their shapes are independent. So three short descents, with
-spheres only, cylinders only and boxes only, decide the shapes of any number of objects.
+No simulation is needed, so the shapes of several bodies do not compete for the search's budget.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline.physics.batch import stack_scenes
-from pipeline.scene.scene import BASIC_SHAPES, Camera, Scene
+from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import Evaluator
-from pipeline.search.fit_scene import HORIZONS, BasinHopping
-from pipeline.search.guess import CAMERA, guess_scene
-from pipeline.search.search_result import SearchRecord
+from pipeline.search.guess import guess_object, guess_scene, track_mask
+from pipeline.search.outlines.clip_outlines import ClipOutlines
+from pipeline.search.outlines.registered_scene import registered_scenes
+from pipeline.search.outlines.shape_evidence import LEAST_PROBABILITY, ShapeEvidence, joint_probabilities
+from pipeline.search.target import Target
+from pipeline.vision.rendering.camera import pinhole
 
-ROUNDS = {"sphere": 1, "cylinder": 3, "box": 3}  # of random variations; more for shapes with an orientation
-DOUBT = 3.0  # ratio of the costs of the second best and the best shape below which the second may be right
-assert ROUNDS.keys() == set(BASIC_SHAPES)
+
+@dataclass(frozen=True)
+class Proposal:
+    """Scenes whose object i is instance i.
+
+    Attributes:
+        starts: For each composition, the most probable first, scenes that differ in what outlines do not tell.
+        evidence: Of each instance.
+    """
+
+    starts: tuple[list[Scene], ...]
+    evidence: tuple[ShapeEvidence, ...]
 
 
-def propose_compositions(
-    evaluator: Evaluator,
-    record: SearchRecord,
-    simulations: int,
-    rng: np.random.Generator,
-    camera: Camera = CAMERA,
-    most: int = 1,
+def propose_compositions(outlines: ClipOutlines, target: Target, target_times: np.ndarray, most: int) -> Proposal:
+    """Scenes with the most probable shapes of the instances.
+
+    Args:
+        outlines: Of the clip.
+        target: Of the search, for instances without outlines.
+        target_times: (F,) of the target's frames, s.
+        most: Largest number of scenes.
+    """
+    evidence = outlines.evidence
+    likely = joint_probabilities(evidence, most)
+    starts = [
+        _scenes(shapes, evidence, outlines, target, target_times)
+        for shapes, probability in likely
+        if probability >= LEAST_PROBABILITY * likely[0][1]
+    ]
+    return Proposal(tuple(starts), evidence)
+
+
+def _scenes(
+    shapes: Sequence[str],
+    evidence: Sequence[ShapeEvidence],
+    outlines: ClipOutlines,
+    target: Target,
+    target_times: np.ndarray,
 ) -> list[Scene]:
-    """Scenes with the most likely shapes of the target's instances.
+    """Scenes of registered instances, and of guesses for those without an outline."""
+    known = [i for i, e in enumerate(evidence) if e.registrations]
+    if not known:
+        return [guess_scene(target, shapes, target_times)]
+    scenes = registered_scenes([evidence[i].registrations[shapes[i]] for i in known], outlines.times, outlines.height)
+    assert scenes[0].camera is not None
+    view = pinhole(scenes[0].camera)
+    others = {
+        i: guess_object(shape, track_mask(target.masks, i), target, target_times, view)
+        for i, shape in enumerate(shapes)
+        if i not in known
+    }
+    return [
+        replace(s, objects=tuple(others[i] if i in others else s.objects[known.index(i)] for i in range(len(shapes))))
+        for s in scenes
+    ]
 
-    The first has the best shape of each instance; others have the second best shape of one instance, where that is in
-    doubt. The camera, and objects of its shape, are taken from the best of the three descents. Other objects are those
-    of the classical guess.
+
+def best_mixture(evaluator: Evaluator, scenes: Sequence[Scene]) -> Scene:
+    """The scene that has each object from the scene, of those with one gravity, in which it costs least.
 
     Args:
         evaluator: Evaluates candidates.
-        record: Keeps the best scene by reward.
-        simulations: The budget.
-        rng: Random generator.
-        camera: Initial camera.
-        most: Largest number of scenes.
+        scenes: Of one composition, whose object i is instance i.
     """
-    target, schedule = evaluator.target, evaluator.schedule
-    times = schedule.pairs[:, 0] / schedule.fps
-    everything = list(range(target.instances))
-    pairs = np.stack([np.arange(target.instances)] * 2, 1)
-    tried, costs = [], []
-    for shape in BASIC_SHAPES:
-        near = guess_scene(target, [shape] * target.instances, times, camera)
-        run = BasinHopping(evaluator, record, simulations, rng, near, pairs)
-        for _ in range(ROUNDS[shape]):
-            near = run.vary(near, everything, HORIZONS[0])
-        near = run.match_first_frames(near, (*HORIZONS, None), camera=True)
-        residuals, _ = evaluator.residuals(stack_scenes([near]), pairs)
-        tried.append(near)
-        costs.append(residuals.cost[0])
-    leader = int(np.argmin(np.sum(costs, axis=1)))
-    leading = tried[leader]
-    assert leading.camera is not None
-    scenes = []
-    for kinds in likely_shapes(np.array(costs))[:most]:
-        guess = guess_scene(target, [BASIC_SHAPES[k] for k in kinds], times, leading.camera)
-        objects = (leading.objects[i] if k == leader else guess.objects[i] for i, k in enumerate(kinds))
-        scenes.append(replace(leading, objects=tuple(replace(o, name="") for o in objects)))
-    return scenes
-
-
-def likely_shapes(costs: np.ndarray) -> list[np.ndarray]:
-    """Shapes (N,) of the instances, most likely first, from costs (shapes, N).
-
-    First the best shape of each instance. Then the second best shape of one instance, in order of the increase in
-    cost, where it costs less than `DOUBT` times the best.
-    """
-    order = np.argsort(costs, axis=0, kind="stable")
-    best, second = np.take_along_axis(costs, order[:2], 0)
-    out = [order[0]]
-    for i in np.argsort(second - best, kind="stable"):
-        if second[i] < DOUBT * best[i]:
-            kinds = order[0].copy()
-            kinds[i] = order[1, i]
-            out.append(kinds)
-    return out
+    pairs = np.stack([np.arange(len(scenes[0].objects))] * 2, 1)
+    residuals, _ = evaluator.residuals(stack_scenes(list(scenes)), pairs)
+    mixtures, costs = [], []
+    for gravity in dict.fromkeys(s.gravity for s in scenes):
+        rows = [b for b, s in enumerate(scenes) if s.gravity == gravity]
+        best = residuals.cost[rows].argmin(0)
+        mixtures.append(replace(scenes[rows[0]], objects=tuple(scenes[rows[k]].objects[i] for i, k in enumerate(best))))
+        costs.append(residuals.cost[rows].min(0).sum())
+    return mixtures[int(np.argmin(costs))]

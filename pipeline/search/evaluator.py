@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -11,6 +13,8 @@ from pipeline.clips.schedule import Schedule
 from pipeline.metrics.overlap import assign, pair_iou, sequence_iou
 from pipeline.physics.batch import BatchSimulator, FixedKind, SceneBatch, States, stack_scenes
 from pipeline.scene.scene import Scene
+from pipeline.search.outlines.clip_outlines import ClipOutlines
+from pipeline.search.outlines.outline_residuals import OutlineTarget
 from pipeline.search.pooled_residuals import PooledTarget, Residuals
 from pipeline.search.reward import Measured, Totals, measure_kernel
 from pipeline.search.target import REFERENCE_WIDTH, Target
@@ -45,17 +49,36 @@ class Evaluator:
         target: Masks and flow to match.
         schedule: Times of the target's frames.
         threads: For simulation and rendering.
+        outlines: Of the clip; None: of the target's own masks.
     """
 
-    def __init__(self, target: Target, schedule: Schedule, threads: int) -> None:
+    def __init__(self, target: Target, schedule: Schedule, threads: int, outlines: ClipOutlines | None = None) -> None:
         self.target, self.schedule, self.threads = target, schedule, threads
+        self.outlines = outlines or ClipOutlines(target.masks, self.times, target.instances)
         steps = schedule.frame_steps[schedule.pairs]  # (F, 2)
         self._steps, self._inverse = np.unique(steps, return_inverse=True)
         self._inverse = self._inverse.reshape(steps.shape)
         self._simulators: dict[tuple[tuple[str, ...], bool, int, tuple[FixedKind, ...]], BatchSimulator] = {}
         self._pooled_target, self._totals = PooledTarget(target), Totals.of(target)
+        self._outlined = True
         self.simulations = 0
         self.invalid = 0
+
+    def without_outlines(self) -> Evaluator:
+        """An evaluator of the same target whose residuals are those of pooled masks and flow alone."""
+        other = copy(self)
+        other._outlined = False
+        return other
+
+    @cached_property
+    def _outline_target(self) -> OutlineTarget:
+        frames = np.searchsorted(self.outlines.times, self.times - 1e-6)
+        return OutlineTarget(self.outlines.contours, frames, self.outlines.height)
+
+    @property
+    def times(self) -> np.ndarray:
+        """(F,) s, of the target's frames."""
+        return self.schedule.pairs[:, 0] / self.schedule.fps
 
     def replay(self, scenes: SceneBatch, frames: int | None = None) -> States:
         """Simulate the candidates.
@@ -73,9 +96,7 @@ class Evaluator:
         self.invalid += int((~states.valid).sum())
         return states
 
-    def measure(
-        self, scenes: SceneBatch, pooled: bool = False, first: int | None = None
-    ) -> tuple[Measured, np.ndarray]:
+    def measure(self, scenes: SceneBatch, pooled: bool = False, first: int | None = None) -> tuple[Measured, States]:
         """Simulate and render the candidates, and compare them with the target.
 
         Args:
@@ -84,7 +105,7 @@ class Evaluator:
             first: Number of first frames to compare; None: all.
 
         Returns:
-            The comparison, and (B,) whether each simulation was stable.
+            The comparison, and the simulated states.
         """
         count, objects = scenes.mass.shape
         states = self.replay(scenes, first)
@@ -131,7 +152,7 @@ class Evaluator:
             out.epe,
             out.pooled,
         )
-        return out, states.valid
+        return out, states
 
     def pairs(self, scene: Scene) -> np.ndarray:
         """(P, 2): pairs of an object of the scene and an instance of the target, assigned by overlap."""
@@ -140,18 +161,25 @@ class Evaluator:
 
     def rewards(self, scenes: SceneBatch, pairs: np.ndarray | None = None) -> Rewards:
         """Rewards of the candidates. pairs (P, 2): objects and instances for all; None: the best for each."""
-        return self._rewards(*self.measure(scenes), pairs)
+        measured, states = self.measure(scenes)
+        return self._rewards(measured, states.valid, pairs)
 
     def residuals(self, scenes: SceneBatch, pairs: np.ndarray, first: int | None = None) -> tuple[Residuals, Rewards]:
-        """Pooled residuals and rewards of the candidates.
+        """Residuals, of pooled masks and flow and of outlines, and rewards of the candidates.
 
         Args:
             scenes: B candidates of one composition.
             pairs: (P, 2) objects and instances.
             first: Number of first frames to compare; None: all.
         """
-        measured, valid = self.measure(scenes, pooled=True, first=first)
-        return self._pooled_target.residuals(measured.pooled, pairs, valid), self._rewards(measured, valid, pairs)
+        measured, states = self.measure(scenes, pooled=True, first=first)
+        found = self._pooled_target.residuals(measured.pooled, pairs, states.valid)
+        if self._outlined:
+            at = self._inverse[:first, 0]
+            found = found.joined(
+                self._outline_target.residuals(scenes, states.position[:, at], states.quaternion[:, at], pairs)
+            )
+        return found, self._rewards(measured, states.valid, pairs)
 
     def _rewards(self, measured: Measured, valid: np.ndarray, pairs: np.ndarray | None) -> Rewards:
         if pairs is None:

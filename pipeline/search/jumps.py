@@ -1,8 +1,8 @@
 """Random jumps of single objects to descriptions that look alike, which a gradient step does not reach.
 
 A jump gives an object another orientation with sizes that keep its outline, a smaller size nearer to the camera,
-another velocity or angular velocity, or other sizes. Each object of each candidate jumps independently, so the best
-candidate can be chosen for each object of a batch.
+another velocity or angular velocity, other sizes, or another material. Each object of each candidate jumps
+independently, so the best candidate can be chosen for each object of a batch.
 """
 
 from __future__ import annotations
@@ -16,7 +16,14 @@ from pipeline.search.parameters import BOUNDS
 
 SHARE = 0.4  # of the candidates that each kind of jump changes
 #: Probability of each kind where all candidates of an object share one.
-KINDS = {"turn": 0.4, "depth": 0.2, "size": 0.1, "push": 0.1, "spin": 0.2}
+KINDS = {"turn": 0.2, "depth": 0.15, "size": 0.05, "push": 0.15, "spin": 0.15, "material": 0.3}
+#: Range from which a new value of each material constant is drawn, uniformly in the logarithm.
+MATERIALS = {
+    "mass": (0.1, 4.0),
+    "sliding_friction": (0.05, 1.0),
+    "rolling_friction": (1e-4, 0.01),
+    "damping": (0.1, 1.0),
+}
 GROUNDED = 0.01  # m above the ground up to which a body counts as standing on it
 LEAST_CAPSULE = 1.05  # smallest half height of a capsule, in radii
 EQUAL_SIZES_WEIGHT = 0.05  # of equal sizes relative to the outline, in the least squares of `sizes_for_outline`
@@ -73,6 +80,11 @@ def _jump(rng: np.random.Generator, batch: SceneBatch, i: int, common: str | Non
     batch.velocity[:, i] = np.where(chosen, batch.velocity[:, i] + push, batch.velocity[:, i])
     chosen = some("spin")[:, None]
     batch.angular_velocity[:, i] = np.where(chosen, _random_spins(rng, batch, i), batch.angular_velocity[:, i])
+    chosen = some("material")
+    for name, (least, most) in MATERIALS.items():
+        drawn = np.exp(rng.uniform(np.log(least), np.log(most), count))
+        column = getattr(batch, name)[:, i]
+        column[:] = np.where(chosen & (rng.random(count) < 0.6), drawn, column)
     half[:] = np.clip(half, BOUNDS["size"][0], BOUNDS["size"][1] / 2)
     if not np.isnan(ground):
         lowest = ground + reaches_below(shape, half, turn)

@@ -33,6 +33,11 @@ class Residuals:
     values: np.ndarray
     cost: np.ndarray
 
+    def joined(self, more: np.ndarray) -> Residuals:
+        """These residuals and others (B, N, R') of the same candidates."""
+        cost = self.cost + np.einsum("bnr,bnr->bn", more, more)
+        return Residuals(np.concatenate([self.values, more], 2), np.where(self.cost >= INVALID_COST, self.cost, cost))
+
 
 @kernel
 def pool_frame(
@@ -92,6 +97,8 @@ class PooledTarget:
             own = target.masks == j + 1
             speed[j] = np.linalg.norm(target.flow[own], axis=-1).mean() if own.any() else 0.0
         unit = FLOW_PX * scale + FLOW_SHARE * speed
+        if target.flow_error is not None:
+            unit *= target.flow_error
         self._units = np.stack([np.ones_like(unit), unit, unit], 1).astype(np.float32)  # (M, 3)
         self._centroid_px = CENTROID_PX * scale
         self._centroids = self._place(self._target[:, :, 0], areas)

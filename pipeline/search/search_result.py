@@ -3,16 +3,33 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.errors import SimulationError
 from pipeline.physics.batch import stack_scenes
 from pipeline.physics.overlap import penetration, separated
-from pipeline.scene.scene import Scene
+from pipeline.scene.scene import Scene, half_extents
 from pipeline.search.evaluator import Evaluator
 
 DEEPEST = 1e-3  # m, the largest overlap of objects in a result
+
+
+def parted(scene: Scene) -> Scene:
+    """The scene with its objects moved apart; those that cannot be moved aside are lifted above the others."""
+    scene = separated(scene)
+    if penetration(scene) <= DEEPEST:
+        return scene
+    objects = list(scene.objects)
+    for i in range(1, len(objects)):
+        below = [o.position[2] + float(np.linalg.norm(half_extents(o))) for o in objects[:i]]
+        if penetration(replace(scene, objects=tuple(objects[: i + 1]))) > DEEPEST:
+            x, y, _ = objects[i].position
+            objects[i] = replace(
+                objects[i], position=(x, y, max(below) + float(np.linalg.norm(half_extents(objects[i]))))
+            )
+    return replace(scene, objects=tuple(objects))
 
 
 @dataclass(frozen=True)
@@ -75,21 +92,26 @@ class SearchRecord:
         if reward <= self.reward:
             return
         if penetration(scene) > DEEPEST:
-            scene = separated(scene)
-            if penetration(scene) > DEEPEST:
-                return
+            scene = parted(scene)
             again = self._evaluator.rewards(stack_scenes([scene]), pairs)
             reward, iou = float(again.reward[0]), float(again.iou[0])
         if reward > self.reward:
             self.scene, self.reward, self.iou = scene, reward, iou
             self._improved.append((self.simulations, scene))
 
+    def choose(self, scene: Scene, reward: float, iou: float) -> None:
+        """Keep a scene whatever its reward. Its objects overlap by no more than `DEEPEST`."""
+        assert penetration(scene) <= DEEPEST
+        self.scene, self.reward, self.iou = scene, reward, iou
+        self._improved.append((self.simulations, scene))
+
     def mark(self) -> None:
         """Add the present number of simulations and best reward to the history."""
         self._curve.append((self.simulations, self.reward))
 
     def result(self) -> SearchResult:
-        assert self.scene is not None, "a search needs at least one start"
+        if self.scene is None:
+            raise SimulationError("the search found no scene: the simulation of each start is unstable")
         curve = np.array(self._curve, float).reshape(-1, 2)
         return SearchResult(
             scene=self.scene,

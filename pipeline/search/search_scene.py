@@ -1,4 +1,4 @@
-"""The search for the scene of a clip, from the model's answers and a classical guess."""
+"""The search for the scene of a clip, from bodies registered to its outlines and from the model's answers."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ import numpy as np
 
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import rank
-from pipeline.search.composition import propose_compositions
+from pipeline.search.composition import best_mixture, propose_compositions
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.fit_scene import RUN_SIMULATIONS, fit_scene
-from pipeline.search.guess import CAMERA
+from pipeline.search.outlines.shape_evidence import LEAST_PROBABILITY, ShapeEvidence
 from pipeline.search.parameters import rollable
 from pipeline.search.search_result import SearchRecord, SearchResult
-
-GUESS_SIMULATIONS = 1800  # budget from which a search has enough left after the guess has found its shapes
 
 
 @dataclass(frozen=True)
@@ -25,13 +23,15 @@ class SceneSearch:
 
     Attributes:
         result: The best scene.
-        guess: The classical guess; None where the budget is too small or the target has no instances.
+        guess: The scene that was registered to the outlines; None where the target has no instances.
         guess_simulations: Simulations that the guess took.
+        shapes: For each instance the probability of each basic shape.
     """
 
     result: SearchResult
     guess: Scene | None
     guess_simulations: int
+    shapes: tuple[dict[str, float], ...]
 
 
 def search_scene(
@@ -52,16 +52,27 @@ def search_scene(
         progress: Called with the simulations spent and the best reward so far.
         incline: The ground may be inclined: the camera may roll, and gravity need not be normal to the ground.
     """
-    record, guesses, guessing = SearchRecord(evaluator), [], 0
-    starts = [replace(a, camera=rollable(a.camera)) if incline and a.camera else a for a in answers]
-    if evaluator.target.instances and (simulations >= GUESS_SIMULATIONS or not starts):
-        room = max(1, simulations // RUN_SIMULATIONS - len(answers))
-        guesses = propose_compositions(
-            evaluator, record, simulations, rng, rollable(CAMERA) if incline else CAMERA, room
-        )
-        guessing = record.simulations
-        progress(record.simulations, record.reward)
-        starts.append(guesses[0])
+    record = SearchRecord(evaluator)
+    room = max(1, simulations // RUN_SIMULATIONS)
+    proposal = propose_compositions(evaluator.outlines, evaluator.target, evaluator.times, room)
+    own = [best_mixture(evaluator, scenes) for scenes in proposal.starts if scenes[0].objects]
+    guessing = record.simulations
+    agreeing = [a for a in answers if agrees(evaluator, a, proposal.evidence)] if own else list(answers)
+    starts = [*own[:1], *agreeing, *own[1:]]
+    if incline:
+        starts = [replace(s, camera=rollable(s.camera)) if s.camera else s for s in starts]
     order = rank(evaluator, starts).order
-    result = fit_scene(evaluator, record, [*(starts[i] for i in order), *guesses[1:]], simulations, rng, progress)
-    return SceneSearch(result, guesses[0] if guesses else None, guessing)
+    result = fit_scene(evaluator, record, [starts[i] for i in order], simulations, rng, progress)
+    shapes = tuple(dict(e.probability) for e in proposal.evidence)
+    return SceneSearch(result, own[0] if own else None, guessing, shapes)
+
+
+def agrees(evaluator: Evaluator, scene: Scene, evidence: Sequence[ShapeEvidence]) -> bool:
+    """Whether a scene has an object for each instance, of a shape that its outlines allow."""
+    if len(scene.objects) != len(evidence):
+        return False
+    for i, j in evaluator.pairs(scene):
+        probability = evidence[j].probability
+        if probability.get(scene.shapes[i], 0.0) < LEAST_PROBABILITY * max(probability.values()):
+            return False
+    return True

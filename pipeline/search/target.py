@@ -18,11 +18,13 @@ class Target:
         masks: (F, H, W) uint8, j + 1 for instance j, 0 for the background.
         flow: (F, H, W, 2) float32, px of this size per frame interval.
         instances: Number of instances.
+        flow_error: (M,) error of the flow of each instance, in errors of usual measured flow; None: all 1.
     """
 
     masks: np.ndarray
     flow: np.ndarray
     instances: int
+    flow_error: np.ndarray | None = None
 
     @property
     def height(self) -> int:
@@ -33,7 +35,9 @@ class Target:
         return self.masks.shape[2]
 
 
-def make_target(masks: np.ndarray, flow: np.ndarray, width: int, height: int) -> Target:
+def make_target(
+    masks: np.ndarray, flow: np.ndarray, width: int, height: int, flow_error: np.ndarray | None = None
+) -> Target:
     """A target from masks and flow of any size.
 
     The camera does not move, so flow outside the instances is noise. It is set to zero.
@@ -43,10 +47,11 @@ def make_target(masks: np.ndarray, flow: np.ndarray, width: int, height: int) ->
         flow: (F, h, w, 2), px of its own size.
         width: Width of the target, px.
         height: Height of the target, px.
+        flow_error: (M,) as in `Target`.
     """
     small = resize_masks(masks, width, height)
     moving = resize_flow(flow, width, height) * (small > 0)[..., None]
-    return Target(small, np.ascontiguousarray(moving, np.float32), int(masks.max(initial=0)))
+    return Target(small, np.ascontiguousarray(moving, np.float32), int(masks.max(initial=0)), flow_error)
 
 
 def resize_masks(masks: np.ndarray, width: int, height: int) -> np.ndarray:

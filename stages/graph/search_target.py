@@ -20,7 +20,9 @@ def shard_evaluator(
         schedule: The frames of the clip, or of its first part.
         size: Width and height at which the search compares, px.
     """
-    return clip_evaluator(rendered.array(clip, "mask"), flow.array(clip, "flow"), schedule, size, threads=1)
+    return clip_evaluator(
+        rendered.array(clip, "mask"), flow.array(clip, "flow"), schedule, size, 1, rendered.array(clip, "rgb")
+    )
 
 
 def ranked_starts(ranked: OpenShard, clip: int, count: int) -> list[Scene]:

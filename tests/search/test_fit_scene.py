@@ -7,10 +7,10 @@ import pytest
 from sampled_scenes import SCHEDULE
 from targets import evaluator, exact_target, sampled
 
+from pipeline.errors import SimulationError
 from pipeline.physics.batch import stack_scenes, unstack
 from pipeline.physics.overlap import ground_penetration, penetration, separated
 from pipeline.scene.scene import BASIC_SHAPES, Scene, SceneObject
-from pipeline.search.composition import likely_shapes, propose_compositions
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.fit_scene import RUN_SIMULATIONS, BasinHopping, fit_scene
 from pipeline.search.gauss_newton import Descent, evaluate, linearise, neighbours, perturbation_groups
@@ -18,7 +18,7 @@ from pipeline.search.guess import guess_scene, on_ground, track_mask
 from pipeline.search.jumps import outline, propose_jumps, sizes_for_outline
 from pipeline.search.parameters import search_space
 from pipeline.search.search_result import DEEPEST, SearchRecord
-from pipeline.search.search_scene import GUESS_SIMULATIONS, search_scene
+from pipeline.search.search_scene import search_scene
 from pipeline.vision.rendering.camera import pinhole, project
 
 TIMES = SCHEDULE.pairs[:, 0] / SCHEDULE.fps
@@ -156,15 +156,20 @@ def test_variations_by_one_kind_of_jump_all_change(rng: np.random.Generator) -> 
     for _ in range(8):
         batch = propose_jumps(rng, start, 30, [1], same_kind=True)
         same = [
-            np.all(getattr(batch, name)[1:, 1] == getattr(start, name)[0, 1], axis=-1)
-            for name in ("quaternion", "position", "half_size", "velocity", "angular_velocity")
+            np.all(np.reshape(getattr(batch, name)[1:, 1] == getattr(start, name)[0, 1], (29, -1)), axis=-1)
+            for name in (
+                "quaternion",
+                "position",
+                "half_size",
+                "velocity",
+                "angular_velocity",
+                "mass",
+                "damping",
+                "sliding_friction",
+                "rolling_friction",
+            )  # fmt: skip
         ]
         assert np.mean(np.all(same, axis=0)) < 0.3, "a resting ball may be given the spin that it has"
-
-
-def test_shapes_in_doubt_are_tried_least_lost_first() -> None:
-    costs = np.array([[0.1, 0.5, 0.2], [0.9, 0.6, 0.25], [0.8, 0.7, 0.1]])
-    assert [k.tolist() for k in likely_shapes(costs)] == [[0, 0, 2], [0, 1, 2], [0, 0, 0]]
 
 
 def test_a_large_budget_uses_a_start_more_than_once(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,23 +222,22 @@ def test_a_fit_improves_keeps_to_its_budget_and_repeats(rng: np.random.Generator
 def test_a_search_without_answers_guesses_the_shapes_itself(rng: np.random.Generator) -> None:
     scene = sampled(rng, 2)
     e = evaluator(scene)
-    solved = search_scene(e, [], GUESS_SIMULATIONS, rng)
+    solved = search_scene(e, [], 600, rng)
     assert solved.guess is not None
     assert len(solved.guess.objects) == e.target.instances
     assert set(solved.guess.shapes) <= set(BASIC_SHAPES)
-    assert 0 < solved.guess_simulations <= solved.result.simulations <= GUESS_SIMULATIONS
+    assert 0 < solved.guess_simulations <= solved.result.simulations <= 600
+    assert [pytest.approx(1)] * e.target.instances == [sum(p.values()) for p in solved.shapes]
 
 
-@pytest.mark.slow
-def test_most_moving_balls_are_distinguished_from_boxes() -> None:
-    """A textbook case of each: a ball, and a brick that turns."""
-    rng, right = np.random.default_rng(2), 0
-    for k in range(6):
-        x = float(rng.uniform(-0.2, 0.2))
-        ball = SceneObject("sphere", (0.16,), 1.0, position=(x, 0, 0.16), velocity=(0.4, 0, 0))
-        brick = SceneObject("box", (0.5, 0.2, 0.2), 1.0, position=(x, 0, 0.1), angular_velocity=(0, 0, 3))
-        obj = ball if k % 2 else brick
-        scene = replace(sampled(rng, 1), objects=(obj,))
-        e = Evaluator(exact_target(scene, 120, 80), SCHEDULE, 1)
-        right += propose_compositions(e, SearchRecord(e), 1200, rng)[0].shapes == (obj.shape,)
-    assert right >= 4
+def test_a_search_whose_only_starts_overlap_finds_a_scene(rng: np.random.Generator) -> None:
+    scene = sampled(rng, 2)
+    e = evaluator(scene)
+    same = replace(scene, objects=(scene.objects[0], replace(scene.objects[0], name="")))
+    found = fit_scene(e, SearchRecord(e), [same], 60, rng)
+    assert penetration(found.scene) <= DEEPEST
+
+
+def test_a_search_without_a_stable_start_says_so(rng: np.random.Generator) -> None:
+    with pytest.raises(SimulationError, match="unstable"):
+        SearchRecord(evaluator(sampled(rng, 1))).result()

@@ -1,0 +1,1 @@
+"""Outlines of instances at the clip's resolution, and shapes that are fitted to them without physics."""
