@@ -167,7 +167,7 @@ def test_variations_by_one_kind_of_jump_all_change(rng: np.random.Generator) -> 
                 "damping",
                 "sliding_friction",
                 "rolling_friction",
-            )  # fmt: skip
+            )
         ]
         assert np.mean(np.all(same, axis=0)) < 0.3, "a resting ball may be given the spin that it has"
 
