@@ -29,6 +29,7 @@ CROP, CROPS, WHOLE = (144, 112), 12, 4  # px; samples to a step of windows, and 
 WHOLE_SHARE = 0.5  # of the steps
 CLEAR_PLATES = 0.5  # share of clips whose background is without the bodies, as in the second look of `find_bodies`
 POOL, RENEWED = 500, 1  # clips in memory, and how many are replaced in each step
+LISTED_EVERY = 20  # clips loaded, after which those that were added to the folder are looked for
 WARM_UP = 100  # steps
 AVERAGE = 0.998  # of the weights' moving average
 
@@ -41,12 +42,17 @@ class Clips:
         self.kept: list[TrainingClip] = []
         self.paths: list[Path] = []
         self.queue: list[Path] = []
+        self.loaded = 0
 
     def renew(self, count: int) -> None:
         for _ in range(count):
+            if self.loaded % LISTED_EVERY == 0:
+                known, self.paths = set(self.paths), sorted(self.folder.glob("*.npz"))
+                if known:  # the last of the queue is taken next
+                    self.queue += [p for p in self.paths if p not in known]
             if not self.queue:
-                self.paths = sorted(self.folder.glob("*.npz"))
                 self.queue = [self.paths[i] for i in self.rng.permutation(len(self.paths))]
+            self.loaded += 1
             clip = load_clip(self.queue.pop())
             if self.rng.random() < CLEAR_PLATES:
                 clip = with_clear_plate(self.rng, clip)
