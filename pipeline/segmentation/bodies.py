@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from pipeline.segmentation.cast_shadows import cast_shadows
 from pipeline.segmentation.grouping import Track, follow
 from pipeline.segmentation.inference import Prediction, predict, steadied
 from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exposure
@@ -24,6 +25,7 @@ LEAST_SCORE = 0.4
 LEVEL = 0.38  # of a soft mask, at a body's edge: 0.5 draws bodies 6 % (rendered clips) to 14 % (real ones) too small
 LEAST_PART = 0.2  # of a body's largest connected part: smaller ones are flecks
 MOST_BODIES = 255
+IN_SHADOW = 0.2  # factor of the probability where the background's texture is seen, darker
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,7 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
 def _look(network: SegmentationNetwork, small: np.ndarray, features: ClipFeatures) -> Candidates:
     prediction = predict(network, small, features, MIRRORED)
     probability = steadied(prediction.moving, small)
+    probability[cast_shadows(small, features.background)] *= IN_SHADOW
     tracks = joined(follow(prediction, probability, small), probability)
     figures = [track_figures(t, prediction) for t in tracks]
     return Candidates(small, prediction, probability, tracks, np.array(figures).reshape(len(tracks), len(FIGURES)))
