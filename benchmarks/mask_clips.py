@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.drawn_outlines import read_outlines
 from pipeline.clips.schedule import Schedule
 from pipeline.physics.simulate import simulate
 from pipeline.shards.clip_rng import clip_rng
@@ -101,37 +102,33 @@ def sampled_by_mujoco(seed: int, count: int) -> Iterator[MaskClip]:
 
 
 def outlined(folder: Path, videos: Path) -> Iterator[MaskClip]:
-    """Real clips with drawn outlines: `folder` has a JSON file of each, `{"clip": file, "frames": {"12": [{"object":
-    "ball", "polygon": [[x, y], ...]}]}, "stretch_frames": [10, 40]}`, px and frame numbers of the file in `videos`.
+    """Real clips with drawn outlines: `folder` has a file of each (benchmarks/outlines/README.md), `videos` the videos.
 
-    The clip is the stretch (where there is none, from the first frame that has an outline to the last), at most
-    MOST_FRAMES of its frames, evenly, at the area of SIZE.
+    A clip is the stretch of its file, at most MOST_FRAMES of its frames, evenly, at the area of SIZE. Clips whose video
+    is not there are left out.
     """
-    for path in sorted(folder.glob("*.json")):
-        record = json.loads(path.read_text())
-        video = next((p for p in sorted(videos.glob("*")) if record["clip"] in (p.name, p.stem)), None)
-        if video is None:
+    for clip in read_outlines(folder):
+        video = videos / clip.clip
+        if not video.is_file():
             continue
-        drawn = {int(k): v for k, v in record["frames"].items()}
-        wanted = np.array(sorted(drawn))
-        first, last = record.get("stretch_frames", (wanted[0], wanted[-1]))
-        first, last = min(first, wanted[0]), max(last, wanted[-1])
+        wanted = np.array(sorted(clip.frames))
+        first, last = min(clip.stretch_frames[0], wanted[0]), max(clip.stretch_frames[1], wanted[-1])
         decoder = Decoder(video, 0.0, None)
         pictures = [picture for k, (_, picture) in enumerate(decoder) if first <= k <= last]
         fps = decoder.fps
         decoder.close()
         between = np.linspace(0, len(pictures) - 1, min(len(pictures), MOST_FRAMES)).round().astype(int)
         kept = np.union1d(between, wanted - first)
-        names = sorted({o["object"] for objects in drawn.values() for o in objects})
+        names = sorted({o.object for outlines in clip.frames.values() for o in outlines})
         height, width = pictures[0].shape[:2]
         scale = min(1.0, (SIZE[0] * SIZE[1] / (width * height)) ** 0.5)
         size = (round(width * scale), round(height * scale))
         masks = np.zeros((len(wanted), size[1], size[0]), np.uint8)
         for mask, k in zip(masks, wanted, strict=True):
-            for entry in drawn[int(k)]:
+            for outline in clip.frames[int(k)]:
                 # Pixel centres have integer coordinates, in the polygons as in OpenCV.
-                points = np.round(((np.array(entry["polygon"]) + 0.5) * scale - 0.5) * 16).astype(np.int32)
-                cv2.fillPoly(mask, [points], names.index(entry["object"]) + 1, cv2.LINE_8, 4)
+                points = np.round(((outline.polygon + 0.5) * scale - 0.5) * 16).astype(np.int32)
+                cv2.fillPoly(mask, [points], names.index(outline.object) + 1, cv2.LINE_8, 4)
         frames = np.stack([cv2.resize(pictures[k], size, interpolation=cv2.INTER_AREA) for k in kept])
         labelled = np.searchsorted(kept, wanted - first)
         yield MaskClip(video.stem, frames, fps, masks, labelled, tuple(range(1, len(names) + 1)))

@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
+from pipeline.segmentation.cast_shadows import cast_shadows
 from pipeline.segmentation.grouping import Track, follow
 from pipeline.segmentation.inference import Prediction, predict, steadied
-from pipeline.segmentation.inputs import clip_features, steady_exposure
+from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exposure
 from pipeline.segmentation.joining import joined
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
+from pipeline.segmentation.plate import clear_plate
 from pipeline.segmentation.resting import with_rests
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge
 
 WORK_PX = 240 * 160  # of the picture that the network sees
-TWICE = True  # the network is asked about the mirrored clip too
+MIRRORED = False  # whether the network is asked about the mirrored clip too
 LEAST_SCORE = 0.4
 LEVEL = 0.38  # of a soft mask, at a body's edge: 0.5 draws bodies 6 % (rendered clips) to 14 % (real ones) too small
 LEAST_PART = 0.2  # of a body's largest connected part: smaller ones are flecks
 MOST_BODIES = 255
+IN_SHADOW = 0.2  # factor of the probability where the background's texture is seen, darker
 
 
 @dataclass(frozen=True)
@@ -57,14 +60,38 @@ def working_size(width: int, height: int, pixels: int = WORK_PX) -> tuple[int, i
 
 
 def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candidates:
-    """Tracks of whatever may be a moving body in frames (T, H, W, 3) uint8."""
+    """Tracks of whatever may be a moving body in frames (T, H, W, 3) uint8.
+
+    The network looks twice. A body that rests for most of the clip, or is slow, is in the median picture; the second
+    look has a background without the bodies that the first one found.
+    """
     size = working_size(frames.shape[2], frames.shape[1])
     small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
-    prediction = predict(network, small, clip_features(small), TWICE)
+    features = clip_features(small)
+    first = _look(network, small, features)
+    scores = _scores(first, network)
+    covered = np.zeros(small.shape[:3], bool)
+    for track, probable in zip(first.tracks, scores >= LEAST_SCORE, strict=True):
+        for t, piece in with_rests(track, small).pieces.items() if probable else ():
+            covered[t].reshape(-1)[piece.pixels] = True
+    plate = clear_plate(small, covered, features.background)
+    if np.array_equal(plate, features.background):
+        return first
+    return _look(network, small, replace(features, background=plate))
+
+
+def _look(network: SegmentationNetwork, small: np.ndarray, features: ClipFeatures) -> Candidates:
+    prediction = predict(network, small, features, MIRRORED)
     probability = steadied(prediction.moving, small)
+    probability[cast_shadows(small, features.background)] *= IN_SHADOW
     tracks = joined(follow(prediction, probability, small), probability)
     figures = [track_figures(t, prediction) for t in tracks]
     return Candidates(small, prediction, probability, tracks, np.array(figures).reshape(len(tracks), len(FIGURES)))
+
+
+def _scores(found: Candidates, network: SegmentationNetwork) -> np.ndarray:
+    regression = network.config.get("regression", PLAIN)
+    return np.array([score(f, regression) for f in found.figures])
 
 
 def find_bodies(
@@ -81,8 +108,7 @@ def find_bodies(
     if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8 or len(frames) < 2:
         raise ValueError(f"frames are (T, H, W, 3) uint8 with T of 2 or more, not {frames.shape} {frames.dtype}")
     found = find_candidates(frames, network)
-    regression = network.config.get("regression", PLAIN)
-    scores = np.array([score(f, regression) for f in found.figures])
+    scores = _scores(found, network)
     kept = [i for i in np.argsort(-scores)[:MOST_BODIES] if scores[i] >= least_score]
     kept.sort(key=lambda i: (found.tracks[i].first, -len(found.tracks[i].pieces[found.tracks[i].first].pixels)))
     tracks = [with_rests(found.tracks[i], found.frames) for i in kept]

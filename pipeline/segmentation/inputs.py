@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 NEAR, FAR = 2, 6  # frames before and after that a frame is compared with
-FULL_CHANNELS, HALF_CHANNELS = 13, 4
+FULL_CHANNELS, HALF_CHANNELS = 16, 4
+DARKEST = 0.06  # added to values in [0, 1] before a ratio is taken: noise in the dark says little
 FLOW_PRESET = cv2.DISOPTICAL_FLOW_PRESET_MEDIUM
 
 
@@ -97,5 +98,7 @@ def network_input(
     rise = (high - frame).clamp(min=0).amax(1, True)
     drop = (frame - low).clamp(min=0).amax(1, True)
     change = (frame[:, None] - others).abs().amax(2)
-    full = torch.cat([frame * 2 - 1, (frame - background) * 4, rise * 4, drop * 4, change * 4, flicker * 16], 1)
+    # A shadow multiplies the background by one number, whatever its texture; a body does not.
+    ratio = torch.log((frame + DARKEST) / (background + DARKEST))
+    full = torch.cat([frame * 2 - 1, (frame - background) * 4, rise * 4, drop * 4, change * 4, flicker * 16, ratio], 1)
     return full, (flow / 4).clamp(-8, 8)

@@ -63,9 +63,17 @@ def test_outlines_are_read_at_their_frames_and_size(tmp_path):
     write_video(videos / "clip.mp4", np.full((12, 64, 96, 3), 90, np.uint8))
     polygon = [[10, 20], [29, 20], [29, 39], [10, 39]]
     record = {
-        "clip": "clip",
-        "frames": {"3": [{"object": "ball", "polygon": polygon}], "8": []},
+        "clip": "clip.mp4",
+        "width": 96,
+        "height": 64,
+        "fps": 30,
+        "file_fps": 30,
         "stretch_frames": [2, 10],
+        "stretch_file_seconds": [2 / 30, 10 / 30],
+        "objects": [{"name": "ball", "shape": "sphere"}],
+        "frames": {"3": [{"object": "ball", "polygon": polygon}], "8": []},
+        "static": {},
+        "notes": "",
     }
     (folder / "clip.json").write_text(json.dumps(record))
     (clip,) = outlined(folder, videos)

@@ -2,6 +2,7 @@
 
 from dataclasses import fields, replace
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -9,14 +10,15 @@ import torch
 from pipeline.segmentation.inputs import network_input
 from pipeline.segmentation.network import VOTE_SCALE_PX, SegmentationNetwork
 from training.segmentation.backgrounds import PICTURES, sample_background
-from training.segmentation.clip import MOVES, RESTS, UNSURE, faint, load_clip, save_clip, state_of
+from training.segmentation.clip import BODY_SHADOW, MOVES, RESTS, UNSURE, faint, load_clip, save_clip, state_of
 from training.segmentation.flat_motion import STEPS_PER_SECOND, integrate, sample_motion
 from training.segmentation.generate import make_clip
 from training.segmentation.loss import PARTS, segmentation_loss
 from training.segmentation.recording import exposure, letterboxed, recorded
-from training.segmentation.samples import batched, draw_sample
+from training.segmentation.samples import batched, draw_sample, with_clear_plate
+from training.segmentation.shadows import label_shadows
 from training.segmentation.sprites import placed, sample_sprite
-from training.segmentation.train import learning_rate
+from training.segmentation.train import LISTED_EVERY, Clips, learning_rate
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +54,49 @@ def test_a_ray_cast_clip_has_masks_inside_its_bodies_radii():
         for i in np.unique(clip.mask[t])[1:]:
             away = np.hypot(cols - clip.centre[t, i - 1, 0], rows - clip.centre[t, i - 1, 1])[clip.mask[t] == i]
             assert away.min() < 3 * clip.radius[t, i - 1] + 2
+
+
+def test_shadows_are_labelled_beside_bodies_and_where_it_is_darker_than_in_the_empty_scene():
+    empty = np.full((20, 30, 3), 120, np.float32)
+    frames = np.stack([empty] * 2)
+    frames[1, 5:10, 5:15] *= 0.6  # a shadow
+    frames[1, 5:10, 12:20] = 30  # a body, over a part of it
+    frames[1, 0:3, 0:3] *= 1.3  # a reflection
+    mask = np.zeros((2, 20, 30), np.uint8)
+    mask[1, 5:10, 12:20] = 1
+    labels = label_shadows(frames, empty, mask)
+    assert not labels[0].any()
+    assert (labels[1, 5:10, 5:12] == BODY_SHADOW).all() and np.count_nonzero(labels[1]) == 35
+
+
+def test_a_clip_of_the_own_sampler_has_bodies_that_move_and_labelled_shadows():
+    clip = make_clip(5, 1, "sampled")
+    assert (clip.state == MOVES).any() and (clip.mask > 0).any()
+    assert not ((clip.mask > 0) & (clip.other > 0)).any()
+
+
+def test_a_clear_plate_is_nearer_to_the_empty_scene_than_the_median(clip):
+    """Where the found bodies leave a pixel for a while it shows what is behind; elsewhere the median stays."""
+    with_plate = with_clear_plate(np.random.default_rng(0), clip)
+    for f in fields(clip):
+        if f.name != "background":
+            np.testing.assert_array_equal(getattr(clip, f.name), getattr(with_plate, f.name))
+    never = ~(clip.mask > 0).any(0)
+    far = cv2.erode(never.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    far &= ~(clip.other > 0).any(0)
+    np.testing.assert_array_equal(clip.background[far], with_plate.background[far])
+
+
+def test_clips_that_are_added_while_training_runs_are_loaded_next(clip, tmp_path):
+    for index in range(3):
+        save_clip(tmp_path / f"{index:06d}.npz", clip)
+    clips = Clips(tmp_path, np.random.default_rng(0))
+    clips.renew(2)
+    assert len(clips.paths) == 3
+    added = replace(clip, background=np.zeros_like(clip.background))
+    save_clip(tmp_path / "000009.npz", added)
+    clips.renew(LISTED_EVERY)
+    assert len(clips.paths) == 4 and any(p.name == "000009.npz" for p in clips.paths)
 
 
 def test_states_follow_the_thresholds():

@@ -19,9 +19,12 @@ FAINT = 5.0  # of 255: a body whose colour differs less from what is around it, 
 
 @dataclass(frozen=True)
 class DrawnClip:
-    """What a clip shows before a camera records it. frames: (T, H, W, 3) float32, 0 to 255. mask: (T, H, W) uint8, 0
-    or the body's id. other: (T, H, W), 0, OTHER or BODY_SHADOW. centre: (T, N, 2) px, projected.
-    radius: (T, N) px. state: (N,) RESTS, MOVES, UNSURE (between the two) or UNSEEN (too faint)."""
+    """What a clip shows, most before a camera records it.
+
+    frames: (T, H, W, 3) float32, 0 to 255. mask: (T, H, W) uint8, 0 or the body's id. other: (T, H, W), 0, OTHER or
+    BODY_SHADOW. centre: (T, N, 2) px, projected. radius: (T, N) px. state: (N,) RESTS, MOVES, UNSURE (between the two)
+    or UNSEEN (too faint). recorded: the frames have a camera's noise and are uint8.
+    """
 
     frames: np.ndarray
     mask: np.ndarray
@@ -29,6 +32,7 @@ class DrawnClip:
     centre: np.ndarray
     radius: np.ndarray
     state: np.ndarray
+    recorded: bool = False
 
 
 @dataclass(frozen=True)

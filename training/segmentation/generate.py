@@ -3,7 +3,8 @@
     python -m training.segmentation.generate OUT --first 0 --count 1000 [--seed 77] [--minutes 30] [--stride 1]
 
 Clip i depends on the seed and i alone; a clip that is already there is skipped, so a run that was stopped goes on.
-SHARES says how many clips are by MuJoCo's renderer, by our ray caster, and of flat bodies.
+SHARES says how many clips are of the project's own sampler, of other solid bodies by MuJoCo's renderer and by our ray
+caster, and of flat bodies.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ from pipeline.vision.rendering.render_backend import choose_backend
 from training.segmentation.clip import UNSEEN, DrawnClip, TrainingClip, faint, save_clip
 from training.segmentation.flat_clip import draw_flat_clip
 from training.segmentation.recording import letterboxed, recorded
+from training.segmentation.sampled_clip import draw_sampled_clip
 from training.segmentation.solid_clip import draw_solid_clip
 
 SIZE = (240, 160)  # px, width and height
-KINDS = ("mujoco", "raycast", "flat")
-SHARES = (0.43, 0.12, 0.45)
+KINDS = ("sampled", "mujoco", "raycast", "flat")
+SHARES = (0.5, 0.15, 0.05, 0.3)
 
 
 def draw_clip(rng: np.random.Generator, kind: str) -> DrawnClip:
@@ -32,6 +34,8 @@ def draw_clip(rng: np.random.Generator, kind: str) -> DrawnClip:
     while True:
         if kind == "flat":
             drawn = draw_flat_clip(rng, *SIZE)
+        elif kind == "sampled":
+            drawn = draw_sampled_clip(rng, *SIZE)
         else:
             drawn = draw_solid_clip(rng, *SIZE, mujoco=kind == "mujoco")
         if drawn is not None:
@@ -48,7 +52,7 @@ def make_clip(seed: int, index: int, kind: str | None = None) -> TrainingClip:
     if rng.random() < 0.05:  # a frame shown twice now and then, as where frame rates are converted
         skip = int(rng.integers(2, 6))
         order[skip::skip] -= 1
-    frames = recorded(rng, frames[order])
+    frames = frames[order] if drawn.recorded else recorded(rng, frames[order])
     mask, other = mask[order], other[order]
     if rng.random() < 0.12:
         pictures = letterboxed(rng, [frames, mask, other], float(rng.uniform(0.25, 0.75)))

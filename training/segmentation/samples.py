@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,9 +12,12 @@ from torch import Tensor
 
 from pipeline.segmentation.inputs import FAR, NEAR, flows_at, neighbours
 from pipeline.segmentation.network import VOTE_SCALE_PX
-from training.segmentation.clip import MOVES, RESTS, UNSEEN, UNSURE, TrainingClip
+from pipeline.segmentation.plate import clear_plate
+from training.segmentation.clip import BODY_SHADOW, MOVES, RESTS, UNSEEN, UNSURE, TrainingClip
 
 LEAST_RADIUS_PX = 0.5
+MISSED, MISSED_FOR_A_WHILE = 0.1, 0.4  # probability that a first look finds a body in no frame; not in some
+RESTING_WEIGHT = 0.3  # of the votes for bodies that do not move
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,7 @@ def draw_sample(
         state != UNSEEN,
         offset,
         np.log(np.maximum(radius, LEAST_RADIUS_PX)),
-        np.where(seen, 1 / np.sqrt(area[small] + 20), 0),
+        np.where(seen, np.where(state[::2, ::2] == MOVES, 1, RESTING_WEIGHT) / np.sqrt(area[small] + 20), 0),
     ]
     if augment and rng.random() < 0.5:
         fields = [f[..., ::-1] for f in fields]
@@ -147,6 +150,23 @@ def draw_sample(
         fields[6] = fields[6] * np.array([1, -1, 1, -1], np.float32)[:, None, None]
         fields[12] = fields[12] * np.array([1, -1], np.float32)[:, None, None]
     return Sample(*(np.ascontiguousarray(f, np.float32) for f in fields))
+
+
+def with_clear_plate(rng: np.random.Generator, clip: TrainingClip) -> TrainingClip:
+    """The clip with the background that its moving bodies leave, most of them found in most frames."""
+    count = len(clip.frames)
+    covered = np.zeros(clip.mask.shape, bool)
+    for body in 1 + np.flatnonzero(clip.state == MOVES):
+        if rng.random() < MISSED:
+            continue
+        found = np.ones(count, bool)
+        if rng.random() < MISSED_FOR_A_WHILE:
+            first = int(rng.integers(count))
+            found[first : first + int(rng.integers(1, max(count // 2, 2)))] = False
+        covered |= (clip.mask == body) & found[:, None, None]
+    if rng.random() < 0.3:  # shadows too
+        covered |= clip.other == BODY_SHADOW
+    return replace(clip, background=clear_plate(clip.frames, covered, clip.background))
 
 
 def batched(samples: list[Sample]) -> dict[str, Tensor]:

@@ -20,6 +20,7 @@ from training.segmentation.backgrounds import log_uniform, sample_background
 from training.segmentation.clip import OTHER, DrawnClip, state_of
 from training.segmentation.flat_clip import layer_over, sample_times
 from training.segmentation.hands import draw_cloth, draw_hand, sample_cloth, sample_hand, sample_passing_shadow
+from training.segmentation.shadows import label_shadows, with_empty_scene
 from training.segmentation.solid_looks import sample_looks
 from training.segmentation.solid_scenes import draw_moving_scene, largest_turns, sample_camera
 
@@ -128,20 +129,22 @@ def draw_solid_clip(rng: np.random.Generator, width: int, height: int, mujoco: b
             backdrop=replace(look.backdrop, horizon=grey, zenith=grey, clouds=0.0),
         )
     shadows = bool(rng.random() < 0.9)
-    frames = render(scene, position, quaternion, camera, look, width, height, mujoco, shadows)
+    posed = with_empty_scene(position, quaternion)
+    frames = render(scene, *posed, camera, look, width, height, mujoco, shadows)
+    frames, empty = frames[:-1], frames[-1]
+    other = label_shadows(frames, empty, mask)
     if rng.random() < 0.25:  # motion blur
         for k in (-0.33, 0.33):
             blurred = poses_at(trace, steps + k * rng.uniform(0.2, 0.95) * interval * STEPS_PER_SECOND)
             frames += render(scene, *blurred, camera, look, width, height, mujoco, shadows)
         frames /= 3
-    other = np.zeros(mask.shape, np.uint8)
     if pictured:
-        empty = mask == 0
-        brightest = np.percentile(frames[0][empty[0]], 90) if empty[0].any() else 255.0
+        clear = mask == 0
+        brightest = np.percentile(frames[0][clear[0]], 90) if clear[0].any() else 255.0
         picture = sample_background(rng, width, height) * (255 / max(brightest, 60.0))
         # A rim of half-covered pixels takes the picture's share by the mask's own soft edge.
         for t in range(count):
-            soft = cv2.GaussianBlur(empty[t].astype(np.float32), (0, 0), 0.5)[..., None]
+            soft = cv2.GaussianBlur(clear[t].astype(np.float32), (0, 0), 0.5)[..., None]
             frames[t] *= 1 + soft * (picture - 1)
     if rng.random() < 0.25:
         ground = np.isfinite(full.depth)
@@ -152,9 +155,14 @@ def draw_solid_clip(rng: np.random.Generator, width: int, height: int, mujoco: b
         frames *= sample_passing_shadow(rng, width, height, times)
     mask = mask.copy()
     _add_intruders(rng, frames, mask, other, centre, times)
-    size = np.array([np.cbrt(np.prod(half_extents(o))) for o in scene.objects])
-    radius = focal_px(camera.fov_y_deg, height) * size / depth
+    radius = body_radii(scene, camera, depth, height)
     return DrawnClip(frames, mask, other, centre.astype(np.float32), radius.astype(np.float32), state)
+
+
+def body_radii(scene: Scene, camera: Pinhole, depth: np.ndarray, height: int) -> np.ndarray:
+    """(T, N) px: geometric means of the bodies' half extents in a picture `height` px high. depth: (T, N) m."""
+    size = np.array([np.cbrt(np.prod(half_extents(o))) for o in scene.objects])
+    return np.asarray(focal_px(camera.fov_y_deg, height) * size / depth)
 
 
 def _add_intruders(
