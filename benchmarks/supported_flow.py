@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-from pipeline.vision.recordings.user_clip import find_clips
+from pipeline.vision.recordings.clip_folder import find_clips
 
 from benchmarks.mask_clips import data_folder
 from pipeline.clips.schedule import Schedule
