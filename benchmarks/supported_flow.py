@@ -18,7 +18,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-from pipeline.vision.recordings.clip_folder import find_clips
 
 from benchmarks.mask_clips import data_folder
 from pipeline.clips.schedule import Schedule
@@ -30,6 +29,7 @@ from pipeline.vision.flow.flow_confidence import followed
 from pipeline.vision.flow.measured_flow import measured_flow
 from pipeline.vision.flow.raft import RAFT, load_raft
 from pipeline.vision.flow.supported_flow import supported_flow
+from pipeline.vision.recordings.clip_folder import find_clips
 from pipeline.vision.recordings.video import read_clip
 
 SIZE, ITERATIONS = (240, 160), 4
