@@ -1,8 +1,8 @@
 """Events of clips from their traces, and the sentences that describe them.
 
 Reads data/sample/<suite> and data/simulate/<suite>. Writes data/events/<suite>: table events (clip, time, kind,
-first, second: object indices, -1 for none), table clips (clip, think). Parameters: clip, events,
-sample.filters.visible_px. Run: python -m stages.events SUITE
+first, second: object indices, of `hits_fixed` the fixed body's, -1 for none), table clips (clip, think). Parameters:
+clip, events, sample.filters.visible_px. Run: python -m stages.events SUITE
 """
 
 from collections import Counter

@@ -31,6 +31,12 @@ class SuiteSettings(Section):
     without: list[str]
 
 
+class ViewsSuiteSettings(Section):
+    """Sampled clips whose kinds of views take turns."""
+
+    clips: Annotated[int, Field(ge=0)]
+
+
 class RealSuiteSettings(Section):
     """The user's own clips."""
 
@@ -46,6 +52,7 @@ class SuitesSettings(Section):
     id: SuiteSettings
     held_out: SuiteSettings
     more: SuiteSettings
+    views: ViewsSuiteSettings
     real: RealSuiteSettings
 
 

@@ -15,7 +15,9 @@ WIDTH, HEIGHT = 60, 40
 def exact_target(scene: Scene, width: int = WIDTH, height: int = HEIGHT) -> Target:
     """What a search would find to be perfect: the replay in a batch, as the search replays."""
     steps = SCHEDULE.frame_steps[SCHEDULE.pairs]
-    states = BatchSimulator(scene.shapes, scene.ground is not None, 1, 1).run(stack_scenes([scene]), np.unique(steps))
+    batch = stack_scenes([scene])
+    simulator = BatchSimulator(batch.shapes, batch.has_ground, 1, 1, batch.fixed_kinds)
+    states = simulator.run(batch, np.unique(steps))
     where = np.searchsorted(np.unique(steps), steps)
     view = pair_view(scene, states.position[0][where], states.quaternion[0][where], width, height)
     return make_target(view.mask, view.flow, width, height)

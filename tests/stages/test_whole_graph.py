@@ -12,7 +12,7 @@ from pipeline.shards.code_hash import ROOT
 from pipeline.shards.content_hash import hash_files
 from stages import regress
 
-SUITES = ("train", "val", "id", "real")  # held_out and more run as id does
+SUITES = ("train", "val", "id", "views", "real")  # held_out and more run as id does
 TRAINING = {"steps": 1, "batch_size": 1, "checkpoint_steps": 1}
 SMALLEST = {
     "sample": {"shard_size": 1},
@@ -54,7 +54,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(ROOT / "data/samples/cross_engine_01", tmp_path / "videos/cross_engine_01")
     yaml = YAML()
     params = yaml.load(ROOT / "params.yaml")
-    for suite in ("train", "val", "id"):
+    for suite in ("train", "val", "id", "views"):
         params["suites"][suite]["clips"] = 1
     params["suites"]["real"]["path"] = "videos"
     for section, values in SMALLEST.items():

@@ -123,13 +123,13 @@ class Sensor:
 
 
 def clear_view(appearance: Appearance, eye: Sequence[float], positions: np.ndarray) -> Appearance:
-    """The appearance with haze that begins behind the objects, however far they are.
+    """The appearance with haze that begins behind the objects of the first frame, however far they are.
 
     eye: (3,) m, the camera. positions: (F, N, 3) m.
     """
     if not positions.size:
         return appearance
-    distance = float(np.linalg.norm(positions.reshape(-1, 3) - np.asarray(eye), axis=1).max())
+    distance = float(np.linalg.norm(positions[0] - np.asarray(eye), axis=1).max())
     return replace(appearance, haze=max(appearance.haze, 2 * distance))
 
 
