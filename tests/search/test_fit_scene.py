@@ -157,8 +157,17 @@ def test_variations_by_one_kind_of_jump_all_change(rng: np.random.Generator) -> 
         batch = propose_jumps(rng, start, 30, [1], same_kind=True)
         same = [
             np.all(np.reshape(getattr(batch, name)[1:, 1] == getattr(start, name)[0, 1], (29, -1)), axis=-1)
-            for name in ("quaternion", "position", "half_size", "velocity", "angular_velocity", "mass", "damping",
-                         "sliding_friction", "rolling_friction")  # fmt: skip
+            for name in (
+                "quaternion",
+                "position",
+                "half_size",
+                "velocity",
+                "angular_velocity",
+                "mass",
+                "damping",
+                "sliding_friction",
+                "rolling_friction",
+            )  # fmt: skip
         ]
         assert np.mean(np.all(same, axis=0)) < 0.3, "a resting ball may be given the spin that it has"
 
