@@ -22,7 +22,7 @@ from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.vision.rendering.appearance import Appearance, plain_appearance
 from pipeline.vision.rendering.camera import Pinhole, focal_px, pinhole
 from pipeline.vision.rendering.exact_flow import exact_flow
-from pipeline.vision.rendering.rasteriser import fill_background, rasterise, rasterise_frames
+from pipeline.vision.rendering.rasteriser import background_depth, rasterise, rasterise_frames
 from pipeline.vision.rendering.render_backend import choose_backend
 from pipeline.vision.rendering.shade import shade
 from pipeline.vision.rendering.surface import shape_arrays
@@ -61,10 +61,9 @@ def kernel_run(
     """The kernel alone, into buffers that are there, as a search calls it."""
     mask = np.empty((len(positions), height, width), dtype=np.uint8)
     depth = np.empty(mask.shape, dtype=np.float32)
-    view = (camera.position_world, camera.rotation_world, camera.fov_y_deg, 0.0)
-    background = np.empty((height, width), dtype=np.float32)
-    fill_background(*view, background)
-    arguments = (*shape_arrays(scene.objects), positions, quaternions, *view, mask, depth)
+    view = (camera.position_world, camera.rotation_world, camera.fov_y_deg)
+    background = background_depth(camera, width, height, 0.0, ())
+    arguments = (*shape_arrays(scene.objects), positions, quaternions, *view, background, mask, depth)
 
     def work() -> np.ndarray:
         rasterise_frames(*arguments)

@@ -65,6 +65,7 @@ class Pictures:
             backdrops=dict(self.backdrops),
             max_lights=self.lights,
             metal_probability=self.metal,
+            n_fixed=len(scene.fixed),
         )
         steps = schedule.frame_steps
         frames = render_rgb(

@@ -15,13 +15,13 @@ from ruamel.yaml.error import YAMLError
 from pipeline.errors import SceneError, did_you_mean
 from pipeline.language.completion import read_completion
 from pipeline.scene.mjcf import mesh_vertices
-from pipeline.scene.scene import Camera, Scene, SceneObject, half_extents
+from pipeline.scene.scene import CONTACT_KEYS, HOLLOW_SHAPES, Camera, Scene, SceneObject, half_extents
 from pipeline.scene.text import load_scene, scene_from_dict, write_scene
 
 SCENE_FILE = "scene.yaml"
 FOV, PITCH = 40.0, -22.0  # deg, of the camera that is made
-#: Keys that may be set though the canonical text leaves them out, by place.
-ABSENT = {"": ("camera", "ground"), "camera": ("pitch", "orientation"), "ground": ("height",)}
+#: Keys that may be set though the canonical text leaves them out, by place; those of bodies are in `_absent`.
+ABSENT = {"": ("camera", "ground", "fixed"), "camera": ("pitch", "orientation"), "ground": ("height",)}
 #: Keys of the camera of which there is one.
 EITHER: dict[str | int, str] = {"pitch": "orientation", "orientation": "pitch"}
 _FORM = "objects[0].mass=2, objects[ball].velocity=[1, 0, 0], objects[0].position[2]=0.5, gravity=3.7"
@@ -142,13 +142,22 @@ def _put(data: Any, steps: Sequence[str | int], value: Any, edit: str) -> None:
 
 
 def _key(at: dict[str, Any], step: str | int, place: str, edit: str) -> str:
-    valid = list(dict.fromkeys([*at, *ABSENT.get(place, ())]))
+    valid = list(dict.fromkeys([*at, *_absent(at, place)]))
     if isinstance(step, str) and step in valid:
         return step
     hint = did_you_mean(step, valid)
     where = f" of {place}" if place else ""
     shape = f", a {at['shape']}," if "shape" in at else ""
     raise SceneError(f"{edit}: unknown key {str(step)!r}{where}{shape}{hint}; valid: {', '.join(valid)}")
+
+
+def _absent(at: dict[str, Any], place: str) -> tuple[str, ...]:
+    """Keys that may be missing at a place of a scene's text and may be set all the same."""
+    if place.startswith("fixed["):
+        return CONTACT_KEYS
+    if place.startswith("objects[") and at.get("shape") in HOLLOW_SHAPES:
+        return ("hollow",)
+    return ABSENT.get(place, ())
 
 
 def _index(at: list[Any], step: str | int, place: str, edit: str) -> int:

@@ -84,12 +84,12 @@ def draw_clips(
                     drawn.outcome["bad numbers"] += 1
                     drawn.bad.append(f"{suite}/{index} candidate {tries[index]}")
                     continue
-                seen = _seen(scene, states.position[row], states.quaternion[row], filters)
+                seen = first_seen(scene, states.position[row], states.quaternion[row], filters)
                 if np.count_nonzero(seen < 0) > filters.out_of_view:
                     drawn.outcome["out of view"] += 1
                     continue
                 drawn.outcome["accepted"] += 1
-                accepted[index] = _left_to_right(scene, states.position[row], seen)
+                accepted[index] = left_to_right(scene, states.position[row], seen)
         pending = [i for i in pending if i not in accepted]
     drawn.scenes = [accepted[i] for i in indices]
     return drawn
@@ -110,7 +110,7 @@ def _draw_still(
         tries[index] += 1
         outcome["candidates"] += 1
         scene = draw_scene(rng, shapes, distribution)
-        if _area_px(scene) < filters.area_px:
+        if initial_area_px(scene) < filters.area_px:
             outcome["too small"] += 1
         elif penetration(scene) > filters.overlap_m:
             outcome["overlap"] += 1
@@ -122,23 +122,36 @@ def _draw_still(
     )
 
 
-def _area_px(scene: Scene) -> float:
+def initial_area_px(scene: Scene) -> float:
+    """Area of all objects together in the initial state, px of 480x320."""
     assert scene.camera is not None
     position = np.array([[o.position for o in scene.objects]])
     quaternion = np.array([[o.orientation for o in scene.objects]])
-    view = rasterise(scene.objects, position, quaternion, pinhole(scene.camera), _WIDTH, _HEIGHT, scene.ground)
+    view = rasterise(
+        scene.objects, position, quaternion, pinhole(scene.camera), _WIDTH, _HEIGHT, scene.ground, scene.fixed
+    )
     return np.count_nonzero(view.mask) * _AREA_SCALE
 
 
-def _seen(scene: Scene, position: np.ndarray, quaternion: np.ndarray, filters: Filters) -> np.ndarray:
+def first_seen(scene: Scene, position: np.ndarray, quaternion: np.ndarray, filters: Filters) -> np.ndarray:
     """(N,) the first of the frames in which each object is in view, -1 for never."""
-    assert scene.camera is not None
-    view = rasterise(scene.objects, position, quaternion, pinhole(scene.camera), _WIDTH, _HEIGHT, scene.ground)
-    visible = areas_px(view.mask, len(scene.objects)) >= filters.visible_px  # (F, N)
+    visible = in_view(scene, position, quaternion, filters.visible_px)
     return np.where(visible.any(0), visible.argmax(0), -1)
 
 
-def _left_to_right(scene: Scene, position: np.ndarray, seen: np.ndarray) -> Scene:
+def in_view(scene: Scene, position: np.ndarray, quaternion: np.ndarray, visible_px: float) -> np.ndarray:
+    """(F, N) whether each object is in view, from poses (F, N, 3) m and (F, N, 4) in F frames.
+
+    visible_px: area from which an object is in view, px of 480x320.
+    """
+    assert scene.camera is not None
+    view = rasterise(
+        scene.objects, position, quaternion, pinhole(scene.camera), _WIDTH, _HEIGHT, scene.ground, scene.fixed
+    )
+    return areas_px(view.mask, len(scene.objects)) >= visible_px
+
+
+def left_to_right(scene: Scene, position: np.ndarray, seen: np.ndarray) -> Scene:
     """The scene with its objects in the order of their image x where they first appear; unseen ones last."""
     assert scene.camera is not None
     centre = np.array([position[max(f, 0), i] for i, f in enumerate(seen)])

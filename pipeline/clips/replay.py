@@ -102,7 +102,7 @@ class Replay:
             SceneError: For a mesh that the ray caster cannot show.
         """
         chosen = slice(None) if frames is None else frames
-        appearance = plain_appearance(len(self.scene.objects))
+        appearance = plain_appearance(len(self.scene.objects), len(self.scene.fixed))
         return render_rgb(
             self.scene,
             self.position[chosen],
@@ -124,6 +124,7 @@ class Replay:
             self.width,
             self.height,
             self.scene.ground,
+            self.scene.fixed,
         )
 
     @cached_property
@@ -152,8 +153,9 @@ def replay_poses(scene: Scene, schedule: Schedule, width: int = WIDTH, height: i
     Raises:
         SimulationError: Where the simulation becomes unstable.
     """
-    simulator = BatchSimulator(scene.shapes, scene.ground is not None, 1, 1)
-    states = simulator.run(stack_scenes([scene]), schedule.frame_steps)
+    batch = stack_scenes([scene])
+    simulator = BatchSimulator(scene.shapes, batch.has_ground, 1, 1, batch.fixed_kinds)
+    states = simulator.run(batch, schedule.frame_steps)
     if not states.valid[0]:
         raise SimulationError("the simulation became unstable in the replay (non-finite state, or a reset by MuJoCo)")
     return Replay(scene, schedule, states.position[0], states.quaternion[0], None, width, height)

@@ -45,6 +45,7 @@ def frame_masks(scene: Scene, trace: Trace, schedule: Schedule, width: int, heig
         width,
         height,
         scene.ground,
+        scene.fixed,
     ).mask
 
 
@@ -82,7 +83,7 @@ def pair_view(scene: Scene, position: np.ndarray, quaternion: np.ndarray, width:
     assert scene.camera is not None
     masks, depths, flows = [], [], []
     for p, q in zip(position, quaternion, strict=True):
-        first = rasterise(scene.objects, p[:1], q[:1], pinhole(scene.camera), width, height, scene.ground)
+        first = rasterise(scene.objects, p[:1], q[:1], pinhole(scene.camera), width, height, scene.ground, scene.fixed)
         moved = exact_flow(scene.objects, p, q, pinhole(scene.camera), width, height, scene.ground, rendering=first)
         masks.append(first.mask[0])
         depths.append(first.depth[0])

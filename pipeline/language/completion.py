@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pipeline.errors import SceneError
 from pipeline.language.events import Event
 from pipeline.language.grammar import Choice, Grammar, Literal, Number, spell
 from pipeline.scene.canonical import DECIMALS
@@ -160,9 +161,16 @@ def _object_values(obj: SceneObject) -> list[float]:
 
 
 def write_completion(scene: Scene, events: list[Event] | None, seconds: float) -> str:
-    """The completion for a scene of basic shapes in canonical form; events=None leaves reasoning out."""
+    """The completion for a scene of basic shapes in canonical form; events=None leaves reasoning out.
+
+    Raises SceneError for fixed bodies and hollow objects, which answers do not have.
+    """
     assert scene.camera is not None
     assert scene.camera.pitch is not None
+    if scene.fixed:
+        raise SceneError("fixed: an answer of the model has none; valid: a scene without fixed bodies")
+    if any(o.hollow for o in scene.objects):
+        raise SceneError("objects: hollow: an answer of the model has none; valid: solid objects")
     values: list[str | float] = []
     if events is not None:
         values += [_COUNTS[len(scene.objects) - 1], *scene.shapes]
@@ -183,8 +191,19 @@ def write_completion(scene: Scene, events: list[Event] | None, seconds: float) -
 
 
 def think_text(scene: Scene, events: list[Event], seconds: float) -> str:
-    """The words between the tags of `<think>`."""
-    return read_completion(write_completion(scene, events, seconds)).think
+    """The words between the tags of `<think>`, also for scenes that no answer of the model describes."""
+    lines = [f"{_COUNTS[len(scene.objects) - 1]}{', '.join(scene.shapes)}."]
+    for event in events:
+        lines.append(f"t={min(event.time, seconds):.2f}s: object {event.first + 1}{event_phrase(event, scene)}.")
+    return "\n".join(lines)
+
+
+def event_phrase(event: Event, scene: Scene) -> str:
+    """An event in words, without its subject: ` hits object 2`, ` hits ramp`."""
+    if event.kind == "hits_fixed":
+        assert event.second is not None
+        return f" hits {scene.fixed[event.second].name}"
+    return EVENT_PHRASES[event.kind] + ("" if event.second is None else str(event.second + 1))
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """What happens in a clip, from its trace and masks: who comes into view, slides, rolls, stops, hits whom, when.
 
-Thresholds are physical (m/s, s, px of 480x320). Regimes of contact with the ground, at every step: an object on
-it rests where nothing moves, slides where the contact points move faster than `slip_speed`, rolls (round bodies,
-cylinders on their side) where they do not but the centre moves, and else tumbles; off the ground it flies. What
-happens out of view is left out.
+Thresholds are physical (m/s, s, px of 480x320). Regimes of contact with the ground, or with a fixed body that supports
+the object, at every step: an object on it rests where nothing moves, slides where the contact points move faster than
+`slip_speed`, rolls (round bodies, cylinders on their side) where they do not but the centre moves, and else tumbles;
+off the ground it flies. What happens out of view is left out.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.physics.trace import GROUND, Trace
+from pipeline.physics.trace import FIRST_FIXED, GROUND, Trace
 from pipeline.scene.rotation import matrix_from_quaternion
 
 ROUND_SHAPES = ("sphere", "cylinder", "capsule", "ellipsoid")
@@ -32,12 +32,14 @@ CHANGES: dict[tuple[int, int], str] = {
 }
 LYING = 0.35  # sine of how far a cylinder's axis may be from level where it lies on its side
 LEVEL = 0.9  # of the speed is along the ground where a body rolls and does not fall
+SUPPORT = 0.5  # upward part of the normal of a contact with a fixed body above which that supports the object
 PUSH = 0.02  # s from a touch on, within which a hit pushes
 LEVER = 0.1  # m; turning is rest where points at this distance move slower than `moving_speed`
 
 KINDS = (
     "hits_object",
     "hits_ground",
+    "hits_fixed",
     "enters",
     "leaves",
     "starts_rolling",
@@ -49,12 +51,20 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Event:
-    """time: s. first: the object; second: the other object of `hits_object`, else None. Indices from 0."""
+    """time: s. first: the object; second: the other object of `hits_object`, the fixed body of `hits_fixed`, else None.
+
+    Indices from 0.
+    """
 
     time: float
     kind: str
     first: int
     second: int | None = None
+
+    @property
+    def objects(self) -> tuple[int, ...]:
+        """The objects that take part."""
+        return (self.first,) if self.second is None or self.kind == "hits_fixed" else (self.first, self.second)
 
 
 @dataclass(frozen=True)
@@ -105,11 +115,11 @@ def _in_view(event: Event, seen: np.ndarray, times: np.ndarray) -> bool:
     """Whether one of the event's objects is seen in the frame before it or the frame after; seen: (F, N)."""
     after = np.searchsorted(times, event.time)
     around = seen[max(after - 1, 0) : after + 1]
-    return bool(around[:, [i for i in (event.first, event.second) if i is not None]].any())
+    return bool(around[:, list(event.objects)].any())
 
 
 def collisions(trace: Trace, thresholds: Thresholds) -> list[Event]:
-    """`hits_object` and `hits_ground`: first touches with an approach speed of at least `impact_speed`."""
+    """Hits of all three kinds: first touches with an approach speed of at least `impact_speed`."""
     c = trace.contacts
     events = []
     gap = round(thresholds.separation * trace.rate)
@@ -123,17 +133,30 @@ def collisions(trace: Trace, thresholds: Thresholds) -> list[Event]:
             touch = rows[(c.step[rows] >= step) & (c.step[rows] < step + PUSH * trace.rate)]
             pushed = np.abs(c.force[touch]).max() > 0  # bodies that only graze each other's margin do not
             if pushed and approach[rows[c.step[rows] == step]].max() >= thresholds.impact_speed:
-                kind = "hits_ground" if second == GROUND else "hits_object"
-                a, b = (first, None) if second == GROUND else (min(first, second), max(first, second))
-                events.append(Event(float(step / trace.rate), kind, a, b))
+                events.append(_hit(float(step / trace.rate), first, second))
     return events
 
 
+def _hit(time: float, first: int, second: int) -> Event:
+    """The event of a hit; first, second: as in contacts."""
+    if second >= 0:
+        return Event(time, "hits_object", min(first, second), max(first, second))
+    return (
+        Event(time, "hits_ground", first)
+        if second == GROUND
+        else Event(time, "hits_fixed", first, FIRST_FIXED - second)
+    )
+
+
 def point_velocity(trace: Trace, step: np.ndarray, body: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Velocity (C, 3), m/s, of points (C, 3) that move with the bodies (C,) at the steps (C,); the ground's is 0."""
-    arm = point - trace.position[step, body]
-    velocity = trace.velocity[step, body] + np.cross(trace.angular_velocity[step, body], arm)
-    return np.where((body == GROUND)[:, None], 0.0, velocity)
+    """Velocity (C, 3), m/s, of points (C, 3) that move with the bodies (C,) at the steps (C,).
+
+    That of the ground and of fixed bodies is 0.
+    """
+    own = np.maximum(body, GROUND)
+    arm = point - trace.position[step, own]
+    velocity = trace.velocity[step, own] + np.cross(trace.angular_velocity[step, own], arm)
+    return np.where((body <= GROUND)[:, None], 0.0, velocity)
 
 
 def visibility(areas_px: np.ndarray, times: np.ndarray, thresholds: Thresholds) -> list[Event]:
@@ -149,33 +172,64 @@ def visibility(areas_px: np.ndarray, times: np.ndarray, thresholds: Thresholds) 
 def regimes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds) -> np.ndarray:
     """(S, N) regime of each object from each step to the next, brief ones merged into what came before."""
     steps, duration = len(trace.position) - 1, round(thresholds.duration * trace.rate)
-    along = np.linalg.norm(trace.velocity[:-1, :, :2], axis=-1)  # the ground
+    normals = support_normals(trace)[:-1]
     speed, turning = (np.linalg.norm(v[:-1], axis=-1) for v in (trace.velocity, trace.angular_velocity))
     still = (speed < thresholds.moving_speed) & (turning < thresholds.moving_speed / LEVER)
     out = np.full((steps, len(shapes)), AIR)
     for i, shape in enumerate(shapes):
+        along = speed_along(trace.velocity[:-1, i], normals[:, i])
         grounded, slip = ground_contact(trace, i, thresholds)
-        creep = np.maximum(thresholds.slip_speed, ROLLING_SHARE * along[:, i])
+        creep = np.maximum(thresholds.slip_speed, ROLLING_SHARE * along)
         glides = slip > SLIDING_SHARE * np.maximum(speed[:, i], LEVER * turning[:, i])
         slides = _latched((slip > 2 * creep) | glides, (slip < creep) & ~glides)
-        travels = (along[:, i] >= thresholds.moving_speed) & (along[:, i] > LEVEL * speed[:, i])
-        without_slip = np.where(may_roll(trace, i, shape) & travels, ROLL, TUMBLE)
+        travels = (along >= thresholds.moving_speed) & (along > LEVEL * speed[:, i])
+        without_slip = np.where(may_roll(trace, i, shape, normals[:, i]) & travels, ROLL, TUMBLE)
         regime = np.where(still[:, i], REST, np.where(slides, SLIDE, without_slip))
         out[:, i] = _settled(np.where(grounded, regime, AIR), duration)
     return out
 
 
-def ground_slips(trace: Trace, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Steps (C,) of the object's contact points on the ground, and how fast each slips, (C,) m/s."""
+def supporting(trace: Trace) -> np.ndarray:
+    """(C,) whether a contact is with the ground, or with a fixed body below the object."""
     c = trace.contacts
-    rows = np.flatnonzero((c.second == GROUND) & (c.first == index))
+    return (c.second == GROUND) | ((c.second <= FIRST_FIXED) & (c.normal[:, 2] > SUPPORT))
+
+
+def support_normals(trace: Trace) -> np.ndarray:
+    """(S + 1, N, 3) normal of what each object stands on: that of the last contact at or before each time, else z."""
+    steps, objects = trace.position.shape[:2]
+    out = np.tile([0.0, 0.0, 1.0], (steps, objects, 1))
+    c = trace.contacts
+    rows = supporting(trace)
+    if not (c.second[rows] <= FIRST_FIXED).any():
+        return out
+    for i in range(objects):
+        mine = rows & (c.first == i)
+        total = np.zeros((steps, 3))
+        np.add.at(total, c.step[mine], c.normal[mine])
+        touched = np.unique(c.step[mine])
+        if len(touched):
+            last = touched[np.maximum(np.searchsorted(touched, np.arange(steps), "right") - 1, 0)]
+            out[:, i] = total[last] / np.linalg.norm(total[last], axis=1, keepdims=True)
+    return out
+
+
+def speed_along(velocity: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Speed (T,) along a surface, m/s, from velocities (T, 3) m/s and normals (T, 3)."""
+    return np.linalg.norm(velocity - np.sum(velocity * normal, 1, keepdims=True) * normal, axis=1)
+
+
+def ground_slips(trace: Trace, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Steps (C,) of the object's contact points on the ground or a support, and how fast each slips, (C,) m/s."""
+    c = trace.contacts
+    rows = np.flatnonzero(supporting(trace) & (c.first == index))
     moving = point_velocity(trace, c.step[rows], c.first[rows], c.position[rows])
     along = moving - np.sum(moving * c.normal[rows], 1, keepdims=True) * c.normal[rows]
     return c.step[rows], np.linalg.norm(along, axis=1)
 
 
 def ground_contact(trace: Trace, index: int, thresholds: Thresholds) -> tuple[np.ndarray, np.ndarray]:
-    """(S,) whether the object is on the ground, hops shorter than `separation` included, and (S,) its slip, m/s.
+    """(S,) whether the object stands on something, hops shorter than `separation` included, and (S,) its slip, m/s.
 
     The slip is that of its contact points in the mean over the last half of `duration`, so that a body that chatters
     over the ground slides as one that glides does.
@@ -200,37 +254,41 @@ def ground_contact(trace: Trace, index: int, thresholds: Thresholds) -> tuple[np
     return grounded, slip
 
 
-def may_roll(trace: Trace, index: int, shape: str) -> np.ndarray | bool:
-    """Whether the object is such as rolls, (S,) for a cylinder: it does where it lies on its side."""
+def may_roll(trace: Trace, index: int, shape: str, normal: np.ndarray) -> np.ndarray | bool:
+    """Whether the object is such as rolls, (S,) for a cylinder: it does where it lies on its side.
+
+    normal: (S, 3), of what it lies on.
+    """
     if shape == "cylinder":
         axis = matrix_from_quaternion(trace.quaternion[:-1, index])[..., 2]
-        return np.abs(axis[:, 2]) < LYING
+        return np.abs(np.sum(axis * normal, 1)) < LYING
     return shape in ROUND_SHAPES
 
 
 def motion_changes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds) -> list[Event]:
     """Starts and stops of rolling and sliding on the ground; landing, take-off and tumbling are no such change."""
     events = []
-    table = regimes(trace, shapes, thresholds)
+    table, normals = regimes(trace, shapes, thresholds), support_normals(trace)
     for i in range(len(shapes)):
         for step in np.flatnonzero(np.diff(table[:, i])) + 1:
             kind = CHANGES.get((int(table[step - 1, i]), int(table[step, i])))
-            if kind is not None and _borne_out(trace, i, kind, int(step), thresholds):
+            if kind is not None and _borne_out(trace, normals, i, kind, int(step), thresholds):
                 events.append(Event(float(step / trace.rate), kind, i))
     return events
 
 
-def _borne_out(trace: Trace, index: int, kind: str, step: int, thresholds: Thresholds) -> bool:
+def _borne_out(trace: Trace, normals: np.ndarray, index: int, kind: str, step: int, thresholds: Thresholds) -> bool:
     """Whether the contacts of the `duration` before a stop, or after a start, slip or hold as the event says, and after
-    a start more or less than before it. What comes after ends where the object is hit."""
+    a start more or less than before it. What comes after ends where the object is hit. normals: (S + 1, N, 3), of what
+    objects stand on."""
     c, duration = trace.contacts, round(thresholds.duration * trace.rate)
-    hit = c.step[((c.first == index) | (c.second == index)) & (c.second != GROUND) & (c.step > step + duration // 4)]
+    hit = c.step[((c.first == index) | (c.second == index)) & (c.second >= 0) & (c.step > step + duration // 4)]
     at, slips = ground_slips(trace, index)
     before = slips[(at >= step - duration) & (at < step)]
     after = slips[(at >= step) & (at < min(step + duration, hit.min(initial=step + duration)))]
     begin = step if kind.startswith("starts") else max(step - duration, 0)
     shown = slice(begin, begin + duration)
-    along = np.linalg.norm(trace.velocity[shown, index, :2], axis=-1).mean()
+    along = speed_along(trace.velocity[shown, index], normals[shown, index]).mean()
     creep = max(thresholds.slip_speed, ROLLING_SHARE * along)
     if kind == "stops_rolling":
         return len(before) > 0 and before.mean() < 2 * creep
@@ -257,8 +315,8 @@ def _without_repeats(events: list[Event]) -> list[Event]:
     for event in events:
         verb, _, motion = event.kind.partition("_")
         if verb == "hits":
-            doing.pop(event.first, None)
-            doing.pop(-1 if event.second is None else event.second, None)
+            for index in event.objects:
+                doing.pop(index, None)
         elif verb in ("starts", "stops"):
             last = doing.get(event.first)
             if (verb == "starts" and last == motion) or (verb == "stops" and last not in (None, motion)):

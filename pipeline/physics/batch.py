@@ -1,7 +1,8 @@
 """Simulation of many scenes of one composition by `mujoco.batch`, without recompilation or a loop over scenes.
 
-A composition (the shapes in order, with or without ground) is compiled once. Each scene is a row of model fields and a
-row of the state. A test compares these fields with those that MuJoCo's compiler computes for the same scene.
+A composition (the shapes in order, with or without ground, and the fixed bodies) is compiled once. Each scene is a row
+of model fields and a row of the state. A test compares these fields with those that MuJoCo's compiler computes for the
+same scene.
 """
 
 from __future__ import annotations
@@ -9,10 +10,11 @@ from __future__ import annotations
 import functools
 import logging
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, fields, replace
 from operator import attrgetter
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -20,9 +22,18 @@ from mujoco import batch as mjbatch
 from scipy.spatial.transform import Rotation
 
 from pipeline.physics.simulate import compile_xml
-from pipeline.scene.mjcf import STEPS_PER_SECOND, camera_quaternion, scene_xml, solref, start_quaternion
+from pipeline.scene.mjcf import STEPS_PER_SECOND, camera_quaternion, pair_name, scene_xml, solref, start_quaternion
 from pipeline.scene.rotation import matrix_from_quaternion
-from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject, half_extents, size_from_half
+from pipeline.scene.scene import (
+    CONTACT_KEYS,
+    FIXED_SIZE_KEYS,
+    Camera,
+    FixedBody,
+    Scene,
+    SceneObject,
+    half_extents,
+    size_from_half,
+)
 from pipeline.scene.solid import bounding_radii, geom_sizes, unit_inertia
 
 #: Unstable candidates are reported by `States.valid`, so MuJoCo's warnings are not logged.
@@ -31,6 +42,7 @@ NO_CAMERA = Camera((0.0, -2.0, 1.0), fov=45.0, pitch=-25.0)  # used for scenes w
 #: Fields of a batch with a value for each object.
 OBJECT_FIELDS = (
     "half_size",
+    "hollow",
     "mass",
     "sliding_friction",
     "rolling_friction",
@@ -43,13 +55,27 @@ OBJECT_FIELDS = (
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
 
 
+class FixedKind(NamedTuple):
+    """What scenes of one composition share of a fixed body: its shape, and whether it has own contact numbers."""
+
+    shape: str
+    own_contact: bool
+
+
+def fixed_kinds(scene: Scene) -> tuple[FixedKind, ...]:
+    """The kinds of a scene's fixed bodies."""
+    return tuple(FixedKind(b.shape, b.has_contact_numbers) for b in scene.fixed)
+
+
 @dataclass
 class SceneBatch:
-    """B scenes of N objects of one composition, as arrays.
+    """B scenes of N objects and M fixed bodies of one composition, as arrays.
 
     Attributes:
         shapes: (N,) names.
+        fixed_kinds: (M,) shapes of the fixed bodies.
         half_size: (B, N, 3) half extents, m.
+        hollow: (B, N) inner over outer radius.
         mass: (B, N) kg.
         sliding_friction: (B, N) coefficient.
         rolling_friction: (B, N) m.
@@ -63,10 +89,16 @@ class SceneBatch:
         camera_position: (B, 3) m.
         camera_rotation: (B, 3, 3), columns right, up, back.
         fov: (B,) vertical field of view, deg.
+        fixed_half_size: (B, M, 3) half extents, m.
+        fixed_position: (B, M, 3) m.
+        fixed_quaternion: (B, M, 4).
+        fixed_contact: (B, M, 3) numbers in the order of `CONTACT_KEYS`; NaN for that of the object.
     """
 
     shapes: tuple[str, ...]
+    fixed_kinds: tuple[FixedKind, ...]
     half_size: np.ndarray
+    hollow: np.ndarray
     mass: np.ndarray
     sliding_friction: np.ndarray
     rolling_friction: np.ndarray
@@ -80,16 +112,24 @@ class SceneBatch:
     camera_position: np.ndarray
     camera_rotation: np.ndarray
     fov: np.ndarray
+    fixed_half_size: np.ndarray
+    fixed_position: np.ndarray
+    fixed_quaternion: np.ndarray
+    fixed_contact: np.ndarray
 
     def __len__(self) -> int:
         return len(self.mass)
 
+    @property
+    def has_ground(self) -> bool:
+        """Whether the scenes have a ground; all of a batch have one, or none has."""
+        return not np.isnan(self.ground[0])
+
     def repeated(self, count: int) -> SceneBatch:
         """A batch of `count` copies of the first scene."""
-        return SceneBatch(
-            self.shapes,
-            **{f.name: np.repeat(getattr(self, f.name)[:1], count, axis=0) for f in fields(self) if f.name != "shapes"},
-        )
+        arrays = [f.name for f in fields(self) if f.name not in ("shapes", "fixed_kinds")]
+        copies = {name: np.repeat(getattr(self, name)[:1], count, axis=0) for name in arrays}
+        return SceneBatch(self.shapes, self.fixed_kinds, **copies)
 
     def copy_object(self, index: int, source: SceneBatch, row: int) -> None:
         """Copy object `index` of scene `row` of `source` into the first scene."""
@@ -98,9 +138,10 @@ class SceneBatch:
 
 
 def stack_scenes(scenes: list[Scene]) -> SceneBatch:
-    """The scenes as one batch. They must have the same shapes, in order, and all or none a ground."""
-    shapes = scenes[0].shapes
+    """The scenes as one batch. They must have the same shapes and fixed bodies, in order, and all or none a ground."""
+    shapes, fixed = scenes[0].shapes, fixed_kinds(scenes[0])
     assert all(s.shapes == shapes for s in scenes), "scenes of one batch share their composition"
+    assert all(fixed_kinds(s) == fixed for s in scenes), "scenes of one batch share their kinds of fixed bodies"
     assert len({s.ground is None for s in scenes}) == 1, "scenes of one batch all have a ground, or none has"
 
     cameras = [s.camera or NO_CAMERA for s in scenes]
@@ -108,9 +149,15 @@ def stack_scenes(scenes: list[Scene]) -> SceneBatch:
     def column(key: str) -> np.ndarray:
         return np.array([[getattr(o, key) for o in s.objects] for s in scenes], float)
 
+    def fixed_rows(values: Callable[[FixedBody], Any], length: int) -> np.ndarray:
+        rows = np.array([[values(b) for b in s.fixed] for s in scenes], float)  # None becomes NaN
+        return rows.reshape(len(scenes), len(fixed), length)
+
     return SceneBatch(
         shapes=shapes,
+        fixed_kinds=fixed,
         half_size=np.array([[half_extents(o) for o in s.objects] for s in scenes], float),
+        hollow=column("hollow"),
         mass=column("mass"),
         sliding_friction=column("sliding_friction"),
         rolling_friction=column("rolling_friction"),
@@ -124,6 +171,10 @@ def stack_scenes(scenes: list[Scene]) -> SceneBatch:
         camera_position=np.array([c.position for c in cameras], float),
         camera_rotation=matrix_from_quaternion(np.array([camera_quaternion(c) for c in cameras])),
         fov=np.array([c.fov for c in cameras], float),
+        fixed_half_size=fixed_rows(half_extents, 3),
+        fixed_position=fixed_rows(attrgetter("position"), 3),
+        fixed_quaternion=fixed_rows(attrgetter("orientation"), 4),
+        fixed_contact=fixed_rows(attrgetter(*CONTACT_KEYS), 3),
     )
 
 
@@ -139,6 +190,7 @@ def unstack(batch: SceneBatch, index: int, like: Scene) -> Scene:
         replace(
             obj,
             size=size_from_half(obj.shape, batch.half_size[b, i]),
+            hollow=float(batch.hollow[b, i]),
             mass=float(batch.mass[b, i]),
             sliding_friction=float(batch.sliding_friction[b, i]),
             rolling_friction=float(batch.rolling_friction[b, i]),
@@ -150,6 +202,16 @@ def unstack(batch: SceneBatch, index: int, like: Scene) -> Scene:
         )
         for i, obj in enumerate(like.objects)
     )
+    fixed = tuple(
+        replace(
+            body,
+            size=() if body.shape == "plane" else size_from_half(body.shape, batch.fixed_half_size[b, k]),
+            position=tuple(batch.fixed_position[b, k]),
+            orientation=tuple(batch.fixed_quaternion[b, k]),
+            **_contact_numbers(batch.fixed_contact[b, k]),
+        )
+        for k, body in enumerate(like.fixed)
+    )
     camera = replace(like.camera, position=tuple(batch.camera_position[b]), fov=float(batch.fov[b]))
     if camera.pitch is not None:
         up = batch.camera_rotation[b, :, 1]
@@ -157,17 +219,32 @@ def unstack(batch: SceneBatch, index: int, like: Scene) -> Scene:
     else:
         turn = Rotation.from_matrix(batch.camera_rotation[b]).as_quat(canonical=True, scalar_first=True)
         camera = replace(camera, orientation=tuple(turn))
-    return replace(like, objects=objects, camera=camera, gravity=tuple(batch.gravity[b]))
+    return replace(like, objects=objects, camera=camera, gravity=tuple(batch.gravity[b]), fixed=fixed)
+
+
+def _contact_numbers(values: np.ndarray) -> dict[str, Any]:
+    """The contact numbers of a fixed body from a row of `SceneBatch.fixed_contact`."""
+    return {key: None if np.isnan(v) else float(v) for key, v in zip(CONTACT_KEYS, values, strict=True)}
 
 
 @functools.lru_cache(maxsize=512)
-def composition_model(shapes: tuple[str, ...], ground: bool) -> mujoco.MjModel:
-    """The compiled model of a composition, with placeholder values."""
-    objects = tuple(
-        SceneObject(s, (0.2,) * len(SIZE_KEYS[s]) if s != "capsule" else (0.1, 0.3), 1.0, position=(float(i), 0, 1))
-        for i, s in enumerate(shapes)
+def composition_model(shapes: tuple[str, ...], ground: bool, fixed: tuple[FixedKind, ...] = ()) -> mujoco.MjModel:
+    """The compiled model of a composition, with placeholder values. Geoms are in the order ground, fixed, objects."""
+    objects = tuple(SceneObject(s, _placeholder_size(s), 1.0, position=(float(i), 0, 1)) for i, s in enumerate(shapes))
+    bodies = tuple(
+        FixedBody(
+            kind.shape,
+            _placeholder_size(kind.shape),
+            position=(float(k), 2, 1),
+            damping=1.0 if kind.own_contact else None,
+        )
+        for k, kind in enumerate(fixed)
     )
-    return compile_xml(scene_xml(Scene(objects, ground=0.0 if ground else None)))
+    return compile_xml(scene_xml(Scene(objects, ground=0.0 if ground else None, fixed=bodies)))
+
+
+def _placeholder_size(shape: str) -> tuple[float, ...]:
+    return (0.1, 0.3) if shape == "capsule" else (0.2,) * len(FIXED_SIZE_KEYS[shape])
 
 
 #: Fields of a model in which scenes of one composition differ.
@@ -183,10 +260,18 @@ MODEL_FIELDS = (
     "opt.gravity",
     "bvh_aabb",
 )
+#: Further ones where there are fixed bodies.
+FIXED_MODEL_FIELDS = ("geom_quat", "pair_friction", "pair_solref")
+_UNBOUNDED = 1e10  # m, larger than any box of the compiler
+
+
+def model_fields(fixed: tuple[FixedKind, ...]) -> tuple[str, ...]:
+    """The fields of a model in which scenes with these fixed bodies differ."""
+    return MODEL_FIELDS + (FIXED_MODEL_FIELDS if fixed else ())
 
 
 def write_fields(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], scenes: SceneBatch) -> None:
-    """Write B scenes of the model's composition into arrays (B, ...), one for each of `MODEL_FIELDS`."""
+    """Write B scenes of the model's composition into arrays (B, ...), one for each of `model_fields`."""
     for i, shape in enumerate(scenes.shapes):
         name = f"{shape}_{i}"
         geom, body, half = model.geom(name).id, model.body(name).id, scenes.half_size[:, i]
@@ -198,10 +283,44 @@ def write_fields(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], scenes
         fields["geom_friction"][:, geom, 2] = scenes.rolling_friction[:, i]
         fields["geom_solref"][:, geom] = solref(scenes.damping[:, i])
         fields["body_mass"][:, body] = scenes.mass[:, i]
-        fields["body_inertia"][:, body] = scenes.mass[:, i, None] * unit_inertia(shape, half)
+        fields["body_inertia"][:, body] = scenes.mass[:, i, None] * unit_inertia(shape, half, scenes.hollow[:, i])
     fields["opt.gravity"][:] = scenes.gravity
     if not np.isnan(scenes.ground).any():
         fields["geom_pos"][:, 0, 2] = scenes.ground
+    if scenes.fixed_kinds:
+        _write_fixed(model, fields, scenes)
+
+
+def _write_fixed(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], scenes: SceneBatch) -> None:
+    """The part of `write_fields` that concerns fixed bodies."""
+    reach = np.zeros(len(scenes))
+    for k, (shape, own_contact) in enumerate(scenes.fixed_kinds):
+        geom, half, position = model.geom(f"fixed_{k}").id, scenes.fixed_half_size[:, k], scenes.fixed_position[:, k]
+        quaternion = scenes.fixed_quaternion[:, k]
+        fields["geom_size"][:, geom] = geom_sizes(shape, half)
+        fields["geom_pos"][:, geom] = position
+        fields["geom_quat"][:, geom] = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+        if shape != "plane":
+            radius = bounding_radii(shape, half)
+            fields["geom_rbound"][:, geom] = radius
+            fields["geom_aabb"][:, geom, 3:] = half
+            reach = np.maximum(reach, np.linalg.norm(position, axis=1) + radius)
+        if not own_contact:
+            continue
+        for i in range(len(scenes.shapes)):
+            pair = model.pair(pair_name(k, i)).id
+            slide, roll, damping = (
+                np.where(np.isnan(value), getattr(scenes, key)[:, i], value)
+                for key, value in zip(CONTACT_KEYS, scenes.fixed_contact[:, k].T, strict=True)
+            )
+            fields["pair_friction"][:, pair, :2] = slide[:, None]
+            fields["pair_friction"][:, pair, 3:] = roll[:, None]
+            fields["pair_solref"][:, pair] = solref(damping)
+    # Every node of the world body's tree of bounding boxes gets a box around all fixed bodies: boxes only exclude.
+    nodes = slice(model.body_bvhadr[0], model.body_bvhadr[0] + model.body_bvhnum[0])
+    fields["bvh_aabb"][:, nodes, :3] = 0.0
+    planes = scenes.has_ground or any(kind.shape == "plane" for kind in scenes.fixed_kinds)
+    fields["bvh_aabb"][:, nodes, 3:] = _UNBOUNDED if planes else reach[:, None, None]
 
 
 def initial_state(scenes: SceneBatch) -> tuple[np.ndarray, np.ndarray]:
@@ -222,9 +341,9 @@ def scene_model(scene: Scene) -> mujoco.MjModel:
     It is ten times as fast as compiling, from the second scene of a composition on.
     """
     assert not scene.effects, "a scene with effects must be compiled from its MJCF"
-    model = copy(composition_model(scene.shapes, scene.ground is not None))
     batch = stack_scenes([scene])
-    write_fields(model, {name: attrgetter(name)(model)[None] for name in MODEL_FIELDS}, batch)
+    model = copy(composition_model(batch.shapes, batch.has_ground, batch.fixed_kinds))
+    write_fields(model, {name: attrgetter(name)(model)[None] for name in model_fields(batch.fixed_kinds)}, batch)
     model.key_qpos, model.key_qvel = initial_state(batch)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
@@ -253,18 +372,21 @@ class BatchSimulator:
         ground: Whether there is a ground plane.
         size: Largest number of scenes per call.
         threads: Number of threads.
+        fixed: The kinds of the fixed bodies.
     """
 
-    def __init__(self, shapes: tuple[str, ...], ground: bool, size: int, threads: int) -> None:
-        self.shapes, self.size = shapes, size
-        self._model = composition_model(shapes, ground)
+    def __init__(
+        self, shapes: tuple[str, ...], ground: bool, size: int, threads: int, fixed: tuple[FixedKind, ...] = ()
+    ) -> None:
+        self.shapes, self.fixed, self.size = shapes, fixed, size
+        self._model = composition_model(shapes, ground, fixed)
         self._batch = mjbatch.Batch(self._model, nsim=size, nthread=threads)
-        self._fields = {name: self._batch.expand(name) for name in MODEL_FIELDS}
+        self._fields = {name: self._batch.expand(name) for name in model_fields(fixed)}
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
 
     def load(self, scenes: SceneBatch) -> None:
         """Write the scenes and their initial states into the batch."""
-        assert scenes.shapes == self.shapes
+        assert (scenes.shapes, scenes.fixed_kinds) == (self.shapes, self.fixed)
         n = len(scenes)
         assert n <= self.size
         write_fields(self._model, {name: field[:n] for name, field in self._fields.items()}, scenes)

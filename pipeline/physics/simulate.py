@@ -7,8 +7,8 @@ import numpy as np
 
 from pipeline.errors import SimulationError
 from pipeline.physics.effect_forces import ApplyForces, effect_forces
-from pipeline.physics.trace import GROUND, Contacts, Trace
-from pipeline.scene.mjcf import STEPS_PER_SECOND, scene_xml
+from pipeline.physics.trace import FIRST_FIXED, GROUND, Contacts, Trace
+from pipeline.scene.mjcf import FIXED_GROUP, STEPS_PER_SECOND, scene_xml
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import Scene
 
@@ -81,14 +81,22 @@ def _contacts(model: mujoco.MjModel, rows: list[tuple[np.ndarray, ...]]) -> Cont
         index, vector = np.zeros(0, int), np.zeros((0, 3))
         return Contacts(index, index, index, vector, vector, np.zeros(0), vector)
     step, geom, position, distance, frame, force = (np.concatenate(column) for column in zip(*rows, strict=True))
-    body = model.geom_bodyid[geom] - 1  # the world body becomes GROUND
-    assert GROUND == -1
+    body = geom_bodies(model)[geom]
     frame = frame.reshape(-1, 3, 3)  # rows: normal from geom 0 to geom 1, two tangents
     world = np.einsum("ci,cij->cj", force[:, :3], frame)  # on geom 1
-    swap = body[:, 0] == GROUND  # the ground is always second
+    swap = body[:, 0] <= GROUND  # ground and fixed bodies are always second
     first, second = np.where(swap[:, None], body[:, ::-1], body).T
     sign = np.where(swap, 1.0, -1.0)[:, None]
     return Contacts(step, first, second, position, sign * frame[:, 0], distance, sign * world)
+
+
+def geom_bodies(model: mujoco.MjModel) -> np.ndarray:
+    """(G,) the index of each geom's body as `Contacts` has it."""
+    body = model.geom_bodyid - 1  # the world body becomes GROUND
+    assert GROUND == -1
+    fixed = np.flatnonzero((body == GROUND) & (model.geom_group == FIXED_GROUP))
+    body[fixed] = FIRST_FIXED - np.arange(len(fixed))
+    return body
 
 
 def _trace(qpos: np.ndarray, qvel: np.ndarray, contacts: Contacts) -> Trace:

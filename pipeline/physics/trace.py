@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-GROUND = -1  # the body index of the ground in contacts
+#: Body index of the ground in contacts. Fixed body k of the scene has the index FIRST_FIXED - k.
+GROUND, FIRST_FIXED = -1, -2
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,8 @@ class Contacts:
     Attributes:
         step: (C,) the contact acts from `step` to `step + 1`.
         first: (C,) index of the first object.
-        second: (C,) index of the second object; `GROUND` for the ground, which is never first.
+        second: (C,) index of the second object; `GROUND` for the ground, `FIRST_FIXED` - k for fixed body k. Neither
+            is ever first.
         position: (C, 3) m, world frame.
         normal: (C, 3) unit vector from second to first.
         distance: (C,) m, negative where they overlap.

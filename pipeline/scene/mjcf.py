@@ -1,8 +1,9 @@
 """Scenes as MJCF documents, built with `dm_control.mjcf`. MuJoCo runs them without this package.
 
 A document has one body with a free joint per object, named as the object; the camera `camera`; the ground plane
-`ground`; and a keyframe `initial` with the positions and velocities of the scene. Contacts follow docs/formats.md:
-objects have priority over the ground, so their own friction and damping apply on it.
+`ground`; the fixed bodies as geoms of the world body, in geom group 1; and a keyframe `initial` with the positions and
+velocities of the scene. Contacts follow docs/formats.md: objects have priority over ground and fixed bodies, so their
+own friction and damping apply on them. A fixed body with contact numbers of its own has a contact pair for each object.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import functools
 import warnings
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,8 +23,8 @@ with warnings.catch_warnings():
 from pipeline.errors import SceneError
 from pipeline.scene.effects.text import effect_kind
 from pipeline.scene.rotation import matrix_from_quaternion, quaternion_multiply
-from pipeline.scene.scene import Camera, Scene, SceneObject, half_extents
-from pipeline.scene.solid import geom_sizes
+from pipeline.scene.scene import Camera, FixedBody, Scene, SceneObject, half_extents
+from pipeline.scene.solid import geom_sizes, principal_moments
 
 STEPS_PER_SECOND = 240
 #: Time constant of contacts, s; the damping ratio is each object's own (MuJoCo manual, "Solver parameters").
@@ -32,6 +34,8 @@ CONTACT_TIME_CONSTANT = 0.02
 LEAST_SPRING_TIME = 0.0055
 TORSIONAL_FRICTION = 0.005  # m, MuJoCo's default
 OBJECT_PRIORITY = 1
+#: Geom group of the fixed bodies, by which a model tells them from the ground and from what effects add.
+FIXED_GROUP = 1
 #: Initial tilt of cylinders, rad. Where a cylinder's axis is normal to a plane to within rounding, MuJoCo's
 #: mjc_PlaneCylinder normalises a vector of rounding errors and reports a penetration as deep as the radius.
 CYLINDER_TILT = 1e-7
@@ -87,20 +91,22 @@ def scene_mjcf(scene: Scene) -> mjcf.RootElement:
     root.option.cone = "elliptic"
     if scene.ground is not None:
         root.worldbody.add("geom", name="ground", type="plane", size=[0, 0, 1], pos=[0, 0, scene.ground], condim=6)
+    for fixed in scene.fixed:
+        root.worldbody.add(
+            "geom",
+            name=fixed.name,
+            pos=fixed.position,
+            quat=fixed.orientation,
+            condim=6,
+            group=FIXED_GROUP,
+            **_geom_shape(root, fixed),
+        )
     if scene.camera is not None:
         c = scene.camera
         root.worldbody.add("camera", name="camera", pos=c.position, quat=camera_quaternion(c), fovy=c.fov)
     for obj in scene.objects:
         body = root.worldbody.add("body", name=obj.name, pos=obj.position, quat=obj.orientation)
         body.add("freejoint", name=obj.name)
-        shape = {"type": obj.shape}
-        if obj.shape == "mesh":
-            assert obj.file is not None
-            vertices = mesh_vertices(obj.file) * obj.size[0]
-            root.asset.add("mesh", name=obj.name, vertex=vertices.ravel())
-            shape["mesh"] = obj.name
-        else:
-            shape["size"] = geom_sizes(obj.shape, half_extents(obj)[None])[0]
         body.add(
             "geom",
             name=obj.name,
@@ -109,11 +115,54 @@ def scene_mjcf(scene: Scene) -> mjcf.RootElement:
             solref=solref(np.array(obj.damping)),
             condim=6,
             priority=OBJECT_PRIORITY,
-            **shape,
+            **_geom_shape(root, obj),
         )
     root.keyframe.add("key", name="initial", qpos=initial_qpos(scene), qvel=initial_qvel(scene))
     _add_effects(root, scene)
+    for obj in scene.objects:
+        body = root.find("body", obj.name)
+        if obj.hollow and body.inertial is None:
+            body.add("inertial", pos=[0, 0, 0], mass=obj.mass, diaginertia=principal_moments(obj))
+    _add_pairs(root, scene)
     return root
+
+
+def _geom_shape(root: mjcf.RootElement, body: SceneObject | FixedBody) -> dict[str, Any]:
+    """Attributes of a geom with the shape of a body; a mesh is added to the document's assets."""
+    if body.shape != "mesh":
+        return {"type": body.shape, "size": geom_sizes(body.shape, half_extents(body)[None])[0]}
+    assert body.file is not None
+    root.asset.add("mesh", name=body.name, vertex=(mesh_vertices(body.file) * body.size[0]).ravel())
+    return {"type": "mesh", "mesh": body.name}
+
+
+def _add_pairs(root: mjcf.RootElement, scene: Scene) -> None:
+    """Add a contact pair for each object and fixed body with contact numbers of its own.
+
+    A pair has the numbers of the object's geom, as effects have left them, but for those that the fixed body has.
+    """
+    for f, fixed in enumerate(scene.fixed):
+        if not fixed.has_contact_numbers:
+            continue
+        for i, obj in enumerate(scene.objects):
+            geom = root.find("body", obj.name).geom[0]
+            slide, spin, roll = geom.friction
+            slide = slide if fixed.sliding_friction is None else fixed.sliding_friction
+            roll = roll if fixed.rolling_friction is None else fixed.rolling_friction
+            root.contact.add(
+                "pair",
+                name=pair_name(f, i),
+                geom1=fixed.name,
+                geom2=geom,
+                condim=6,
+                friction=[slide, slide, spin, roll, roll],
+                solref=geom.solref if fixed.damping is None else solref(np.array(fixed.damping)),
+            )
+
+
+def pair_name(fixed: int, index: int) -> str:
+    """Name of the contact pair of a fixed body and an object, from their indices."""
+    return f"pair_{fixed}_{index}"
 
 
 def _add_effects(root: mjcf.RootElement, scene: Scene) -> None:

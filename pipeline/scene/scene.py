@@ -1,4 +1,4 @@
-"""The scene: camera, gravity, ground, objects and effects, as immutable values.
+"""The scene: camera, gravity, ground, fixed bodies, objects and effects, as immutable values.
 
 Every number is rounded to six significant digits, the precision of the scene text. So reading a written scene gives
 an equal scene.
@@ -23,6 +23,12 @@ SIZE_KEYS: dict[str, tuple[str, ...]] = {
     "ellipsoid": ("width", "depth", "height"),
     "mesh": ("scale",),
 }
+#: Size keys of the bodies that do not move: the shapes of objects, and an unbounded plane.
+FIXED_SIZE_KEYS: dict[str, tuple[str, ...]] = {**SIZE_KEYS, "plane": ()}
+#: Shapes of objects that may be hollow.
+HOLLOW_SHAPES = ("sphere", "cylinder")
+#: The numbers of a contact.
+CONTACT_KEYS = ("sliding_friction", "rolling_friction", "damping")
 #: The three shapes of the paper. The sampler draws them and the model may answer them.
 BASIC_SHAPES = ("sphere", "cylinder", "box")
 
@@ -100,6 +106,7 @@ class SceneObject:
         orientation: Unit quaternion (w, x, y, z), from the body frame to the world frame.
         name: Filled in by `Scene` where it is empty.
         file: Mesh file, for shape `mesh` only.
+        hollow: Inner over outer radius, 0 to 1, of a spherical shell or of a pipe with open ends; 0 for a solid.
     """
 
     shape: str
@@ -114,14 +121,60 @@ class SceneObject:
     orientation: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
     name: str = ""
     file: str | None = None
+    hollow: float = 0.0
 
     def __post_init__(self) -> None:
         assert len(self.size) == len(SIZE_KEYS[self.shape]), f"{self.shape} takes {SIZE_KEYS[self.shape]}"
-        for key in ("mass", "sliding_friction", "rolling_friction", "damping"):
+        assert self.hollow == 0 or (self.shape in HOLLOW_SHAPES and 0 < self.hollow <= 1), "only spheres and pipes"
+        for key in ("mass", "sliding_friction", "rolling_friction", "damping", "hollow"):
             object.__setattr__(self, key, rounded(getattr(self, key)))
         for key in ("size", "position", "velocity", "angular_velocity"):
             object.__setattr__(self, key, rounded_vector(getattr(self, key)))
         object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
+
+
+@dataclass(frozen=True)
+class FixedBody:
+    """A body that does not move: a ramp, a wall, the edge of a table. In SI units and the world frame.
+
+    Its contacts have its own numbers where it has them, else those of the object that it touches.
+
+    Attributes:
+        shape: A key of `FIXED_SIZE_KEYS`.
+        size: Full lengths in the order of `FIXED_SIZE_KEYS[shape]`, m; a plane has none.
+        position: (3,) m; of a plane, any point on it.
+        orientation: Unit quaternion (w, x, y, z), from the body frame to the world frame; a plane's normal is its z.
+        sliding_friction: Coefficient; None for that of the object.
+        rolling_friction: m; None for that of the object.
+        damping: Damping ratio of its contacts; None for that of the object.
+        name: Filled in by `Scene` where it is empty.
+        file: Mesh file, for shape `mesh` only.
+    """
+
+    shape: str
+    size: tuple[float, ...] = ()
+    position: tuple[float, ...] = (0.0, 0.0, 0.0)
+    orientation: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
+    sliding_friction: float | None = None
+    rolling_friction: float | None = None
+    damping: float | None = None
+    name: str = ""
+    file: str | None = None
+
+    def __post_init__(self) -> None:
+        keys = FIXED_SIZE_KEYS[self.shape]
+        assert len(self.size) == len(keys), f"{self.shape} takes {keys}"
+        for key in CONTACT_KEYS:
+            if getattr(self, key) is not None:
+                object.__setattr__(self, key, rounded(getattr(self, key)))
+        for key in ("size", "position"):
+            object.__setattr__(self, key, rounded_vector(getattr(self, key)))
+        object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
+
+    @property
+    def has_contact_numbers(self) -> bool:
+        """Whether it has any contact number of its own."""
+        return any(getattr(self, key) is not None for key in CONTACT_KEYS)
 
 
 @dataclass(frozen=True)
@@ -152,6 +205,7 @@ class Scene:
         gravity: (3,) m/s².
         ground: Height of the ground plane, m; None for no ground.
         effects: Physical laws beyond those of MuJoCo.
+        fixed: Bodies that do not move, beside the ground; those without a name get one, `fixed_index`.
     """
 
     objects: tuple[SceneObject, ...]
@@ -159,12 +213,15 @@ class Scene:
     gravity: tuple[float, ...] = (0.0, 0.0, -9.81)
     ground: float | None = 0.0
     effects: tuple[Effect, ...] = field(default=())
+    fixed: tuple[FixedBody, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", rounded_vector(self.gravity))
         if self.ground is not None:
             object.__setattr__(self, "ground", rounded(self.ground))
         object.__setattr__(self, "objects", named(self.objects))
+        fixed = (b if b.name else replace(b, name=f"fixed_{i}") for i, b in enumerate(self.fixed))
+        object.__setattr__(self, "fixed", tuple(fixed))
 
     @property
     def shapes(self) -> tuple[str, ...]:
@@ -181,8 +238,8 @@ def named(objects: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
     return tuple(o if o.name else replace(o, name=f"{o.shape}_{i}") for i, o in enumerate(objects))
 
 
-def half_extents(obj: SceneObject) -> np.ndarray:
-    """Half lengths along the axes of the body frame, (3,) m. Those of a capsule include its caps."""
+def half_extents(obj: SceneObject | FixedBody) -> np.ndarray:
+    """Half lengths along the axes of the body frame, (3,) m; those of a capsule include its caps, a plane's are 0."""
     return half_from_size(obj.shape, np.array(obj.size))
 
 
@@ -194,6 +251,8 @@ def half_from_size(shape: str, size: np.ndarray) -> np.ndarray:
         return np.stack([size[..., 0], size[..., 0], size[..., 1] / 2], axis=-1)
     if shape in ("box", "ellipsoid"):
         return size / 2
+    if shape == "plane":
+        return np.zeros((*size.shape[:-1], 3))
     raise ValueError(f"{shape} has no analytic extents")
 
 

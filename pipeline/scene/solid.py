@@ -1,4 +1,4 @@
-"""Solids of uniform density: MuJoCo's geom sizes, bounding spheres, inertia and support functions."""
+"""Bodies of uniform density: MuJoCo's geom sizes, bounding spheres, inertia and support functions."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ def geom_sizes(shape: str, half: np.ndarray) -> np.ndarray:
         return np.stack([half[:, 0], half[:, 2], zero], 1)
     if shape == "capsule":
         return np.stack([half[:, 0], half[:, 2] - half[:, 0], zero], 1)
+    if shape == "plane":
+        return np.stack([zero, zero, zero + 1], 1)  # unbounded; the last is the spacing of the grid that MuJoCo draws
     return half
 
 
@@ -29,22 +31,36 @@ def bounding_radii(shape: str, half: np.ndarray) -> np.ndarray:
     return np.linalg.norm(half, axis=1)
 
 
-def unit_inertia(shape: str, half: np.ndarray) -> np.ndarray:
-    """Principal moments of inertia per unit mass, (B, 3) m², from half extents (B, 3) m."""
+def unit_inertia(shape: str, half: np.ndarray, hollow: np.ndarray) -> np.ndarray:
+    """Principal moments of inertia per unit mass, (B, 3) m², from half extents (B, 3) m.
+
+    hollow (B,): inner over outer radius of spheres and cylinders; 0 for a solid, 1 for a thin shell. A hollow cylinder
+    is a pipe with open ends.
+    """
     a, b, c = half[:, 0], half[:, 1], half[:, 2]
-    if shape in ("sphere", "ellipsoid"):
+    h = hollow
+    if shape == "sphere":  # 2/5 (R⁵ - r⁵) / (R³ - r³), divided by R - r so that a thin shell has a value
+        grown = (1 + h * (1 + h * (1 + h * (1 + h)))) / (1 + h * (1 + h))
+        return np.stack([b * b + c * c, a * a + c * c, a * a + b * b], 1) / 5 * grown[:, None]
+    if shape == "ellipsoid":
         return np.stack([b * b + c * c, a * a + c * c, a * a + b * b], 1) / 5
     if shape == "box":
         return np.stack([b * b + c * c, a * a + c * c, a * a + b * b], 1) / 3
     if shape == "cylinder":
-        across = a * a / 4 + c * c / 3
-        return np.stack([across, across, a * a / 2], 1)
+        grown = 1 + h * h
+        across = a * a / 4 * grown + c * c / 3
+        return np.stack([across, across, a * a / 2 * grown], 1)
     assert shape == "capsule"
-    h = c - a  # half length without the caps
-    cylinder, caps = 2 * h, 4 * a / 3  # volumes divided by pi a²
+    s = c - a  # half length without the caps
+    cylinder, caps = 2 * s, 4 * a / 3  # volumes divided by pi a²
     along = (cylinder * a * a / 2 + caps * 0.4 * a * a) / (cylinder + caps)
-    across = (cylinder * (a * a / 4 + h * h / 3) + caps * (0.4 * a * a + h * h + 0.75 * h * a)) / (cylinder + caps)
+    across = (cylinder * (a * a / 4 + s * s / 3) + caps * (0.4 * a * a + s * s + 0.75 * s * a)) / (cylinder + caps)
     return np.stack([across, across, along], 1)
+
+
+def principal_moments(obj: SceneObject) -> np.ndarray:
+    """Principal moments of inertia of an object about its centre, (3,) kg m²."""
+    return obj.mass * unit_inertia(obj.shape, half_extents(obj)[None], np.array([obj.hollow]))[0]
 
 
 def reach_below(obj: SceneObject) -> float:

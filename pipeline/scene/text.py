@@ -5,25 +5,19 @@ The format is described in docs/formats.md. Reading a written scene gives an equ
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from pipeline.errors import SceneError, did_you_mean
 from pipeline.scene.effects.text import effect_from_dict
-from pipeline.scene.scene import SIZE_KEYS, Camera, Effect, Scene, SceneObject
-
-Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
-Positive = Annotated[float, Field(allow_inf_nan=False, strict=True, gt=0)]
-NonNegative = Annotated[float, Field(allow_inf_nan=False, strict=True, ge=0)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
+from pipeline.scene.scene import CONTACT_KEYS, FIXED_SIZE_KEYS, SIZE_KEYS, Camera, Effect, FixedBody, Scene, SceneObject
+from pipeline.scene.schema import PLACES, SHAPE_MODELS, CameraText, FixedText, ObjectText, SceneText
 
 OBJECT_KEYS = (
     "mass",
@@ -37,116 +31,6 @@ OBJECT_KEYS = (
 )
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
-def _nonzero_quaternion(value: list[float] | None) -> list[float] | None:
-    if value is not None and math.hypot(*value) == 0:
-        raise PydanticCustomError("quaternion", "a quaternion must be non-zero; valid: w, x, y, z that are not all 0")
-    return value
-
-
-class _CameraText(_Strict):
-    position: Vector
-    pitch: Annotated[float, Field(strict=True, ge=-90, le=90)] | None = None
-    orientation: Quaternion | None = None
-    fov: Annotated[float, Field(strict=True, gt=0, lt=180)]
-
-    _check = field_validator("orientation")(_nonzero_quaternion)
-
-    @model_validator(mode="after")
-    def _one_direction(self) -> _CameraText:
-        if (self.pitch is None) == (self.orientation is None):
-            raise PydanticCustomError("direction", "give either pitch (deg) or orientation (quaternion w, x, y, z)")
-        return self
-
-
-class _GroundText(_Strict):
-    height: Number
-
-
-class _ObjectText(_Strict):
-    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")] | None = None
-    mass: Positive
-    sliding_friction: NonNegative
-    rolling_friction: NonNegative
-    damping: Positive  # MuJoCo divides by it
-    position: Vector
-    velocity: Vector
-    angular_velocity: Vector
-    orientation: Quaternion
-
-    _check = field_validator("orientation")(_nonzero_quaternion)
-
-
-class _Sphere(_ObjectText):
-    shape: Literal["sphere"]
-    radius: Positive
-
-
-class _Cylinder(_ObjectText):
-    shape: Literal["cylinder"]
-    radius: Positive
-    height: Positive
-
-
-class _Box(_ObjectText):
-    shape: Literal["box"]
-    width: Positive
-    depth: Positive
-    height: Positive
-
-
-class _Capsule(_ObjectText):
-    shape: Literal["capsule"]
-    radius: Positive
-    height: Positive
-
-    @model_validator(mode="after")
-    def _caps_fit(self) -> _Capsule:
-        if self.height <= 2 * self.radius:
-            raise PydanticCustomError("capsule", "height includes both caps; valid: more than twice the radius")
-        return self
-
-
-class _Ellipsoid(_ObjectText):
-    shape: Literal["ellipsoid"]
-    width: Positive
-    depth: Positive
-    height: Positive
-
-
-class _Mesh(_ObjectText):
-    shape: Literal["mesh"]
-    file: str
-    scale: Positive
-
-
-class _SceneText(_Strict):
-    camera: _CameraText | None = None
-    gravity: Number | Vector
-    ground: _GroundText | None = None
-    objects: list[Annotated[_Sphere | _Cylinder | _Box | _Capsule | _Ellipsoid | _Mesh, Field(discriminator="shape")]]
-    effects: list[Any] = []  # read by pipeline.scene.effects.text
-
-    @model_validator(mode="before")
-    @classmethod
-    def _absence_is_explicit(cls, data: Any) -> Any:
-        for key, form in (("camera", "{position, pitch, fov}"), ("ground", "{height: 0.0}")):
-            if isinstance(data, dict) and key not in data and data.keys() <= cls.model_fields.keys():
-                message = f"{key}: missing key; valid: {form}, or null for none"
-                raise PydanticCustomError("absence_implicit", "{message}", {"message": message})
-        return data
-
-
-_SHAPE_MODELS = {
-    m.model_fields["shape"].annotation.__args__[0]: m  # type: ignore[union-attr]
-    for m in (_Sphere, _Cylinder, _Box, _Capsule, _Ellipsoid, _Mesh)
-}
-_PLACES: dict[str, type[BaseModel]] = {"": _SceneText, "camera": _CameraText, "ground": _GroundText}
-
-
 def read_scene(text: str, source: str = "scene") -> Scene:
     """The scene that `text` describes. Raises SceneError, which names the place of the fault (`objects[1].mass`)."""
     try:
@@ -157,7 +41,7 @@ def read_scene(text: str, source: str = "scene") -> Scene:
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
         raise SceneError(f"{source}: not YAML{place}: {problem}") from None
     if not isinstance(data, dict):
-        raise SceneError(f"{source}: a mapping with the keys {', '.join(_SceneText.model_fields)} is expected")
+        raise SceneError(f"{source}: a mapping with the keys {', '.join(SceneText.model_fields)} is expected")
     return scene_from_dict(data, source)
 
 
@@ -170,22 +54,28 @@ def load_scene(path: Path | str) -> Scene:
     scene = read_scene(text, str(path))
     folder = Path(path).resolve().parent
     return replace(
-        scene, objects=tuple(o if o.file is None else replace(o, file=str(folder / o.file)) for o in scene.objects)
+        scene,
+        objects=tuple(o if o.file is None else replace(o, file=str(folder / o.file)) for o in scene.objects),
+        fixed=tuple(b if b.file is None else replace(b, file=str(folder / b.file)) for b in scene.fixed),
     )
 
 
 def scene_from_dict(data: dict[str, Any], source: str = "scene") -> Scene:
     """The scene that parsed YAML describes. Raises SceneError."""
     try:
-        parsed = _SceneText.model_validate(data)
+        parsed = SceneText.model_validate(data)
     except ValidationError as error:
         raise SceneError(f"{source}: {_sentence(error, data)}") from None
     names = [o.name or f"{o.shape}_{i}" for i, o in enumerate(parsed.objects)]
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise SceneError(f"{source}: objects[{i}].name: {name!r} is taken by objects[{names.index(name)}]")
+    places: dict[str, str] = {}
+    bodies = [(f"objects[{i}]", name) for i, name in enumerate(names)]
+    bodies += [(f"fixed[{i}]", b.name or f"fixed_{i}") for i, b in enumerate(parsed.fixed)]
+    for place, name in bodies:
+        if name in places:
+            raise SceneError(f"{source}: {place}.name: {name!r} is taken by {places[name]}")
         if name in ("world", "camera", "ground"):
-            raise SceneError(f"{source}: objects[{i}].name: {name!r} is reserved")
+            raise SceneError(f"{source}: {place}.name: {name!r} is reserved")
+        places[name] = place
     gravity = parsed.gravity if isinstance(parsed.gravity, list) else (0.0, 0.0, -parsed.gravity)
     return Scene(
         objects=tuple(_object(o) for o in parsed.objects),
@@ -193,10 +83,11 @@ def scene_from_dict(data: dict[str, Any], source: str = "scene") -> Scene:
         gravity=tuple(gravity),
         ground=parsed.ground.height if parsed.ground else None,
         effects=tuple(effect_from_dict(e, i, names, source) for i, e in enumerate(parsed.effects)),
+        fixed=tuple(_fixed_body(b) for b in parsed.fixed),
     )
 
 
-def _camera(c: _CameraText) -> Camera:
+def _camera(c: CameraText) -> Camera:
     return Camera(tuple(c.position), c.fov, c.pitch, None if c.orientation is None else tuple(c.orientation))
 
 
@@ -209,7 +100,20 @@ def _object(o: Any) -> SceneObject:
         size=tuple(getattr(o, key) for key in SIZE_KEYS[o.shape]),
         name=o.name or "",
         file=getattr(o, "file", None),
+        hollow=getattr(o, "hollow", 0.0),
         **values,
+    )
+
+
+def _fixed_body(b: Any) -> FixedBody:
+    return FixedBody(
+        shape=b.shape,
+        size=tuple(getattr(b, key) for key in FIXED_SIZE_KEYS[b.shape]),
+        position=tuple(b.position),
+        orientation=tuple(b.orientation),
+        name=b.name or "",
+        file=getattr(b, "file", None),
+        **{key: getattr(b, key) for key in CONTACT_KEYS},
     )
 
 
@@ -237,7 +141,7 @@ def _sentence(error: ValidationError, data: dict[str, Any]) -> str:
     # A misspelt key is reported first: it is also the cause of a missing one.
     first = next((f for f in faults if f["type"] in ("extra_forbidden", "invalid_key")), faults[0])
     location = list(first["loc"])
-    if location[:1] == ["objects"]:
+    if location[:1] in (["objects"], ["fixed"]):
         del location[2:3]  # the shape: pydantic's name for the member of the union
     place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in location).removeprefix(".")
     kind, shown = first["type"], f", not {_shown(first['input'])}"
@@ -246,16 +150,17 @@ def _sentence(error: ValidationError, data: dict[str, Any]) -> str:
     if kind in ("extra_forbidden", "invalid_key", "missing"):
         parent, key = location[:-1], str(location[-1])
         model = _model_at(parent, data)
-        valid = sorted(model.model_fields, key=lambda k: k in _ObjectText.model_fields)  # shape and sizes first
+        general = ObjectText.model_fields.keys() | FixedText.model_fields.keys()
+        valid = sorted(model.model_fields, key=lambda k: k in general)  # shape and sizes first
         if kind == "missing":
             needed = ", ".join(k for k in valid if model.model_fields[k].is_required())
-            return f"{place}: missing key; needed: {_CAMERA_KEYS if model is _CameraText else needed}"
-        owner = f" of a {data['objects'][parent[1]]['shape']}" if parent[:1] == ["objects"] else ""
+            return f"{place}: missing key; needed: {_CAMERA_KEYS if model is CameraText else needed}"
+        owner = f" of a {data[str(parent[0])][parent[1]]['shape']}" if parent[:1] in (["objects"], ["fixed"]) else ""
         return f"{place}: unknown key{did_you_mean(key, valid)}; valid keys{owner}: {', '.join(valid)}"
     if kind == "absence_implicit":
         return first["msg"]
     if kind in ("union_tag_invalid", "union_tag_not_found"):
-        return f"{place}.shape: unknown or missing shape; valid: {', '.join(_SHAPE_MODELS)}"
+        return f"{place}.shape: unknown or missing shape; valid: {', '.join(SHAPE_MODELS[str(location[0])])}"
     length = _LENGTHS.get(str(location[-1])) if location else None
     if length and kind in ("too_short", "too_long", "list_type"):
         return f"{place}: valid: a list of {length} numbers{shown}"
@@ -274,9 +179,9 @@ def _shown(value: Any) -> str:
 
 
 def _model_at(parent: list[Any], data: dict[str, Any]) -> type[BaseModel]:
-    if parent[:1] == ["objects"]:
-        return _SHAPE_MODELS[data["objects"][parent[1]]["shape"]]
-    return _PLACES[".".join(map(str, parent))]
+    if parent[:1] in (["objects"], ["fixed"]):
+        return SHAPE_MODELS[str(parent[0])][data[str(parent[0])][parent[1]]["shape"]]
+    return PLACES[".".join(map(str, parent))]
 
 
 def number_text(value: float) -> str:
@@ -308,6 +213,14 @@ def effect_text(effect: Effect) -> str:
     return "{" + ", ".join(parts) + "}"
 
 
+def _body_text(body: SceneObject | FixedBody, size_keys: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """The first lines of a body: its name, shape and sizes."""
+    lines = [f"- name: {_name_text(body.name)}", f"  shape: {body.shape}"]
+    if body.file is not None:
+        lines.append(f"  file: {_quoted(body.file)}")
+    return lines + [f"  {key}: {number_text(v)}" for key, v in zip(size_keys[body.shape], body.size, strict=True)]
+
+
 def write_scene(scene: Scene) -> str:
     """`scene` as canonical YAML text."""
     lines = []
@@ -321,13 +234,17 @@ def write_scene(scene: Scene) -> str:
     down = scene.gravity[0] == scene.gravity[1] == 0
     lines.append("gravity: " + (number_text(-scene.gravity[2] + 0.0) if down else _vector_text(scene.gravity)))
     lines.append("ground: " + ("null" if scene.ground is None else f"{{height: {number_text(scene.ground)}}}"))
+    if scene.fixed:
+        lines.append("fixed:")
+    for b in scene.fixed:
+        lines += _body_text(b, FIXED_SIZE_KEYS)
+        own = [f"  {key}: {number_text(v)}" for key in CONTACT_KEYS if (v := getattr(b, key)) is not None]
+        lines += [f"  position: {_vector_text(b.position)}", f"  orientation: {_vector_text(b.orientation)}", *own]
     lines.append("objects:" if scene.objects else "objects: []")
     for o in scene.objects:
-        lines.append(f"- name: {_name_text(o.name)}")
-        lines.append(f"  shape: {o.shape}")
-        if o.file is not None:
-            lines.append(f"  file: {_quoted(o.file)}")
-        lines += [f"  {key}: {number_text(v)}" for key, v in zip(SIZE_KEYS[o.shape], o.size, strict=True)]
+        lines += _body_text(o, SIZE_KEYS)
+        if o.hollow:
+            lines.append(f"  hollow: {number_text(o.hollow)}")
         for key in OBJECT_KEYS:
             value = getattr(o, key)
             lines.append(f"  {key}: {_vector_text(value) if isinstance(value, tuple) else number_text(value)}")

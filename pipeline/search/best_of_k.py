@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.physics.batch import stack_scenes
+from pipeline.physics.batch import fixed_kinds, stack_scenes
 from pipeline.scene.scene import Scene
 from pipeline.search.evaluator import INVALID_REWARD, Evaluator, Rewards
 
@@ -25,7 +25,7 @@ def rank(evaluator: Evaluator, scenes: Sequence[Scene]) -> Ranking:
     """Rank scenes of any compositions by reward, ties by index. Each composition is evaluated as one batch."""
     groups: dict[tuple, list[int]] = defaultdict(list)
     for i, scene in enumerate(scenes):
-        groups[scene.shapes, scene.ground is None].append(i)
+        groups[scene.shapes, scene.ground is None, fixed_kinds(scene)].append(i)
     columns = {name: np.full(len(scenes), np.nan) for name in ("reward", "iou", "epe_frame", "epe")}
     valid = np.zeros(len(scenes), bool)
     for members in groups.values():

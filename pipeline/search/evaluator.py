@@ -9,12 +9,12 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.metrics.overlap import assign, pair_iou, sequence_iou
-from pipeline.physics.batch import BatchSimulator, SceneBatch, States, stack_scenes
+from pipeline.physics.batch import BatchSimulator, FixedKind, SceneBatch, States, stack_scenes
 from pipeline.scene.scene import Scene
 from pipeline.search.pooled_residuals import PooledTarget, Residuals
 from pipeline.search.reward import Measured, Totals, measure_kernel
 from pipeline.search.target import REFERENCE_WIDTH, Target
-from pipeline.vision.rendering.surface import KINDS
+from pipeline.vision.rendering.surface import FIXED_KINDS, KINDS
 
 INVALID_REWARD = -100.0
 
@@ -52,7 +52,7 @@ class Evaluator:
         steps = schedule.frame_steps[schedule.pairs]  # (F, 2)
         self._steps, self._inverse = np.unique(steps, return_inverse=True)
         self._inverse = self._inverse.reshape(steps.shape)
-        self._simulators: dict[tuple[tuple[str, ...], bool, int], BatchSimulator] = {}
+        self._simulators: dict[tuple[tuple[str, ...], bool, int, tuple[FixedKind, ...]], BatchSimulator] = {}
         self._pooled_target, self._totals = PooledTarget(target), Totals.of(target)
         self.simulations = 0
         self.invalid = 0
@@ -64,9 +64,10 @@ class Evaluator:
         their flow leads.
         """
         count = len(scenes)
-        key = (scenes.shapes, not np.isnan(scenes.ground[0]), 1 << (count - 1).bit_length())
+        shapes, fixed, size = scenes.shapes, scenes.fixed_kinds, 1 << (count - 1).bit_length()
+        key = (shapes, scenes.has_ground, size, fixed)
         if key not in self._simulators:
-            self._simulators[key] = BatchSimulator(*key, self.threads)
+            self._simulators[key] = BatchSimulator(shapes, scenes.has_ground, size, self.threads, fixed)
         states = self._simulators[key].run(scenes, self._steps[: int(self._inverse[:frames].max()) + 1])
         self.simulations += count
         self.invalid += int((~states.valid).sum())
@@ -110,6 +111,10 @@ class Evaluator:
             np.ascontiguousarray(scenes.camera_rotation),
             scenes.fov,
             scenes.ground,
+            np.array([FIXED_KINDS[k.shape] for k in scenes.fixed_kinds], np.int64),
+            scenes.fixed_half_size,
+            scenes.fixed_position,
+            scenes.fixed_quaternion,
             self.target.masks[:first],
             self.target.flow[:first],
             totals.area,

@@ -16,7 +16,7 @@ from pipeline.metrics.overlap import Counts
 from pipeline.search.pooled_residuals import pool_frame
 from pipeline.search.target import Target
 from pipeline.vision.rendering.exact_flow import exact_flow_frame
-from pipeline.vision.rendering.rasteriser import fill_background, rasterise_frame
+from pipeline.vision.rendering.rasteriser import draw_fixed, fill_background, rasterise_frame
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,10 @@ def measure_kernel(
     camera_rotation: np.ndarray,
     fov: np.ndarray,
     ground: np.ndarray,
+    fixed_kinds: np.ndarray,
+    fixed_half_size: np.ndarray,
+    fixed_position: np.ndarray,
+    fixed_quaternion: np.ndarray,
     target_masks: np.ndarray,
     target_flow: np.ndarray,
     area: np.ndarray,
@@ -112,6 +116,7 @@ def measure_kernel(
 
     Args:
         kinds, half_size, camera_position, camera_rotation, fov, ground: As in `SceneBatch`.
+        fixed_kinds, fixed_half_size, fixed_position, fixed_quaternion: Likewise.
         position: (B, F, 2, N, 3) m, in each frame and in the frame to which its flow leads.
         quaternion: (B, F, 2, N, 4), likewise.
         target_masks, target_flow: As in `Target`.
@@ -126,6 +131,17 @@ def measure_kernel(
         depth = np.empty((height, width), np.float32)
         flow = np.empty((height, width, 2), np.float32)
         fill_background(camera_position[b], camera_rotation[b], fov[b], ground[b], background)
+        draw_fixed(
+            fixed_kinds,
+            fixed_half_size[b],
+            fixed_position[b],
+            fixed_quaternion[b],
+            camera_position[b],
+            camera_rotation[b],
+            fov[b],
+            mask,
+            background,
+        )
         total, front, pixels = 0.0, 0.0, 0
         for k in range(frames):
             within = rasterise_frame(

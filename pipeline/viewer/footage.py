@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.language.completion import EVENT_PHRASES
+from pipeline.language.completion import event_phrase
 from pipeline.language.events import Event
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
@@ -86,7 +86,7 @@ class Footage:
 def event_text(event: Event, scene: Scene) -> str:
     """An event in words, with the names of the objects: `sphere_0 hits box_1`."""
     names = [o.name for o in scene.objects]
-    phrase = EVENT_PHRASES[event.kind]
-    if event.second is not None:
-        return f"{names[event.first]}{phrase.removesuffix('object ')}{names[event.second]}"
-    return f"{names[event.first]}{phrase}"
+    if event.kind == "hits_object":
+        assert event.second is not None
+        return f"{names[event.first]} hits {names[event.second]}"
+    return f"{names[event.first]}{event_phrase(event, scene)}"

@@ -8,9 +8,9 @@ import numpy as np
 import rerun as rr
 from scipy.spatial import ConvexHull
 
-from pipeline.physics.trace import GROUND, Trace
+from pipeline.physics.trace import FIRST_FIXED, GROUND, Trace
 from pipeline.scene.mjcf import mesh_vertices
-from pipeline.scene.scene import SceneObject, half_extents
+from pipeline.scene.scene import FixedBody, SceneObject, half_extents
 from pipeline.viewer.footage import MotionLayer, event_text
 from pipeline.viewer.timeline import at_times, send_steps
 from pipeline.vision.rendering.appearance import object_colour
@@ -18,6 +18,8 @@ from pipeline.vision.rendering.appearance import object_colour
 ARROW_LENGTH = 0.01  # m per m/s² of acceleration by the force: the support of a ball at rest is about 10 cm long
 LONGEST_ARROW = 0.5  # m
 WIRE_RADIUS = 0.002  # m
+FIXED_COLOUR = (178, 172, 165)
+PLANE_HALF_WIDTH = 2.0  # m that is shown of a fixed plane about its position
 #: Title of each plot.
 PLOTS = {"speed": "speed, m/s", "height": "height above the ground, m"}
 
@@ -41,11 +43,21 @@ def log_bodies(recording: rr.RecordingStream, motion: MotionLayer, fps: float) -
         if motion.solid:
             path_of_centre = rr.LineStrips3D([position], colors=[(*object_colour(i), 110)], radii=WIRE_RADIUS)
             recording.log(f"world/{motion.name}/paths/{obj.name}", path_of_centre, static=True, strict=True)
+    for body in motion.scene.fixed:
+        log_fixed(recording, f"world/{motion.name}/{body.name}", body, motion.solid)
     if len(trace.contacts):
         log_contacts(recording, motion, fps)
 
 
-def shape(obj: SceneObject, rgb: tuple[int, int, int], solid: bool) -> rr.AsComponents:
+def log_fixed(recording: rr.RecordingStream, path: str, body: FixedBody, solid: bool) -> None:
+    """Log a body that does not move, at a path."""
+    w, x, y, z = body.orientation
+    recording.log(path, shape(body, FIXED_COLOUR, solid), static=True, strict=True)
+    pose = rr.Transform3D(translation=body.position, quaternion=rr.Quaternion(xyzw=(x, y, z, w)))
+    recording.log(path, pose, static=True, strict=True)
+
+
+def shape(obj: SceneObject | FixedBody, rgb: tuple[int, int, int], solid: bool) -> rr.AsComponents:
     """The shape of a body about its centre, as a primitive of rerun where there is one."""
     if obj.shape == "mesh":
         assert obj.file is not None
@@ -55,6 +67,8 @@ def shape(obj: SceneObject, rgb: tuple[int, int, int], solid: bool) -> rr.AsComp
     half = half_extents(obj)
     fill = rr.components.FillMode.Solid if solid else rr.components.FillMode.MajorWireframe
     style: dict[str, Any] = {"colors": [rgb], "fill_mode": fill, "labels": [obj.name], "show_labels": False}
+    if obj.shape == "plane":
+        return rr.Boxes3D(half_sizes=[[PLANE_HALF_WIDTH, PLANE_HALF_WIDTH, WIRE_RADIUS]], **style)
     if obj.shape == "box":
         return rr.Boxes3D(half_sizes=[half], **style)
     if obj.shape in ("sphere", "ellipsoid"):
@@ -78,11 +92,9 @@ def log_contacts(recording: rr.RecordingStream, motion: MotionLayer, fps: float)
     starts = np.concatenate([[0], np.cumsum(counts)])
     colours = np.array([object_colour(int(i)) for i in c.first], np.uint8).reshape(-1, 3)
     force = np.linalg.norm(c.force, axis=1)
-    names = [o.name for o in motion.scene.objects]
-    labels = [
-        f"{names[a]} on {'the ground' if b == GROUND else names[b]}: {f:.2g} N"
-        for a, b, f in zip(c.first, c.second, force, strict=True)
-    ]
+    names = {i: o.name for i, o in enumerate(motion.scene.objects)} | {GROUND: "the ground"}
+    names |= {FIRST_FIXED - k: b.name for k, b in enumerate(motion.scene.fixed)}
+    labels = [f"{names[a]} on {names[b]}: {f:.2g} N" for a, b, f in zip(c.first, c.second, force, strict=True)]
 
     def arrows(rows: np.ndarray) -> rr.ComponentColumnList:
         points = np.concatenate([np.arange(starts[r], starts[r + 1]) for r in rows]).astype(int)

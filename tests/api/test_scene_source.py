@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ from ruamel.yaml import YAML
 
 from pipeline.api.scene_source import edited
 from pipeline.errors import SceneError
+from pipeline.scene.scene import FixedBody
 from pipeline.scene.text import write_scene
 
 
@@ -41,6 +43,16 @@ def test_an_edit_changes_its_place_and_nothing_else() -> None:
     assert edited(scene, ["gravity=[1, 0, -3]"]).gravity == (1, 0, -3)
     assert edited(scene, ["objects[ball].position[2]=0.4"]).objects[0].position == (-0.5, 0.0, 0.4)
     assert edited(scene, ["ground=null"]).ground is None
+
+
+def test_fixed_bodies_and_hollow_ones_are_edited_too() -> None:
+    ramp = FixedBody("box", (1, 1, 0.1), (0, 0, 0.2), name="ramp")
+    scene = replace(small_clip.scene(), fixed=(ramp,))
+    icy = edited(scene, ["fixed[ramp].sliding_friction=0.01", "fixed[0].position[2]=0.3", "objects[ball].hollow=0.9"])
+    assert icy.fixed == (replace(ramp, sliding_friction=0.01, position=(0, 0, 0.3)),)
+    assert icy.objects[0].hollow == 0.9
+    wall = edited(small_clip.scene(), ["fixed=[{shape: plane, position: [1, 0, 0], orientation: [1, 0, -1, 0]}]"])
+    assert [b.shape for b in wall.fixed] == ["plane"]
 
 
 def test_edits_apply_in_order() -> None:

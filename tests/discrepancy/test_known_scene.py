@@ -45,3 +45,18 @@ def test_a_clip_may_override_a_mass() -> None:
 def test_faults_name_their_place(more: dict[str, Any], said: str) -> None:
     with pytest.raises(SceneError, match=said):
         known_scene({"objects": [BALL], **more})
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "told"),
+    [
+        ("fixed", [{"shape": "plane", "position": [0, 0, 0]}], "fixed: motion on or against fixed bodies"),
+        ("hollow", 0.9, r"objects\[0\]\.hollow: motion of hollow bodies"),
+    ],
+)
+def test_what_the_models_of_motion_lack_is_refused(key: str, value: object, told: str) -> None:
+    ball: dict[str, object] = {"name": "ball", "shape": "sphere", "radius": 0.1, "mass": 1.0}
+    data = {"objects": [ball]}
+    (ball if key == "hollow" else data)[key] = value  # type: ignore[index]
+    with pytest.raises(SceneError, match=told):
+        known_scene(data)

@@ -21,7 +21,7 @@ from pipeline.language.completion import (
     think_text,
     write_completion,
 )
-from pipeline.language.events import KINDS, Event, find_events
+from pipeline.language.events import Event, find_events
 from pipeline.language.grammar import Choice, Grammar, GrammarError, Literal, Number, spell, split
 from pipeline.language.tokenizer import build_tokenizer
 from pipeline.scene.canonical import DECIMALS
@@ -72,7 +72,7 @@ def test_random_walks_reach_all_shapes_counts_and_events(rng: np.random.Generato
 def example(rng: np.random.Generator) -> tuple[Scene, list[Event]]:
     (scene,) = draw(int(rng.integers(2**31)), [0], {2: 1.0, 3: 1.0}).scenes
     times = np.sort(rng.uniform(0, 1, 5).round(2))
-    kinds = rng.choice(list(KINDS), 5)
+    kinds = rng.choice(list(EVENT_PHRASES), 5)
     return scene, [
         Event(float(t), str(k), 0, 1 if k == "hits_object" else None) for t, k in zip(times, kinds, strict=True)
     ]

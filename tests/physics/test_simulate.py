@@ -10,8 +10,8 @@ from pipeline.physics.simulate import compile_xml, simulate, simulate_model
 from pipeline.physics.trace import GROUND, Trace
 from pipeline.scene.mjcf import scene_xml, solref
 from pipeline.scene.rotation import matrix_from_quaternion
-from pipeline.scene.scene import Scene, SceneObject, half_extents
-from pipeline.scene.solid import unit_inertia
+from pipeline.scene.scene import Scene, SceneObject
+from pipeline.scene.solid import principal_moments
 
 FREE = {"gravity": (0.0, 0.0, 0.0), "ground": None}
 
@@ -28,7 +28,7 @@ def energy(scene: Scene, trace: Trace) -> np.ndarray:
     """Kinetic and potential energy at each step, J."""
     total = np.zeros(len(trace.position))
     for i, obj in enumerate(scene.objects):
-        moments = obj.mass * unit_inertia(obj.shape, half_extents(obj)[None])[0]
+        moments = principal_moments(obj)
         spin = np.einsum("tji,tj->ti", matrix_from_quaternion(trace.quaternion[:, i]), trace.angular_velocity[:, i])
         total += 0.5 * obj.mass * (trace.velocity[:, i] ** 2).sum(1) + 0.5 * (moments * spin**2).sum(1)
         total -= obj.mass * trace.position[:, i] @ np.array(scene.gravity)
@@ -85,7 +85,7 @@ def test_momentum_is_conserved_in_a_collision_in_the_air(rng: np.random.Generato
     angular = np.einsum("n,tnk->tk", mass, np.cross(trace.position, trace.velocity))
     for i, obj in enumerate(scene.objects):
         turn = matrix_from_quaternion(trace.quaternion[:, i])
-        inertia = turn * (obj.mass * unit_inertia(obj.shape, half_extents(obj)[None])[0]) @ turn.swapaxes(1, 2)
+        inertia = turn * principal_moments(obj) @ turn.swapaxes(1, 2)
         angular += np.einsum("tij,tj->ti", inertia, trace.angular_velocity[:, i])
     np.testing.assert_allclose(
         angular, np.tile(angular[0], (241, 1)), atol=0.02

@@ -5,7 +5,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject
+from pipeline.scene.scene import FIXED_SIZE_KEYS, HOLLOW_SHAPES, SIZE_KEYS, Camera, FixedBody, Scene, SceneObject
 
 finite = st.floats(-1e6, 1e6)
 positive = st.floats(1e-6, 1e6)
@@ -20,14 +20,31 @@ names = (names | st.sampled_from(["null", "true", "False"])).filter(lambda n: n 
 @st.composite
 def objects(draw: st.DrawFn, name: str) -> SceneObject:
     shape = draw(st.sampled_from(list(SIZE_KEYS)))
-    size = tuple(draw(positive) for _ in SIZE_KEYS[shape])
-    if shape == "capsule":
-        size = (size[0], 2.1 * size[0] + size[1])
+    size = draw(sizes(shape))
     values: dict[str, Any] = {key: draw(positive) for key in ("mass", "damping")}
     values |= {key: abs(draw(finite)) for key in ("sliding_friction", "rolling_friction")}
     values |= {key: draw(vectors) for key in ("position", "velocity", "angular_velocity")}
-    file = draw(st.text(min_size=1, max_size=8)) if shape == "mesh" else None
-    return SceneObject(shape, size, name=name, file=file, orientation=draw(quaternions), **values)
+    values["hollow"] = draw(st.floats(0, 1)) if shape in HOLLOW_SHAPES else 0.0
+    return SceneObject(shape, size, name=name, file=draw(files(shape)), orientation=draw(quaternions), **values)
+
+
+@st.composite
+def fixed_bodies(draw: st.DrawFn, name: str) -> FixedBody:
+    shape = draw(st.sampled_from(list(FIXED_SIZE_KEYS)))
+    own = {"sliding_friction": draw(st.none() | finite.map(abs)), "rolling_friction": draw(st.none() | finite.map(abs))}
+    own["damping"] = draw(st.none() | positive)
+    pose = (draw(vectors), draw(quaternions))
+    return FixedBody(shape, draw(sizes(shape)), *pose, name=name, file=draw(files(shape)), **own)
+
+
+@st.composite
+def sizes(draw: st.DrawFn, shape: str) -> tuple[float, ...]:
+    size = tuple(draw(positive) for _ in FIXED_SIZE_KEYS[shape])
+    return (size[0], 2.1 * size[0] + size[1]) if shape == "capsule" else size
+
+
+def files(shape: str) -> st.SearchStrategy[str | None]:
+    return st.text(min_size=1, max_size=8) if shape == "mesh" else st.none()
 
 
 @st.composite
@@ -40,7 +57,9 @@ def cameras(draw: st.DrawFn) -> Camera:
 
 @st.composite
 def scenes(draw: st.DrawFn) -> Scene:
-    named = draw(st.lists(names, max_size=4, unique=True))
+    named = draw(st.lists(names, max_size=5, unique=True))
+    moving = draw(st.integers(0, len(named)))
     gravity = draw(vectors | finite.map(lambda g: (0.0, 0.0, g)))
     camera, ground = draw(st.none() | cameras()), draw(st.none() | finite)
-    return Scene(tuple(draw(objects(n)) for n in named), camera, gravity, ground)
+    fixed = tuple(draw(fixed_bodies(n)) for n in named[moving:])
+    return Scene(tuple(draw(objects(n)) for n in named[:moving]), camera, gravity, ground, fixed=fixed)

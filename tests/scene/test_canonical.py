@@ -32,7 +32,7 @@ def random_object(rng: np.random.Generator, shape: str) -> SceneObject:
 
 def inertia_world(obj: SceneObject) -> np.ndarray:
     turn = matrix_from_quaternion(np.array(obj.orientation))
-    return turn @ np.diag(unit_inertia(obj.shape, half_extents(obj)[None])[0]) @ turn.T
+    return turn @ np.diag(unit_inertia(obj.shape, half_extents(obj)[None], np.array([obj.hollow]))[0]) @ turn.T
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -8,7 +8,7 @@ from pipeline.physics.simulate import compile_xml
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.rotation import matrix_from_quaternion, rotate
 from pipeline.scene.scene import SIZE_KEYS, Scene, SceneObject, half_extents
-from pipeline.scene.solid import bounding_radii, geom_sizes, reach_below, unit_inertia
+from pipeline.scene.solid import bounding_radii, geom_sizes, principal_moments, reach_below, unit_inertia
 
 SHAPES = [s for s in SIZE_KEYS if s != "mesh"]
 
@@ -45,9 +45,39 @@ def test_inertia_and_sizes_are_those_of_mujocos_compiler(rng: np.random.Generato
     half = half_extents(obj)[None]
     principal = matrix_from_quaternion(model.body_iquat[1])
     inertia = principal @ np.diag(model.body_inertia[1]) @ principal.T
-    np.testing.assert_allclose(np.diag(obj.mass * unit_inertia(shape, half)[0]), inertia, atol=1e-12)
+    np.testing.assert_allclose(np.diag(obj.mass * unit_inertia(shape, half, np.zeros(1))[0]), inertia, atol=1e-12)
     np.testing.assert_allclose(geom_sizes(shape, half)[0], model.geom_size[0], rtol=1e-12)
     np.testing.assert_allclose(bounding_radii(shape, half)[0], model.geom_rbound[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("shape", ["sphere", "cylinder"])
+def test_a_hollow_body_has_the_inertia_of_the_whole_less_its_hole(rng: np.random.Generator, shape: str) -> None:
+    hollow = rng.uniform(0.1, 0.99)
+    half = rng.uniform(0.1, 0.5, (1, 3))
+    half[:, 1] = half[:, 0]
+    if shape == "sphere":
+        half[:, 2] = half[:, 0]
+    hole = half * [hollow, hollow, hollow if shape == "sphere" else 1.0]
+    share = hollow**3 if shape == "sphere" else hollow**2  # of the volume
+    solid = np.zeros(1)
+    difference = unit_inertia(shape, half, solid) - share * unit_inertia(shape, hole, solid)
+    found = unit_inertia(shape, half, np.array([hollow]))
+    np.testing.assert_allclose(found, difference / (1 - share), rtol=1e-9)
+
+
+def test_thin_shells_have_the_inertia_of_the_textbook() -> None:
+    half, thin = np.array([[0.2, 0.2, 0.2]]), np.ones(1)
+    assert unit_inertia("sphere", half, thin)[0] == pytest.approx([2 / 3 * 0.04] * 3)
+    assert unit_inertia("cylinder", half, thin)[0, 2] == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("shape", ["sphere", "cylinder"])
+def test_a_hollow_body_has_its_inertia_in_mjcf(rng: np.random.Generator, shape: str) -> None:
+    obj = replace(random_object(rng, shape), hollow=0.8)
+    model = compile_xml(scene_xml(Scene((obj,), ground=None)))
+    np.testing.assert_allclose(model.body_inertia[1], principal_moments(obj), rtol=1e-9)
+    np.testing.assert_allclose(model.body_mass[1], obj.mass)
+    assert "inertial" not in scene_xml(Scene((replace(obj, hollow=0.0),)))
 
 
 @pytest.mark.parametrize("shape", SHAPES)

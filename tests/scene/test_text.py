@@ -42,6 +42,22 @@ objects:
   orientation: [2, 0, 0, -2]
 effects: []
 """
+FIXED = """\
+fixed:
+- name: ramp
+  shape: box
+  width: 1.5
+  depth: 0.5
+  height: 0.05
+  position: [0, 0, 0.4]
+  orientation: [0.98, 0, 0.2, 0]
+  sliding_friction: 0.3
+- shape: plane
+  position: [2, 0, 0]
+  orientation: [1, 0, -1, 0]
+- {shape: cylinder, radius: 0.1, height: 1, position: [0, 1, 0.5]}
+"""
+WITH_FIXED = GOOD.replace("objects:", FIXED + "objects:")
 
 
 @QUICK
@@ -98,6 +114,53 @@ def test_quaternions_of_any_non_zero_length_are_accepted(quaternion: str) -> Non
     assert scene.objects[0].orientation == (1.0, 0.0, 0.0, 0.0)
 
 
+def test_fixed_bodies_read_as_they_are_written() -> None:
+    scene = read_scene(WITH_FIXED)
+    ramp, wall, pole = scene.fixed
+    assert (ramp.name, ramp.size, ramp.sliding_friction, ramp.damping) == ("ramp", (1.5, 0.5, 0.05), 0.3, None)
+    assert (wall.name, wall.size) == ("fixed_1", ())
+    assert wall.orientation == (0.707107, 0.0, -0.707107, 0.0)
+    assert (pole.name, pole.orientation) == ("fixed_2", (1.0, 0.0, 0.0, 0.0))
+    assert read_scene(write_scene(scene)) == scene
+    assert read_scene(GOOD).fixed == ()
+    assert "fixed" not in write_scene(read_scene(GOOD))
+
+
+def test_hollow_is_written_where_it_is_not_zero() -> None:
+    scene = read_scene(GOOD.replace("radius: 0.12", "radius: 0.12\n  hollow: 0.95"))
+    assert scene.objects[0].hollow == 0.95
+    assert "  hollow: 0.95\n" in write_scene(scene)
+    assert "hollow" not in write_scene(read_scene(GOOD))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("radius: 0.1,", "radius: -1,", r"fixed\[2\]\.radius: must be greater than 0, not -1"),
+        ("radius: 0.1,", "", r"fixed\[2\]\.radius: missing key; needed: shape, radius, height, position$"),
+        ("  position: [2, 0, 0]\n", "", r"fixed\[1\]\.position: missing key; needed: shape, position$"),
+        (
+            "shape: plane",
+            "shape: plane\n  width: 2",
+            r"fixed\[1\]\.width: unknown key.*of a plane: shape, name, position",
+        ),
+        ("shape: plane", "shape: plane\n  mass: 2", r"fixed\[1\]\.mass: unknown key"),
+        ("shape: plane", "shape: cone", r"fixed\[1\]\.shape: unknown or missing shape; valid: .*mesh, plane"),
+        ("sliding_friction: 0.3", "sliding_friction: -1", r"fixed\[0\]\.sliding_friction: must be at least 0, not -1"),
+        ("[1, 0, -1, 0]", "[0, 0, 0, 0]", r"fixed\[1\]\.orientation: a quaternion must be non-zero"),
+        ("name: ramp", "name: crate", r"fixed\[0\]\.name: 'crate' is taken by objects\[1\]"),
+        ("name: ramp", "name: fixed_1", r"fixed\[1\]\.name: 'fixed_1' is taken by fixed\[0\]"),
+        ("name: ramp", "name: ground", r"fixed\[0\]\.name: 'ground' is reserved"),
+        ("radius: 0.12", "radius: 0.12\n  hollow: 1.2", r"objects\[0\]\.hollow: must be at most 1, not 1\.2"),
+        ("  depth: 0.2", "  depth: 0.2\n  hollow: 0.2", r"objects\[1\]\.hollow: unknown key"),
+    ],
+)
+def test_a_fault_of_a_fixed_or_hollow_body_is_told_by_its_place(old: str, new: str, told: str) -> None:
+    assert WITH_FIXED.count(old) == 1
+    with pytest.raises(SceneError, match="^scene: " + told):
+        read_scene(WITH_FIXED.replace(old, new))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
@@ -120,7 +183,7 @@ def test_quaternions_of_any_non_zero_length_are_accepted(quaternion: str) -> Non
         ("ground: {height: 0.0}\n", "", r"ground: missing key; valid: \{height: 0\.0\}, or null for none"),
         ("height: 0.0", "hight: 0.0", r"ground\.hight: unknown key \(did you mean 'height'\?\)"),
         (", fov: 42.0", "", r"camera\.fov: missing key; needed: position, pitch \(or orientation\), fov"),
-        ("effects: []", "3: 4", r"\[3\]: unknown key; valid keys: camera, gravity, ground, objects, effects"),
+        ("effects: []", "3: 4", r"\[3\]: unknown key; valid keys: camera, gravity, ground, fixed, objects, effects"),
         ("  mass: 1\n", "  mass: 1\n  mass: 2\n", "not YAML at line 21: found duplicate key"),
         # numbers
         ("mass: 0.50", "mass: -1", r"objects\[0\]\.mass: must be greater than 0, not -1"),
@@ -189,7 +252,9 @@ def test_a_fault_is_told_by_its_place_and_what_is_valid(old: str, new: str, told
 
 @pytest.mark.parametrize("text", ["", "3", "- 1", "just words", "camera"])
 def test_what_is_no_mapping_is_told_which_keys_a_scene_has(text: str) -> None:
-    with pytest.raises(SceneError, match="mapping with the keys camera, gravity, ground, objects, effects is expected"):
+    with pytest.raises(
+        SceneError, match="mapping with the keys camera, gravity, ground, fixed, objects, effects is expected"
+    ):
         read_scene(text)
 
 

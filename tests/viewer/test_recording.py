@@ -12,10 +12,10 @@ from rerun.chunk import RrdReader
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import frame_masks, pair_view, trace_pairs
 from pipeline.errors import OutputError
-from pipeline.language.events import Event
+from pipeline.language.events import DEFAULT_THRESHOLDS, Event, find_events
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
-from pipeline.scene.scene import SIZE_KEYS, Camera, Scene, SceneObject
+from pipeline.scene.scene import SIZE_KEYS, Camera, FixedBody, Scene, SceneObject
 from pipeline.viewer.footage import Footage, MotionLayer, Pictures, event_text
 from pipeline.viewer.motion import LONGEST_ARROW, contact_arrows, shape
 from pipeline.viewer.recording import save
@@ -149,6 +149,23 @@ def test_every_shape_can_be_drawn(name: str, solid: bool, tmp_path: Path) -> Non
     size = (0.1, 0.4) if name == "capsule" else (0.3,) * len(SIZE_KEYS[name])
     body = SceneObject(name, size, 1.0, name="body", file=str(mesh) if name == "mesh" else None)
     assert len(list(shape(body, (1, 2, 3), solid).as_component_batches())) > 0
+
+
+def test_fixed_bodies_stand_in_the_scene_and_events_name_them(tmp_path: Path) -> None:
+    ramp = FixedBody("box", (1.0, 0.5, 0.1), (0.0, 0.0, 0.2), (0.98, 0.0, 0.2, 0.0), name="ramp")
+    wall = FixedBody("plane", (), (2.0, 0.0, 0.0), (1.0, 0.0, -1.0, 0.0), name="wall")
+    scene = Scene((SceneObject("sphere", (0.1,), 1.0, position=(0, 0, 0.8), name="ball"),), fixed=(ramp, wall))
+    trace = simulate(scene)
+    areas = np.full((SCHEDULE.frames, 1), 1000.0)
+    found = find_events(trace, scene.shapes, areas, SCHEDULE.frame_steps, DEFAULT_THRESHOLDS)
+    assert event_text(found[0], scene) == "ball hits ramp"
+    save(Footage("scene", "", (MotionLayer("scene", scene, trace, True, tuple(found)),)), tmp_path / "a.rrd")
+    (drawn,) = (r for r in rows(tmp_path / "a.rrd", "world/scene/ramp", static=True) if "Boxes3D:half_sizes" in r)
+    assert drawn["Boxes3D:half_sizes"] == [pytest.approx([0.5, 0.25, 0.05])]
+    assert rows(tmp_path / "a.rrd", "world/scene/wall", static=True)
+    assert rows(tmp_path / "a.rrd", "events/scene")[0]["TextLog:text"] == ["ball hits ramp"]
+    labels = {t for r in rows(tmp_path / "a.rrd", "world/scene/contacts") for t in r["Arrows3D:labels"] or []}
+    assert any(t.startswith("ball on ramp: ") for t in labels)
 
 
 def test_a_recording_that_cannot_be_written_leaves_nothing(footage: Footage, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from pipeline.scene.scene import SIZE_KEYS, SceneObject, half_extents
+from pipeline.scene.scene import FIXED_SIZE_KEYS, SIZE_KEYS, FixedBody, SceneObject, half_extents
 from pipeline.vision.rendering.camera import Pinhole, focal_px
 from pipeline.vision.rendering.surface import KINDS
 
@@ -14,13 +14,14 @@ WIDTH, HEIGHT = 120, 80
 
 @dataclass(frozen=True)
 class View:
-    """Objects with poses position (N, 3), quaternion (N, 4), a camera, and a ground at z = 0 or none."""
+    """Objects with poses position (N, 3), quaternion (N, 4), a camera, a ground at z = 0 or none, and fixed bodies."""
 
     objects: tuple[SceneObject, ...]
     position: np.ndarray
     quaternion: np.ndarray
     camera: Pinhole
     ground: float | None = 0.0
+    fixed: tuple[FixedBody, ...] = ()
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
@@ -52,6 +53,14 @@ def random_view(rng: np.random.Generator, shape: str | None = None, near: bool =
     return View(objects, position, unit(rng.normal(size=(count, 4))), camera, 0.0 if rng.random() < 0.8 else None)
 
 
+def random_fixed(rng: np.random.Generator, shape: str | None = None) -> FixedBody:
+    shape = shape or str(rng.choice([s for s in FIXED_SIZE_KEYS if s != "mesh"]))
+    size = rng.uniform(0.1, 1.0, len(FIXED_SIZE_KEYS[shape]))
+    if shape == "capsule":
+        size[1] += 2 * size[0]
+    return FixedBody(shape, tuple(size), tuple(rng.uniform(-0.8, 0.8, 3)), tuple(rng.normal(size=4)))
+
+
 def pixel_rays(camera: Pinhole) -> np.ndarray:
     """Directions (H, W, 3), world, of planar depth one."""
     focal = focal_px(camera.fov_y_deg, HEIGHT)
@@ -61,9 +70,10 @@ def pixel_rays(camera: Pinhole) -> np.ndarray:
     return local @ camera.rotation_world.T
 
 
-def geom_xml(obj: SceneObject, position: np.ndarray, quaternion: np.ndarray) -> str:
+def geom_xml(obj: SceneObject | FixedBody, position: np.ndarray, quaternion: np.ndarray) -> str:
     half = half_extents(obj).tolist()
     size = {
+        "plane": [0.0, 0.0, 1.0],
         "sphere": half[:1],
         "cylinder": [half[0], half[2]],
         "capsule": [half[0], half[2] - half[0]],
@@ -78,6 +88,7 @@ def mujoco_sees(view: View) -> tuple[np.ndarray, np.ndarray]:
     """Mask (H, W) and planar depth (H, W) as `mj_multiRay` gives them."""
     plane = '<geom type="plane" size="0 0 1"/>' if view.ground is not None else ""
     geoms = "".join(map(geom_xml, view.objects, view.position, view.quaternion))
+    geoms += "".join(geom_xml(b, np.array(b.position), np.array(b.orientation)) for b in view.fixed)
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{geoms}{plane}</worldbody></mujoco>")
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

@@ -1,15 +1,17 @@
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_scene import HEIGHT, WIDTH, View, mujoco_sees, pixel_rays, random_camera, random_view, unit
+from random_scene import HEIGHT, WIDTH, View, mujoco_sees, pixel_rays, random_camera, random_fixed, random_view, unit
 
 from pipeline.errors import SceneError
+from pipeline.scene.mjcf import camera_quaternion
 from pipeline.scene.rotation import quaternion_multiply, rotate
-from pipeline.scene.scene import Camera, SceneObject
+from pipeline.scene.scene import FIXED_SIZE_KEYS, Camera, SceneObject
 from pipeline.vision.rendering.camera import Pinhole, pinhole, project
-from pipeline.vision.rendering.rasteriser import Rendering, rasterise, rasterise_frames
+from pipeline.vision.rendering.rasteriser import Rendering, background_depth, rasterise, rasterise_frames
 from pipeline.vision.rendering.surface import KINDS, shape_arrays
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -18,7 +20,7 @@ LEVEL = Pinhole(np.array([0.0, -2.0, 0.5]), pinhole(Camera((0, -2, 0.5), 45, pit
 
 def see(view: View) -> Rendering:
     poses = (view.position[None], view.quaternion[None])
-    return rasterise(view.objects, *poses, view.camera, WIDTH, HEIGHT, view.ground)
+    return rasterise(view.objects, *poses, view.camera, WIDTH, HEIGHT, view.ground, view.fixed)
 
 
 def assert_agrees_with_mujoco(draw: Callable[[], View], scenes: int) -> None:
@@ -45,6 +47,59 @@ def test_masks_and_depths_of_each_shape_are_those_of_mujocos_rays(rng: np.random
 
 def test_masks_among_the_objects_are_those_of_mujocos_rays(rng: np.random.Generator) -> None:
     assert_agrees_with_mujoco(lambda: random_view(rng, near=True), scenes=8)
+
+
+@pytest.mark.parametrize("shape", [s for s in FIXED_SIZE_KEYS if s != "mesh"])
+def test_fixed_bodies_hide_what_is_behind_them_as_mujocos_rays_say(rng: np.random.Generator, shape: str) -> None:
+    def draw() -> View:
+        fixed = (random_fixed(rng, shape), random_fixed(rng))
+        return replace(random_view(rng, near=rng.random() < 0.25), fixed=fixed)
+
+    assert_agrees_with_mujoco(draw, scenes=4)
+
+
+def far_view(rng: np.random.Generator) -> View:
+    """A camera 20 to 60 m away with a small field of view."""
+    view = random_view(rng)
+    distance = rng.uniform(20, 60)
+    camera = replace(random_camera(rng, view.position[0], distance), fov_y_deg=float(rng.uniform(2, 5)))
+    back = unit(camera.position_world - view.position[0])
+    right = unit(np.cross(rng.normal(size=3), back))
+    aimed = replace(camera, rotation_world=np.stack([right, np.cross(back, right), back], axis=1))
+    return replace(view, camera=aimed, fixed=(random_fixed(rng),))
+
+
+def low_view(rng: np.random.Generator) -> View:
+    """A camera that rolls, near the ground or below it, and looks almost along it."""
+    view = random_view(rng)
+    heading, height = rng.uniform(-np.pi, np.pi), rng.uniform(-0.3, 0.1)
+    eye = np.array([2 * np.cos(heading), 2 * np.sin(heading), height])
+    back, roll = unit(eye + np.array([0, 0, rng.uniform(-0.3, 0.3)])), rng.normal(size=3)
+    right = unit(np.cross(roll, back))
+    camera = Pinhole(eye, np.stack([right, np.cross(back, right), back], axis=1), float(rng.uniform(30, 80)))
+    return replace(view, camera=camera, fixed=(random_fixed(rng),))
+
+
+def top_view(rng: np.random.Generator) -> View:
+    """A camera that looks straight down, with any roll."""
+    view = random_view(rng)
+    roll = rng.uniform(-np.pi, np.pi)
+    turn = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
+    camera = Pinhole(np.array([*view.position[0, :2], rng.uniform(2, 4)]), turn, float(rng.uniform(30, 70)))
+    return replace(view, camera=camera, fixed=(random_fixed(rng),))
+
+
+@pytest.mark.parametrize("pose", [far_view, low_view, top_view])
+def test_masks_of_unusual_cameras_are_those_of_mujocos_rays(
+    rng: np.random.Generator, pose: Callable[[np.random.Generator], View]
+) -> None:
+    assert_agrees_with_mujoco(lambda: pose(rng), scenes=6)
+
+
+def test_the_two_descriptions_of_a_camera_that_looks_down_agree() -> None:
+    down, turned = Camera((0, 0, 2), 40, pitch=-90), Camera((0, 0, 2), 40, orientation=(1, 0, 0, 0))
+    np.testing.assert_allclose(pinhole(down).rotation_world, pinhole(turned).rotation_world, atol=1e-12)
+    np.testing.assert_allclose(camera_quaternion(down), camera_quaternion(turned), atol=1e-12)
 
 
 @pytest.mark.slow
@@ -147,9 +202,10 @@ def test_each_frame_is_what_it_is_alone_whatever_was_in_the_buffers(rng: np.rand
     depth = np.full((1, HEIGHT, WIDTH), 0.01, dtype=np.float32)
     camera = first.camera
     eye, rotation = camera.position_world, np.ascontiguousarray(camera.rotation_world)
+    behind = background_depth(camera, WIDTH, HEIGHT, 0.0, ())
     for k in range(4):
         poses = (positions[k : k + 1], quaternions[k : k + 1])
-        rasterise_frames(*shape_arrays(first.objects), *poses, eye, rotation, camera.fov_y_deg, 0.0, mask, depth)
+        rasterise_frames(*shape_arrays(first.objects), *poses, eye, rotation, camera.fov_y_deg, behind, mask, depth)
         np.testing.assert_array_equal(mask[0], together.mask[k])
         np.testing.assert_array_equal(depth[0], together.depth[k])
 

@@ -40,11 +40,21 @@ class KnownScene:
         scene: The scene as stated.
         fit: The parameters that are estimated, of `FITTABLE`.
         by_clip: Scenes of the clips that override something.
+
+    Raises SceneError for fixed bodies and hollow objects, whose motion is not modelled.
     """
 
     scene: Scene
     fit: tuple[str, ...] = FITTED
     by_clip: Mapping[str, Scene] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for scene in (self.scene, *self.by_clip.values()):
+            if scene.fixed:
+                raise SceneError("fixed: motion on or against fixed bodies cannot be explained; valid: ground alone")
+            for i, obj in enumerate(scene.objects):
+                if obj.hollow:
+                    raise SceneError(f"objects[{i}].hollow: motion of hollow bodies cannot be explained; valid: 0")
 
     def of_clip(self, clip: str) -> Scene:
         """The scene with the overrides of a clip."""

@@ -93,6 +93,7 @@ class Appearance:
         lights: All lights.
         ambient: Intensity of the ambient light.
         haze: Distance over which the floor fades into the backdrop, m.
+        fixed: Materials, one for each fixed body, in the order of the scene.
     """
 
     materials: tuple[Material, ...]
@@ -101,6 +102,7 @@ class Appearance:
     lights: tuple[Light, ...]
     ambient: float = 0.35
     haze: float = 12.0
+    fixed: tuple[Material, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,17 @@ class Sensor:
     blur: float = 0.0
     gamma: float = 1.0
     brightness: float = 1.0
+
+
+def clear_view(appearance: Appearance, eye: Sequence[float], positions: np.ndarray) -> Appearance:
+    """The appearance with haze that begins behind the objects, however far they are.
+
+    eye: (3,) m, the camera. positions: (F, N, 3) m.
+    """
+    if not positions.size:
+        return appearance
+    distance = float(np.linalg.norm(positions.reshape(-1, 3) - np.asarray(eye), axis=1).max())
+    return replace(appearance, haze=max(appearance.haze, 2 * distance))
 
 
 #: Object colours of the plain appearance, with well separated hues.
@@ -139,15 +152,19 @@ def object_colour(index: int) -> tuple[int, int, int]:
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
-def plain_appearance(n_objects: int) -> Appearance:
-    """The default appearance: a checkerboard floor, checkered objects in the colours of `PALETTE`, one light."""
+def plain_appearance(n_objects: int, n_fixed: int = 0) -> Appearance:
+    """The default appearance: a checkerboard floor, checkered objects in the colours of `PALETTE`, one light.
+
+    Fixed bodies are grey and checkered.
+    """
     materials = tuple(
         Material(colour, tuple(0.55 * c for c in colour), "checker", 0.12, seed=i)  # type: ignore[arg-type]
         for i, colour in enumerate(PALETTE[i % len(PALETTE)] for i in range(n_objects))
     )
     floor = Material((0.62, 0.63, 0.65), (0.47, 0.48, 0.51), "checker", 0.4, specular=0.0)
     light = Light((0.75, 0.75, 0.72), towards=_unit((-0.35, -0.45, 1.0)), radius=0.05)
-    return Appearance(materials, floor, Backdrop(), (light,))
+    fixed = tuple(Material((0.71, 0.69, 0.66), (0.6, 0.58, 0.55), "checker", 0.2, seed=i) for i in range(n_fixed))
+    return Appearance(materials, floor, Backdrop(), (light,), fixed=fixed)
 
 
 def sample_appearance(
@@ -164,6 +181,7 @@ def sample_appearance(
     texture_scale: tuple[float, float] = (0.05, 0.16),
     floor_scale: tuple[float, float] = (0.1, 0.7),
     ambient: tuple[float, float] = (0.25, 0.5),
+    n_fixed: int = 0,
 ) -> Appearance:
     """A random appearance.
 
@@ -180,6 +198,7 @@ def sample_appearance(
         texture_scale: Range of the size of features, m, log-uniform.
         floor_scale: Range of the size of the floor's features, m, log-uniform.
         ambient: Range of the ambient light.
+        n_fixed: Number of fixed bodies, which have textures and scales like the floor's.
 
     Raises:
         ValueError: A kind is unknown, or all weights are zero.
@@ -219,6 +238,7 @@ def sample_appearance(
         tuple(lights),
         ambient=around,
         haze=float(rng.uniform(8.0, 20.0)),
+        fixed=tuple(_floor_material(rng, floor_textures, floor_scale) for _ in range(n_fixed)),
     )
 
 

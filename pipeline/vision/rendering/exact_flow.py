@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.compiled import kernel
-from pipeline.scene.scene import SceneObject
+from pipeline.scene.scene import FixedBody, SceneObject
 from pipeline.vision.rendering.camera import Pinhole
 from pipeline.vision.rendering.rasteriser import Rendering, camera_frame, rasterise
 
@@ -90,6 +90,7 @@ def exact_flow(
     height: int,
     ground: float | None = 0.0,
     rendering: Rendering | None = None,
+    fixed: Sequence[FixedBody] = (),
 ) -> np.ndarray:
     """Flow float32 (F - 1, H, W, 2), px, between consecutive frames.
 
@@ -101,13 +102,14 @@ def exact_flow(
         width: Width of the image, px.
         height: Height of the image, px.
         ground: Height of the ground plane, m; None for no ground.
-        rendering: `rasterise` of the same frames, if the caller has it.
+        rendering: `rasterise` of the same frames, if the caller has it; ground and fixed bodies are then not read.
+        fixed: Bodies that do not move.
 
     Raises:
-        SceneError: An object is a mesh.
+        SceneError: A body is a mesh.
     """
     if rendering is None:
-        rendering = rasterise(objects, positions, quaternions, camera, width, height, ground)
+        rendering = rasterise(objects, positions, quaternions, camera, width, height, ground, fixed)
     positions = np.ascontiguousarray(positions, dtype=np.float64)
     quaternions = np.ascontiguousarray(quaternions, dtype=np.float64)
     eye = np.ascontiguousarray(camera.position_world, dtype=np.float64)

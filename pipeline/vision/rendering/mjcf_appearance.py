@@ -14,6 +14,7 @@ from dm_control import mjcf
 from PIL import Image
 
 from pipeline.compiled import kernel
+from pipeline.scene.mjcf import FIXED_GROUP
 from pipeline.vision.rendering.appearance import Appearance, Backdrop, Colour, Material
 from pipeline.vision.rendering.shading_tables import sky_colour
 from pipeline.vision.rendering.surface import CAPSULE, KINDS, intersect
@@ -31,6 +32,7 @@ _FACES = (
 )
 _FLOOR_TILE_M = 8.0  # period of the floor texture
 _SHADOW_MAP = 1024
+_FIXED_TEXTURE = 4  # side of the texture of a fixed body, over that of an object: ramps and walls are large
 _EXTENT_M = 4.0  # width of the shadow map of a directional light
 
 
@@ -48,7 +50,8 @@ def add_appearance(
     Compile the document with `root.get_assets()`: the textures are files in memory.
 
     Args:
-        root: The document; it is changed. Its bodies take the materials in order; its plane is named `ground`.
+        root: The document; it is changed. Its bodies and its fixed bodies take their materials in order; its plane is
+            named `ground`.
         appearance: What to add.
         width: Width of the pictures, px.
         height: Height of the pictures, px.
@@ -87,19 +90,30 @@ def add_appearance(
             castshadow=shadows,
         )
     _add_cube(root, "sky", _sky_faces(appearance.backdrop, 128), type="skybox")
-    geoms = [body.geom[0] for body in root.worldbody.body]
-    assert len(geoms) == len(appearance.materials), "an appearance has one material for each object"
-    for i, (geom, material) in enumerate(zip(geoms, appearance.materials, strict=True)):
+    moving = [body.geom[0] for body in root.worldbody.body]
+    fixed = [geom for geom in root.worldbody.geom if geom.group == FIXED_GROUP]
+    assert len(moving) == len(appearance.materials), "an appearance has one material for each object"
+    assert len(fixed) == len(appearance.fixed), "an appearance has one material for each fixed body"
+    materials = (*appearance.materials, *appearance.fixed)
+    for i, (geom, material) in enumerate(zip([*moving, *fixed], materials, strict=True)):
         name = f"material_{i}"
-        _add_cube(root, name, _object_faces(geom, material, object_texture_px), type="cube")
+        if geom.type == "plane":
+            _add_floor(root, geom, name, material, floor_texture_px)
+            continue
+        side = object_texture_px * (1 if i < len(moving) else _FIXED_TEXTURE)
+        _add_cube(root, name, _object_faces(geom, material, side), type="cube")
         _add_material(root, name, material, texuniform=False)
         geom.material = name
     ground = root.find("geom", "ground")
     if ground is not None:
-        picture = _floor_picture(appearance.floor, floor_texture_px)
-        root.asset.add("texture", name="floor", type="2d", file=_png(picture))
-        _add_material(root, "floor", appearance.floor, texuniform=True, texrepeat=[2 / _FLOOR_TILE_M] * 2)
-        ground.material = "floor"
+        _add_floor(root, ground, "floor", appearance.floor, floor_texture_px)
+
+
+def _add_floor(root: mjcf.RootElement, plane: Any, name: str, material: Material, size: int) -> None:
+    """Give a plane the texture of a material; size: its side, px."""
+    root.asset.add("texture", name=name, type="2d", file=_png(_floor_picture(material, size)))
+    _add_material(root, name, material, texuniform=True, texrepeat=[2 / _FLOOR_TILE_M] * 2)
+    plane.material = name
 
 
 def _add_material(root: mjcf.RootElement, name: str, material: Material, **keys: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import copy
 import functools
 import importlib
 from typing import Any
@@ -11,10 +12,13 @@ import mujoco
 import numpy as np
 
 from pipeline.scene.mjcf import scene_mjcf
+from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import Scene
-from pipeline.vision.rendering.appearance import Appearance
+from pipeline.vision.rendering.appearance import Appearance, clear_view
 from pipeline.vision.rendering.mjcf_appearance import add_appearance
 from pipeline.vision.rendering.render_backend import gl_platform
+
+_HIDDEN_GROUP = 5  # a geom group that MuJoCo does not draw by default
 
 
 def render_mujoco(
@@ -27,7 +31,9 @@ def render_mujoco(
     shadows: bool = True,
 ) -> np.ndarray:
     """Pictures uint8 (F, H, W, 3) from the camera of a scene; arguments as `render.render_rgb`."""
+    assert scene.camera is not None
     root = scene_mjcf(scene)
+    appearance = clear_view(appearance, scene.camera.position, positions)
     add_appearance(root, appearance, width, height, shadows)
     model = mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
     with Canvas(model, width, height) as canvas:
@@ -38,7 +44,7 @@ def render_mujoco(
 
 
 class Canvas:
-    """MuJoCo's offscreen renderer for one model with a free body per object, in order, and the camera `camera`.
+    """MuJoCo's offscreen renderer for one model with a free body per object, in order, and the fixed camera `camera`.
 
     It differs from `mujoco.Renderer` in that one OpenGL context serves the whole process: the first picture in a new
     context takes 0.15 s on a CPU. Use it as a context manager. The offscreen buffer of the model must hold width x
@@ -46,7 +52,8 @@ class Canvas:
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
-        self.model, self.data = model, mujoco.MjData(model)
+        self.model = _without_planes_behind(model)
+        self.data = mujoco.MjData(self.model)
         self.scene = mujoco.MjvScene(model, maxgeom=1000)
         self._option, self._eye = mujoco.MjvOption(), mujoco.MjvCamera()
         self._eye.type = mujoco.mjtCamera.mjCAMERA_FIXED
@@ -88,6 +95,18 @@ class Canvas:
         segment = colour @ np.array([1, 256, 65536])  # 0: background, else index in the scene + 1
         geoms = np.array([g.objid for g in self.scene.geoms[: self.scene.ngeom]], dtype=np.int64)
         return self._body[np.append(-1, geoms)[segment]]
+
+
+def _without_planes_behind(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The model without the planes that its camera sees from below, where MuJoCo draws them half transparent."""
+    eye = model.cam_pos[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, "camera")]
+    planes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
+    normals = matrix_from_quaternion(model.geom_quat[planes])[:, :, 2]
+    behind = planes[np.sum((eye - model.geom_pos[planes]) * normals, 1) < 0]
+    if len(behind):
+        model = copy.copy(model)
+        model.geom_group[behind] = _HIDDEN_GROUP
+    return model
 
 
 @functools.cache

@@ -1,8 +1,9 @@
 """Instance masks and planar depth of moving analytic shapes, by ray casting. The inner loop of the searches.
 
 One ray is cast through the centre of each pixel. Rays are (x, y, -1) in the camera frame, so the ray parameter of a
-hit is its planar depth. For each object only the pixels in the bounding rectangle of its projection are visited. The
-result agrees with `mj_multiRay` (tests/vision/test_rasteriser.py).
+hit is its planar depth. For each object only the pixels in the bounding rectangle of its projection are visited. What
+does not move, ground and fixed bodies, is drawn once, as the background of all frames. The result agrees with
+`mj_multiRay` (tests/vision/test_rasteriser.py).
 """
 
 from __future__ import annotations
@@ -15,9 +16,18 @@ import numpy as np
 
 from pipeline.compiled import kernel
 from pipeline.scene.rotation import fill_matrix
-from pipeline.scene.scene import SceneObject
+from pipeline.scene.scene import FixedBody, SceneObject
 from pipeline.vision.rendering.camera import Pinhole
-from pipeline.vision.rendering.surface import BOX, CAPSULE, CYLINDER, SPHERE, intersect, shape_arrays
+from pipeline.vision.rendering.surface import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    PLANE,
+    SPHERE,
+    fixed_arrays,
+    intersect,
+    shape_arrays,
+)
 
 _NOTHING, _RECTANGLE, _EVERYTHING = range(3)
 _MARGIN_PX = 1e-3  # tolerance for rounding errors of the rectangle
@@ -28,8 +38,8 @@ class Rendering:
     """Masks and depths of F frames.
 
     Attributes:
-        mask: uint8 (F, H, W): i + 1 where object i is nearest, 0 for the ground and the background.
-        depth: float32 (F, H, W): planar depth of objects and ground, m; inf for the background.
+        mask: uint8 (F, H, W): i + 1 where object i is nearest, 0 for ground, fixed bodies and background.
+        depth: float32 (F, H, W): planar depth of objects, ground and fixed bodies, m; inf for the background.
     """
 
     mask: np.ndarray
@@ -72,6 +82,8 @@ def bounds(kind: int, half: np.ndarray, view: np.ndarray) -> tuple[int, float, f
     corners of a box, the two discs of a cylinder, the two spheres of a capsule. An ellipsoid with centre c and
     covariance Q is bounded by its tangent planes through the camera, (c_x - u c_z)² = Q_xx - 2 u Q_xz + u² Q_zz.
     """
+    if kind == PLANE:
+        return _EVERYTHING, 0.0, 0.0, 0.0, 0.0
     pieces, reach = 1, 0.0
     if kind == BOX:
         pieces = 8
@@ -203,7 +215,8 @@ def rasterise_frame(
         camera_position: (3,) m.
         camera_rotation: (3, 3), columns right, up, back.
         fov_y_deg: Vertical field of view.
-        background: float32 (H, W), from `fill_background`; it depends on the camera and the ground only.
+        background: float32 (H, W), from `fill_background` and `draw_fixed`; it depends on camera, ground and fixed
+            bodies only.
         mask: uint8 (H, W), output.
         depth: float32 (H, W), output, m.
 
@@ -243,6 +256,62 @@ def rasterise_frame(
 
 
 @kernel
+def draw_fixed(
+    kinds: np.ndarray,
+    half_sizes: np.ndarray,
+    position: np.ndarray,
+    quaternion: np.ndarray,
+    camera_position: np.ndarray,
+    camera_rotation: np.ndarray,
+    fov_y_deg: float,
+    scratch: np.ndarray,
+    depth: np.ndarray,
+) -> None:
+    """Draw fixed bodies into the depth (H, W) of `fill_background`.
+
+    Args:
+        kinds: int64 (M,), codes of `surface.FIXED_KINDS`.
+        half_sizes: (M, 3) m.
+        position: (M, 3) m.
+        quaternion: (M, 4).
+        camera_position: (3,) m.
+        camera_rotation: (3, 3), columns right, up, back.
+        fov_y_deg: Vertical field of view.
+        scratch: uint8 (H, W), work space.
+        depth: float32 (H, W), changed, m.
+    """
+    if len(kinds):
+        rasterise_frame(
+            kinds, half_sizes, position, quaternion, camera_position, camera_rotation, fov_y_deg, depth, scratch, depth
+        )
+
+
+def background_depth(
+    camera: Pinhole, width: int, height: int, ground: float | None, fixed: Sequence[FixedBody]
+) -> np.ndarray:
+    """Planar depth float32 (H, W) m of what does not move; inf where there is nothing.
+
+    Args:
+        camera: The camera.
+        width: Width of the image, px.
+        height: Height of the image, px.
+        ground: Height of the ground plane, m; None for no ground.
+        fixed: Bodies that do not move.
+
+    Raises:
+        SceneError: A fixed body is a mesh.
+    """
+    depth = np.empty((height, width), dtype=np.float32)
+    scratch = np.empty((height, width), dtype=np.uint8)
+    eye = np.ascontiguousarray(camera.position_world, dtype=np.float64)
+    rotation = np.ascontiguousarray(camera.rotation_world, dtype=np.float64)
+    fov = float(camera.fov_y_deg)
+    fill_background(eye, rotation, fov, math.nan if ground is None else float(ground), depth)
+    draw_fixed(*fixed_arrays(fixed), eye, rotation, fov, scratch, depth)
+    return depth
+
+
+@kernel
 def rasterise_frames(
     kinds: np.ndarray,
     half_sizes: np.ndarray,
@@ -251,16 +320,11 @@ def rasterise_frames(
     camera_position: np.ndarray,
     camera_rotation: np.ndarray,
     fov_y_deg: float,
-    ground: float,
+    background: np.ndarray,
     mask: np.ndarray,
     depth: np.ndarray,
 ) -> None:
-    """`rasterise_frame` for F frames of one camera: position (F, N, 3), quaternion (F, N, 4), mask, depth (F, H, W).
-
-    ground: height, m, or nan for none.
-    """
-    background = np.empty(mask.shape[1:], dtype=np.float32)
-    fill_background(camera_position, camera_rotation, fov_y_deg, ground, background)
+    """`rasterise_frame` for F frames of one camera: position (F, N, 3), quaternion (F, N, 4), mask, depth (F, H, W)."""
     for frame in range(mask.shape[0]):
         rasterise_frame(
             kinds,
@@ -284,6 +348,7 @@ def rasterise(
     width: int,
     height: int,
     ground: float | None = 0.0,
+    fixed: Sequence[FixedBody] = (),
 ) -> Rendering:
     """Masks and depths of F frames.
 
@@ -295,9 +360,10 @@ def rasterise(
         width: Width of the image, px.
         height: Height of the image, px.
         ground: Height of the ground plane, m; None for no ground.
+        fixed: Bodies that do not move; they hide what is behind them.
 
     Raises:
-        SceneError: An object is a mesh.
+        SceneError: A body is a mesh.
     """
     assert len(objects) < 256, "a uint8 mask holds at most 255 objects"
     kinds, half_sizes = shape_arrays(objects)
@@ -310,8 +376,8 @@ def rasterise(
     depth = np.empty((frames, height, width), dtype=np.float32)
     eye = np.ascontiguousarray(camera.position_world, dtype=np.float64)
     rotation = np.ascontiguousarray(camera.rotation_world, dtype=np.float64)
-    plane = math.nan if ground is None else float(ground)
+    background = background_depth(camera, width, height, ground, fixed)
     rasterise_frames(
-        kinds, half_sizes, positions, quaternions, eye, rotation, float(camera.fov_y_deg), plane, mask, depth
+        kinds, half_sizes, positions, quaternions, eye, rotation, float(camera.fov_y_deg), background, mask, depth
     )
     return Rendering(mask, depth)

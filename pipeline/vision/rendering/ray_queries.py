@@ -115,11 +115,14 @@ def visible_share(body: np.ndarray, light: np.ndarray, k: int, skip: int, px: fl
 
 @inlined_kernel
 def ambient_occlusion(
-    body: np.ndarray, skip: int, px: float, py: float, pz: float, nx: float, ny: float, nz: float
+    body: np.ndarray, moving: int, skip: int, px: float, py: float, pz: float, nx: float, ny: float, nz: float
 ) -> float:
-    """Share of the ambient light that other bodies, approximated by spheres, leave at point p with normal n."""
+    """Share of the ambient light that other bodies, approximated by spheres, leave at point p with normal n.
+
+    Only the first `moving` bodies count: a long ramp or a wall is no sphere.
+    """
     open_share = 1.0
-    for i in range(body.shape[0]):
+    for i in range(moving):
         if i == skip:
             continue
         radius = (body[i, HALF] + body[i, HALF + 1] + body[i, HALF + 2]) / 3.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.errors import SceneError
 from pipeline.scene.scene import Scene
-from pipeline.vision.rendering.appearance import Appearance
+from pipeline.vision.rendering.appearance import Appearance, clear_view
 from pipeline.vision.rendering.camera import pinhole
 from pipeline.vision.rendering.mujoco_render import render_mujoco
 from pipeline.vision.rendering.shade import shade
@@ -26,7 +26,19 @@ def render_raycast(
     """Pictures uint8 (F, H, W, 3) by the ray caster; arguments as `render_rgb`. Raises SceneError for a mesh."""
     assert scene.camera is not None
     camera = pinhole(scene.camera)
-    return shade(scene.objects, positions, quaternions, camera, appearance, width, height, scene.ground, shadows)
+    appearance = clear_view(appearance, scene.camera.position, positions)
+    return shade(
+        scene.objects,
+        positions,
+        quaternions,
+        camera,
+        appearance,
+        width,
+        height,
+        scene.ground,
+        shadows,
+        fixed=scene.fixed,
+    )
 
 
 RENDERERS: dict[str, Callable[..., np.ndarray]] = {"mujoco": render_mujoco, "raycast": render_raycast}

@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.compiled import inlined_kernel, kernel
 from pipeline.scene.rotation import matrix_from_quaternion
-from pipeline.scene.scene import SceneObject
+from pipeline.scene.scene import FixedBody, SceneObject
 from pipeline.scene.solid import bounding_radii
 from pipeline.vision.rendering.appearance import Appearance
 from pipeline.vision.rendering.camera import Pinhole, focal_px
@@ -31,6 +31,7 @@ from pipeline.vision.rendering.shading_tables import (
     KIND,
     LIGHT,
     MIRROR,
+    MOVING,
     NEAR,
     RADIUS,
     RGB,
@@ -46,7 +47,7 @@ from pipeline.vision.rendering.shading_tables import (
     sky,
     store,
 )
-from pipeline.vision.rendering.surface import normal, shape_arrays
+from pipeline.vision.rendering.surface import fixed_arrays, normal, shape_arrays
 from pipeline.vision.rendering.texture import texture
 
 #: Contrast between neighbouring pixels above which a pixel gets four rays: of 255, and in visible lights.
@@ -108,7 +109,7 @@ def _surface(
 
     around = world[AMBIENT] * (0.75 + 0.25 * nz)
     if shadows:
-        around *= ambient_occlusion(body, i, px, py, pz, nx, ny, nz)
+        around *= ambient_occlusion(body, int(world[MOVING]), i, px, py, pz, nx, ny, nz)
     lit = 0.0
     sum_r, sum_g, sum_b = around * red, around * green, around * blue
     for k in range(light.shape[0]):
@@ -310,6 +311,7 @@ def shade(
     ground: float | None = 0.0,
     shadows: bool = True,
     antialias: bool = True,
+    fixed: Sequence[FixedBody] = (),
 ) -> np.ndarray:
     """Shaded pictures uint8 (F, H, W, 3) of F frames.
 
@@ -318,21 +320,31 @@ def shade(
         positions: (F, N, 3) m.
         quaternions: (F, N, 4) wxyz.
         camera: The camera.
-        appearance: Materials of the objects, floor, backdrop and lights.
+        appearance: Materials of the objects, the fixed bodies and the floor, backdrop and lights.
         width: Width of the picture, px.
         height: Height of the picture, px.
         ground: Height of the floor, m; None for no floor.
         shadows: Whether lights cast shadows.
         antialias: Whether pixels with high contrast get four rays.
+        fixed: Bodies that do not move.
 
     Raises:
-        SceneError: An object is a mesh.
+        SceneError: A body is a mesh.
     """
     assert len(appearance.materials) == len(objects), "an appearance has one material for each object"
-    kinds, half_sizes = shape_arrays(objects)
-    radius = np.array([bounding_radii(o.shape, half_sizes[[i]])[0] for i, o in enumerate(objects)])
-    positions = np.ascontiguousarray(positions, dtype=np.float64)
-    quaternions = np.ascontiguousarray(quaternions, dtype=np.float64)
+    assert len(appearance.fixed) == len(fixed), "an appearance has one material for each fixed body"
+    fixed_codes, fixed_halves, fixed_positions, fixed_quaternions = fixed_arrays(fixed)
+    codes, halves = shape_arrays(objects)
+    kinds, half_sizes = np.concatenate([codes, fixed_codes]), np.concatenate([halves, fixed_halves])
+    bodies: list[SceneObject | FixedBody] = [*objects, *fixed]
+    assert len(bodies) < 256, "a uint8 mask holds at most 255 bodies"
+    radius = np.array(
+        [np.inf if b.shape == "plane" else bounding_radii(b.shape, half_sizes[[i]])[0] for i, b in enumerate(bodies)]
+    )
+    positions, quaternions = (
+        np.concatenate([moving, np.broadcast_to(still, (len(moving), *still.shape))], axis=1, dtype=np.float64)
+        for moving, still in ((positions, fixed_positions), (quaternions, fixed_quaternions))
+    )
     eye = np.ascontiguousarray(camera.position_world, dtype=np.float64)
     rotation = np.ascontiguousarray(camera.rotation_world, dtype=np.float64)
     fov = float(camera.fov_y_deg)
@@ -345,9 +357,9 @@ def shade(
     depth = np.empty((height, width), dtype=np.float32)
     background = np.empty((height, width), dtype=np.float32)
     fill_background(eye, rotation, fov, plane, background)
-    body = np.empty((len(objects), 17))
+    body = np.empty((len(bodies), 17))
     body[:, KIND], body[:, HALF:CENTRE], body[:, RADIUS] = kinds, half_sizes, radius
-    rotations = matrix_from_quaternion(quaternions).reshape(len(positions), len(objects), 9)
+    rotations = matrix_from_quaternion(quaternions).reshape(len(positions), len(bodies), 9)
     for k in range(len(positions)):
         rasterise_frame(kinds, half_sizes, positions[k], quaternions[k], eye, rotation, fov, background, mask, depth)
         body[:, CENTRE:AXES], body[:, AXES:RADIUS] = positions[k], rotations[k]

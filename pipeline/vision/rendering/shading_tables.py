@@ -17,18 +17,19 @@ from pipeline.vision.rendering.texture import TEXTURES, value_noise
 
 RGB = tuple[float, float, float]
 
-#: Columns of body (N, 17). AXES: the rotation matrix, row by row. RADIUS: of the bounding sphere.
+#: Columns of body (N + M, 17): objects, then fixed bodies. AXES: the rotation matrix, row by row. RADIUS: of the
+#: bounding sphere.
 KIND, HALF, CENTRE, AXES, RADIUS = 0, 1, 4, 7, 16
-#: Columns of material (N + 1, 12).
+#: Columns of material (N + M + 1, 12): objects, fixed bodies, floor.
 TEXTURE, SEED, SCALE, SPECULAR, SHININESS, MIRROR, COLOUR, SECOND = 0, 1, 2, 3, 4, 5, 6, 9
 #: Columns of light (L, 8). TOWARDS: direction or position; NEAR: 1 for a position; DISC: radius of its disc.
 TOWARDS, LIGHT, DISC, NEAR = 0, 3, 6, 7
-#: Entries of world (12,).
-GROUND, AMBIENT, HAZE, SHADOWS, CLOUDS, SKY_SEED, HORIZON, ZENITH = 0, 1, 2, 3, 4, 5, 6, 9
+#: Entries of world (13,). MOVING: number of objects, N.
+GROUND, AMBIENT, HAZE, SHADOWS, CLOUDS, SKY_SEED, HORIZON, ZENITH, MOVING = 0, 1, 2, 3, 4, 5, 6, 9, 12
 
 
 class ShadingTables(NamedTuple):
-    """An `Appearance` as tables: material (N + 1, 12), the floor last; light (L, 8); world (12,)."""
+    """An `Appearance` as tables: material (N + M + 1, 12), the floor last; light (L, 8); world (13,)."""
 
     material: np.ndarray
     light: np.ndarray
@@ -39,11 +40,12 @@ def shading_tables(appearance: Appearance, ground: float, shadows: bool) -> Shad
     """The tables of an appearance. ground: height, m, or nan for none. shadows: whether lights cast shadows."""
     material = [
         (TEXTURES[m.texture], m.seed, m.scale, m.specular, m.shininess, m.mirror, *m.colour, *m.second_colour)
-        for m in (*appearance.materials, appearance.floor)
+        for m in (*appearance.materials, *appearance.fixed, appearance.floor)
     ]
     light = [(*(x.towards or x.position or ()), *x.colour, x.radius, x.towards is None) for x in appearance.lights]
     back = appearance.backdrop
-    world = (ground, appearance.ambient, appearance.haze, shadows, back.clouds, back.seed, *back.horizon, *back.zenith)
+    sky_values = (back.clouds, back.seed, *back.horizon, *back.zenith)
+    world = (ground, appearance.ambient, appearance.haze, shadows, *sky_values, len(appearance.materials))
     return ShadingTables(
         np.array(material, dtype=np.float64),
         np.array(light, dtype=np.float64).reshape(-1, 8),

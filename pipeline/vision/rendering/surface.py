@@ -1,7 +1,7 @@
-"""Ray intersections and normals of the five analytic shapes.
+"""Ray intersections and normals of the five analytic shapes, and of the plane.
 
 Everything is in the body frame, in m. Half extents (hx, hy, hz) are those of `scene.half_extents`; a capsule's include
-its caps. The axis of cylinders and capsules is z.
+its caps. The axis of cylinders and capsules is z. A plane is z = 0 and, as in MuJoCo, seen from above only.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 
 from pipeline.compiled import kernel
 from pipeline.errors import SceneError
-from pipeline.scene.scene import SIZE_KEYS, SceneObject, half_extents
+from pipeline.scene.scene import SIZE_KEYS, FixedBody, SceneObject, half_extents
 
-SPHERE, CYLINDER, BOX, CAPSULE, ELLIPSOID = range(5)
+SPHERE, CYLINDER, BOX, CAPSULE, ELLIPSOID, PLANE = range(6)
 #: Code of each shape that has an analytic surface: its position in `SIZE_KEYS`.
 KINDS: dict[str, int] = {shape: code for code, shape in enumerate(SIZE_KEYS) if code <= ELLIPSOID}
 assert [KINDS[s] for s in ("sphere", "cylinder", "box", "capsule", "ellipsoid")] == list(range(5))
@@ -23,13 +23,34 @@ assert [KINDS[s] for s in ("sphere", "cylinder", "box", "capsule", "ellipsoid")]
 _TINY = 1e-14
 
 
+#: Code of each shape that a fixed body may have.
+FIXED_KINDS: dict[str, int] = {**KINDS, "plane": PLANE}
+
+
 def shape_arrays(objects: Sequence[SceneObject]) -> tuple[np.ndarray, np.ndarray]:
     """Codes int64 (N,) and half extents float64 (N, 3) m of objects. Raises SceneError where an object is a mesh."""
-    for i, obj in enumerate(objects):
-        if obj.shape not in KINDS:
-            raise SceneError(f"objects[{i}].shape: {obj.shape} has no analytic surface; {', '.join(KINDS)} have")
-    half_sizes = np.array([half_extents(o) for o in objects], dtype=np.float64).reshape(len(objects), 3)
-    return np.array([KINDS[o.shape] for o in objects], dtype=np.int64), half_sizes
+    return _arrays(objects, KINDS, "objects")
+
+
+def fixed_arrays(fixed: Sequence[FixedBody]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Codes int64 (M,), half extents (M, 3) m, positions (M, 3) m and quaternions (M, 4) of fixed bodies.
+
+    Raises SceneError where one is a mesh.
+    """
+    position = np.array([b.position for b in fixed], dtype=np.float64).reshape(len(fixed), 3)
+    quaternion = np.array([b.orientation for b in fixed], dtype=np.float64).reshape(len(fixed), 4)
+    return (*_arrays(fixed, FIXED_KINDS, "fixed"), position, quaternion)
+
+
+def _arrays(
+    bodies: Sequence[SceneObject | FixedBody], kinds: dict[str, int], key: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Codes and half extents; key: of the bodies in the scene's text, for the error message."""
+    for i, body in enumerate(bodies):
+        if body.shape not in kinds:
+            raise SceneError(f"{key}[{i}].shape: {body.shape} has no analytic surface; {', '.join(kinds)} have")
+    half_sizes = np.array([half_extents(b) for b in bodies], dtype=np.float64).reshape(len(bodies), 3)
+    return np.array([kinds[b.shape] for b in bodies], dtype=np.int64), half_sizes
 
 
 @kernel
@@ -116,6 +137,8 @@ def intersect(
         enter, leave = _quadratic(
             dx * dx + dy * dy + dz * dz, ox * dx + oy * dy + oz * dz, ox * ox + oy * oy + oz * oz - 1.0
         )
+    elif kind == PLANE and oz >= 0.0 and dz < -_TINY:
+        enter = leave = -oz / dz
     if not (enter <= leave and leave >= 0.0):
         return np.inf
     return enter if enter >= 0.0 else leave
@@ -140,5 +163,7 @@ def normal(kind: int, hx: float, hy: float, hz: float, px: float, py: float, pz:
         nz = pz - min(max(pz, -length), length)
     elif kind == ELLIPSOID:
         nx, ny, nz = px / (hx * hx), py / (hy * hy), pz / (hz * hz)
+    elif kind == PLANE:
+        return 0.0, 0.0, 1.0
     scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
     return nx * scale, ny * scale, nz * scale

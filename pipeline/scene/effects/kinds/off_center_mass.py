@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.scene.effects.discovery_rules import DiscoveryRules, Need
 from pipeline.scene.effects.hiding import Hiding, Setting
 from pipeline.scene.effects.kind import EffectKind, Parameter, Regime, Values
-from pipeline.scene.scene import Scene, half_extents
+from pipeline.scene.scene import Scene
 
 
 def mass_offset(values: Values) -> np.ndarray:
@@ -18,13 +18,12 @@ def mass_offset(values: Values) -> np.ndarray:
 
 
 def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str, ...]) -> None:
-    from pipeline.scene.solid import unit_inertia
+    from pipeline.scene.solid import principal_moments
 
     for obj in scene.objects:
         if obj.name in objects:
-            inertia = obj.mass * unit_inertia(obj.shape, half_extents(obj)[None])[0]
             body = root.find("body", obj.name)
-            body.add("inertial", pos=values["offset"], mass=obj.mass, diaginertia=inertia)
+            body.add("inertial", pos=values["offset"], mass=obj.mass, diaginertia=principal_moments(obj))
 
 
 def hidden_values(s: float, at: Setting) -> dict[str, Any]:
