@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -11,6 +12,7 @@ from pipeline.motion.arcs import Arc, cut_arcs
 from pipeline.motion.image_track import ImageTrack, image_tracks
 from pipeline.motion.upright import camera_roll
 from pipeline.motion.view import View, find_view
+from pipeline.planar.bounces import changes_between, meeting_time
 from pipeline.planar.fit import PlanarFit, fit_planar
 from pipeline.planar.parameters import planar_parameters
 from pipeline.planar.planar_scene import planar_scene
@@ -160,12 +162,22 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAns
         start = replace(start, objects=tuple(_half_hollow(o) for o in start.objects))
     gravity_shows = motion.view.kind != "top" and not rolls
     parameters = planar_parameters(start, motion.plane, gravity=gravity_shows, hollow=rolls)
-    fit = fit_planar(start, motion.tracks, motion.plane, parameters)
+    fit = fit_planar(start, motion.tracks, motion.plane, parameters, impacts(motion))
     if motion.scale.by != "gravity":
         return PlanarAnswer(motion, fit, fit.scene, motion.scale)
     factor = gravity / float(np.linalg.norm(fit.scene.gravity))
     scale = replace(motion.scale, px_per_m=motion.scale.px_per_m / factor)
     return PlanarAnswer(motion, fit, scaled(fit.scene, factor), scale)
+
+
+def impacts(motion: ClipMotion) -> list[float]:
+    """Times, s, at which the velocity of a body jumps."""
+    out = []
+    for track, own in zip(motion.tracks, motion.arcs, strict=True):
+        for a, b in itertools.pairwise(own):
+            if changes_between(track, a, b):
+                out.append(meeting_time(track, a, b))
+    return out
 
 
 def _half_hollow(body: SceneObject) -> SceneObject:

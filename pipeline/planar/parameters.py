@@ -58,7 +58,7 @@ def planar_parameters(scene: Scene, plane: Plane, *, gravity: bool = True, hollo
         if hollow and body.shape in HOLLOW_SHAPES and any(body.angular_velocity):
             out.append(Parameter(f"{name}.hollow²", 0.05, 0.5, _hollow(i)))
         if len(scene.objects) > 1:
-            out.append(Parameter(f"log {name}.size", 0.02, 0.03, _size(i)))
+            out.append(Parameter(f"log {name}.size", 0.01, 0.015, _size(i)))
             if i:
                 out.append(Parameter(f"log {name}.mass", 0.1, 0.7, _log("mass", i)))
     for k, support in enumerate(scene.fixed):
@@ -66,6 +66,8 @@ def planar_parameters(scene: Scene, plane: Plane, *, gravity: bool = True, hollo
         out.append(Parameter(f"fixed[{k}].offset", 0.5 * px, 0.1 * thickness, _shift(k, 2)))
         out.append(Parameter(f"fixed[{k}].end", 2 * px, 0.05 * length, _shift(k, 0)))
         out.append(Parameter(f"fixed[{k}].angle", 0.004, 0.03, _turn(k)))
+        if support.damping is not None:
+            out.append(Parameter(f"log fixed[{k}].damping", 0.1, 0.7, _bouncing(k)))
     return out
 
 
@@ -126,6 +128,14 @@ def _shift(index: int, part: int) -> Change:
     def edit(body: FixedBody, difference: float) -> FixedBody:
         axis = Rotation.from_quat(body.orientation, scalar_first=True).as_matrix()[:, part]
         return replace(body, position=tuple(np.array(body.position) + difference * axis))
+
+    return _of_fixed(index, edit)
+
+
+def _bouncing(index: int) -> Change:
+    def edit(body: FixedBody, difference: float) -> FixedBody:
+        assert body.damping is not None
+        return replace(body, damping=float(body.damping * np.exp(difference)))
 
     return _of_fixed(index, edit)
 

@@ -16,15 +16,18 @@ from pipeline.planar.collisions import find_collisions
 from pipeline.planar.plane import Plane
 from pipeline.planar.silhouette import Silhouette
 from pipeline.planar.supports import Support
+from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import FixedBody, Scene, SceneObject
 
 FRICTION = 0.4  # of bodies whose tracks tell nothing of it
 LEAST_FRICTION, MOST_FRICTION = 0.001, 1.0
 DAMPING = 0.6
-THICKNESS = 2.0  # of supports, in radii of the largest body
+THICKNESS, STEPS_INSIDE = 2.0, 8.0  # least thickness of supports: radii of the largest body, and steps at full speed
 FRONT, BACK = 0.5, 6.0  # from the plane to a support's near and far side, in radii: what is near would hide bodies
 CYLINDER_LENGTH = 0.5  # of a cylinder that is seen along its axis, in radii: what cannot be seen
 SPRING = 2.36  # -log of the restitution over the damping ratio, of bodies of 10 cm that fall 50 cm (simulated)
+#: Of what is round in all frames: a cylinder in flight is seldom seen along its axis for long, a top view is of pucks.
+ROUND_SHAPES = {"flight": "sphere", "top": "cylinder"}
 PUCK_HEIGHT = 0.6  # of a disc seen from above, in radii
 
 
@@ -57,12 +60,13 @@ def planar_scene(
         for track, own, outline in zip(tracks, arcs, silhouettes, strict=True)
     ]
     collisions = find_collisions(tracks, arcs)
-    bounces = [s.restitution for s in supports if s.restitution is not None] + [c.restitution for c in collisions]
+    bounces = [c.restitution for c in collisions]
     for hit in collisions[:1]:
         objects[hit.second] = replace(objects[hit.second], mass=objects[hit.first].mass * hit.mass_ratio)
     if bounces:
         objects = [replace(o, damping=damping_of(float(np.median(bounces)))) for o in objects]
-    fixed = tuple(support_body(s, plane, largest, f"support_{i}") for i, s in enumerate(supports))
+    fastest = max(_fastest(a) for own in arcs for a in own) / plane.px_per_m
+    fixed = tuple(support_body(s, plane, largest, fastest, f"support_{i}") for i, s in enumerate(supports))
     camera = plane.camera()
     if view.kind == "top":
         top = max(2 * o.position[2] for o in objects)
@@ -90,8 +94,8 @@ def planar_object(
     position, velocity = plane.to_world(place_px), plane.directions(velocity_px)
     half = 0.5 * np.array([outline.width, outline.height]) / plane.px_per_m
     shape = outline.shape
-    if view.kind == "top" and outline.round:
-        shape = "cylinder"
+    if outline.round and view.kind in ROUND_SHAPES:
+        shape = ROUND_SHAPES[view.kind]
     off, spin = 0.0, np.zeros(3)
     orientation = np.array([1.0, 0.0, 0.0, 0.0])
     if shape == "sphere":
@@ -114,7 +118,9 @@ def planar_object(
             orientation = Rotation.from_euler("y", angle).as_quat(scalar_first=True)
     friction = FRICTION
     if view.kind == "top":
-        friction = _braking(first, plane, gravity)
+        kinds = [m.kind for m in view.arcs if m.arc.body == track.body]
+        moving = [a for a, k in zip(arcs, kinds, strict=True) if k != "rest"] or [first]
+        friction = _braking(max(moving, key=lambda a: a.span), plane, gravity)
     elif carried and shape != "box" and kind != "free":
         spin = np.array([0.0, float(np.sign(velocity[0]) * np.linalg.norm(velocity) / half[0]), 0.0])
     elif carried and shape == "box" and kind in ("slope", "straight"):
@@ -159,18 +165,24 @@ def initial_motion(view: View, track: ImageTrack, arcs: Sequence[Arc], start: fl
     return found[0], found[1]
 
 
-def support_body(support: Support, plane: Plane, radius: float, name: str) -> FixedBody:
-    """The fixed box whose upper face is a support. radius: m, of the largest body."""
+def support_body(support: Support, plane: Plane, radius: float, speed: float, name: str) -> FixedBody:
+    """The fixed box whose upper face is a support. radius: m, of the largest body; speed: m/s, of the fastest."""
     a, b = plane.to_world(support.start), plane.to_world(support.stop)
     along, into = b - a, plane.directions(support.into)
     into = into / np.linalg.norm(into)
-    thickness = THICKNESS * radius
+    thickness = max(THICKNESS * radius, STEPS_INSIDE * speed / STEPS_PER_SECOND)
     middle = 0.5 * (a + b) + 0.5 * thickness * into
     angle = -np.arctan2(along[1], along[0])  # about y, which turns x towards -z
     turn = Rotation.from_euler("y", angle).as_quat(scalar_first=True)
     size = (float(np.linalg.norm(along)), (FRONT + BACK) * radius, thickness)
     position = plane.in_space(middle, 0.5 * (BACK - FRONT) * radius)
-    return FixedBody("box", size, tuple(position), tuple(turn), name=name)
+    damping = None if support.restitution is None else damping_of(support.restitution)
+    return FixedBody("box", size, tuple(position), tuple(turn), damping=damping, name=name)
+
+
+def _fastest(arc: Arc) -> float:
+    """px/s, at its beginning or its end."""
+    return max(float(np.linalg.norm(arc.velocity_at(arc.time + s * arc.span / 2))) for s in (-1, 1))
 
 
 def damping_of(restitution: float) -> float:

@@ -118,12 +118,13 @@ def _bounces(view: View, tracks: dict[int, ImageTrack], masks: np.ndarray, carri
     """Supports where the velocity of a body jumps and no other body, and no support that is known, is near."""
     found: list[Support] = []
     motions = list(view.arcs)
+    across = [sign * s.along for s in carried for sign in (1, -1)]
     for first, second in itertools.pairwise(motions):
         a, b = first.arc, second.arc
         if a.body != b.body:
             continue
         track = tracks[a.body]
-        bounce = bounce_between(track, a, b)
+        bounce = bounce_between(track, a, b, across)
         if bounce is None or _other_near(tracks, track, bounce.place, bounce.time):
             continue
         into = bounce.into
