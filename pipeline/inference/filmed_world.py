@@ -96,7 +96,7 @@ def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
     """
     frames, masks, times = filmed_frames(taken)
     motion = _measured(masks, frames, times, world)
-    if motion.view.kind == "table" or not motion.tracks:
+    if not motion.tracks or (motion.view.kind == "table" and motion.table is None):
         return FilmedWorld(motion, masks, None, None, None)
     answer = find_planar_scene(motion, world.gravity)
     kept = renumbered_by_track(masks, motion)

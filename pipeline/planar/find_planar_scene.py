@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.motion.arcs import Arc, cut_arcs
 from pipeline.motion.image_track import ImageTrack, image_tracks
 from pipeline.motion.upright import camera_roll
-from pipeline.motion.view import View, find_view
+from pipeline.motion.view import View, find_view, growth
 from pipeline.planar.bounces import changes_between, meeting_time
 from pipeline.planar.fit import PlanarFit, fit_planar
 from pipeline.planar.parameters import planar_parameters
@@ -19,7 +19,8 @@ from pipeline.planar.planar_scene import planar_scene
 from pipeline.planar.plane import Plane
 from pipeline.planar.scale import GRAVITY, Scale, find_scale
 from pipeline.planar.silhouette import Silhouette, silhouette
-from pipeline.planar.supports import Support, find_supports
+from pipeline.planar.supports import Support, find_supports, find_walls
+from pipeline.planar.table_view import TableView, may_be_oblique, table_view
 from pipeline.scene.scene import HOLLOW_SHAPES, Scene, SceneObject
 
 START_HOLLOW = 0.6
@@ -39,6 +40,8 @@ class ClipMotion:
         scale: Of the plane in which they move.
         plane: That plane.
         supports: What carries bodies, and what they bounce off.
+        flat: The tracks in the picture of the plane: of a table that is seen from aside, as if from straight above.
+        table: How the camera sees a table from aside; None for other views.
     """
 
     tracks: tuple[ImageTrack, ...]
@@ -48,6 +51,8 @@ class ClipMotion:
     scale: Scale
     plane: Plane
     supports: tuple[Support, ...]
+    flat: tuple[ImageTrack, ...]
+    table: TableView | None
 
 
 @dataclass(frozen=True)
@@ -112,19 +117,44 @@ def measure_motion(
         if own:
             tracks.append(track)
             arcs.append(tuple(own))
-    found = find_view(tracks, arcs, background_roll(frames), view)
     silhouettes = tuple(silhouette(t, masks, frames) for t in tracks)
+    level, sizes = Plane(masks.shape[2], masks.shape[1], 1.0, level=True), growth(tracks)
+    oblique = may_be_oblique(sizes, silhouettes, level.distance)
+    found = find_view(tracks, arcs, background_roll(frames), view, oblique=oblique)
     if px_per_m is not None:
         scale = Scale(px_per_m, "length", KNOWN_ERROR)
     elif size is not None:
         scale = Scale(size_px(silhouettes, size) / size.m, "size", KNOWN_ERROR)
     else:
         scale = find_scale(found, silhouettes, gravity)
-    plane = Plane(
-        masks.shape[2], masks.shape[1], scale.px_per_m, -float(np.radians(found.roll_deg)), found.kind == "top"
+    if found.kind in ("table", "top"):
+        plane = replace(level, px_per_m=scale.px_per_m)
+    else:
+        plane = replace(level, px_per_m=scale.px_per_m, roll=-float(np.radians(found.roll_deg)), level=False)
+    motion = ClipMotion(tuple(tracks), tuple(arcs), found, silhouettes, scale, plane, (), tuple(tracks), None)
+    if found.kind == "table":
+        balls = bool(tracks) and all(s.shape == "sphere" for s in silhouettes)
+        return seen_from_above(motion, table_view(plane, sizes, tracks)) if balls else motion
+    return replace(motion, supports=tuple(find_supports(found, tracks, masks)))
+
+
+def seen_from_above(motion: ClipMotion, table: TableView) -> ClipMotion:
+    """The motion of balls on a table, with arcs and sizes as if seen from straight above."""
+    flat = [table.from_above(t)[0] for t in motion.tracks]
+    arcs = [tuple(cut_arcs(t)) for t in flat]
+    view = replace(find_view(flat, arcs, kind="table"), reason=motion.view.reason)
+    silhouettes = tuple(
+        replace(s, width=2 * t.radius, height=2 * t.radius) for s, t in zip(motion.silhouettes, flat, strict=True)
     )
-    supports: Sequence[Support] = [] if found.kind in ("top", "table") else find_supports(found, tracks, masks)
-    return ClipMotion(tuple(tracks), tuple(arcs), found, silhouettes, scale, plane, tuple(supports))
+    return replace(
+        motion,
+        arcs=tuple(arcs),
+        view=view,
+        silhouettes=silhouettes,
+        supports=tuple(find_walls(view, flat)),
+        flat=tuple(flat),
+        table=table,
+    )
 
 
 def size_px(silhouettes: Sequence[Silhouette], size: KnownSize) -> float:
@@ -149,7 +179,7 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAns
     """
     start = planar_scene(
         motion.view,
-        motion.tracks,
+        motion.flat,
         motion.arcs,
         motion.silhouettes,
         motion.supports,
@@ -160,9 +190,11 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAns
     rolls = motion.view.kind == "incline" and motion.scale.by in ("length", "size")
     if rolls:
         start = replace(start, objects=tuple(_half_hollow(o) for o in start.objects))
-    gravity_shows = motion.view.kind != "top" and not rolls
+    gravity_shows = not motion.plane.level and not rolls
     parameters = planar_parameters(start, motion.plane, gravity=gravity_shows, hollow=rolls)
-    fit = fit_planar(start, motion.tracks, motion.plane, parameters, impacts(motion))
+    fit = fit_planar(start, motion.flat, motion.plane, parameters, impacts(motion))
+    if motion.table is not None:
+        return PlanarAnswer(motion, fit, replace(fit.scene, camera=motion.table.camera()), motion.scale)
     if motion.scale.by != "gravity":
         return PlanarAnswer(motion, fit, fit.scene, motion.scale)
     factor = gravity / float(np.linalg.norm(fit.scene.gravity))
@@ -173,7 +205,7 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAns
 def impacts(motion: ClipMotion) -> list[float]:
     """Times, s, at which the velocity of a body jumps."""
     out = []
-    for track, own in zip(motion.tracks, motion.arcs, strict=True):
+    for track, own in zip(motion.flat, motion.arcs, strict=True):
         for a, b in itertools.pairwise(own):
             if changes_between(track, a, b):
                 out.append(meeting_time(track, a, b))

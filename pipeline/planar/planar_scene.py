@@ -28,6 +28,8 @@ CYLINDER_LENGTH = 0.5  # of a cylinder that is seen along its axis, in radii: wh
 SPRING = 2.36  # -log of the restitution over the damping ratio, of bodies of 10 cm that fall 50 cm (simulated)
 #: Of what is round in all frames: a cylinder in flight is seldom seen along its axis for long, a top view is of pucks.
 ROUND_SHAPES = {"flight": "sphere", "top": "cylinder"}
+ROLLING_SHARE = 7 / 5  # of a ball's deceleration over gravity: rolling friction over its radius, as a ball's inertia rolls, too
+WALL_DEPTH, WALL_HEIGHT = 0.5, 1.5  # of a wall on level ground: share of its length, and heights of the tallest body
 PUCK_HEIGHT = 0.6  # of a disc seen from above, in radii
 
 
@@ -68,11 +70,12 @@ def planar_scene(
     fastest = max(_fastest(a) for own in arcs for a in own) / plane.px_per_m
     fixed = tuple(support_body(s, plane, largest, fastest, f"support_{i}") for i, s in enumerate(supports))
     camera = plane.camera()
-    if view.kind == "top":
+    if plane.level:
         top = max(2 * o.position[2] for o in objects)
         x, y, z = camera.position
         camera = replace(camera, position=(x, y, z + top))
-        return Scene(tuple(objects), camera, (0.0, 0.0, -gravity), ground=0.0)
+        fixed = tuple(wall_body(s, plane, top, f"support_{i}") for i, s in enumerate(supports))
+        return Scene(tuple(objects), camera, (0.0, 0.0, -gravity), ground=0.0, fixed=fixed)
     return Scene(tuple(objects), camera, (0.0, 0.0, -gravity), ground=None, fixed=fixed)
 
 
@@ -100,7 +103,7 @@ def planar_object(
     orientation = np.array([1.0, 0.0, 0.0, 0.0])
     if shape == "sphere":
         size: tuple[float, ...] = (float(half[0]),)
-    elif shape == "cylinder" and view.kind == "top":
+    elif shape == "cylinder" and plane.level:
         size = (float(half[0]), PUCK_HEIGHT * float(half[0]))
         off = size[1] / 2
     elif shape == "cylinder":  # seen along its axis
@@ -109,18 +112,20 @@ def planar_object(
     else:
         depth = 2 * float(half.min())
         angle = float(track.angle[0]) - plane.roll
-        if view.kind == "top":
+        if plane.level:
             size = (2 * float(half[0]), 2 * float(half[1]), depth)
             orientation = Rotation.from_euler("z", -angle).as_quat(scalar_first=True)
             off = depth / 2
         else:
             size = (2 * float(half[0]), depth, 2 * float(half[1]))
             orientation = Rotation.from_euler("y", angle).as_quat(scalar_first=True)
-    friction = FRICTION
-    if view.kind == "top":
-        kinds = [m.kind for m in view.arcs if m.arc.body == track.body]
-        moving = [a for a, k in zip(arcs, kinds, strict=True) if k != "rest"] or [first]
-        friction = _braking(max(moving, key=lambda a: a.span), plane, gravity)
+    friction, resistance = FRICTION, 0.0
+    if plane.level and shape == "sphere":
+        off = float(half[0])
+        spin = np.cross([0.0, 0.0, 1.0], plane.in_space(velocity)) / half[0]
+        resistance = ROLLING_SHARE * half[0] * _braking(longest_moving(view, track, arcs), plane, gravity)
+    elif plane.level:
+        friction = _braking(longest_moving(view, track, arcs), plane, gravity)
     elif carried and shape != "box" and kind != "free":
         spin = np.array([0.0, float(np.sign(velocity[0]) * np.linalg.norm(velocity) / half[0]), 0.0])
     elif carried and shape == "box" and kind in ("slope", "straight"):
@@ -130,6 +135,7 @@ def planar_object(
         size,
         1.0,
         sliding_friction=friction,
+        rolling_friction=resistance,
         damping=DAMPING,
         position=tuple(plane.in_space(position, off)),
         velocity=tuple(plane.in_space(velocity)),
@@ -163,6 +169,26 @@ def initial_motion(view: View, track: ImageTrack, arcs: Sequence[Arc], start: fl
         matrix = matrix[:, :2]
     found = np.linalg.lstsq(matrix, centre, rcond=None)[0]
     return found[0], found[1]
+
+
+def longest_moving(view: View, track: ImageTrack, arcs: Sequence[Arc]) -> Arc:
+    """The longest arc in which a body moves; the first where it rests in all."""
+    kinds = [m.kind for m in view.arcs if m.arc.body == track.body]
+    moving = [a for a, k in zip(arcs, kinds, strict=True) if k != "rest"] or [arcs[0]]
+    return max(moving, key=lambda a: a.span)
+
+
+def wall_body(support: Support, plane: Plane, height: float, name: str) -> FixedBody:
+    """The fixed box on level ground one of whose upright sides is a support. height: m, of the tallest body."""
+    a, b = plane.to_world(support.start), plane.to_world(support.stop)
+    along, into = b - a, plane.directions(support.into)
+    depth = WALL_DEPTH * float(np.linalg.norm(along))
+    middle = 0.5 * (a + b) + 0.5 * depth * into / np.linalg.norm(into)
+    turn = Rotation.from_euler("z", np.arctan2(along[1], along[0])).as_quat(scalar_first=True)
+    size = (float(np.linalg.norm(along)), depth, WALL_HEIGHT * height)
+    damping = None if support.restitution is None else damping_of(support.restitution)
+    position = (*middle, size[2] / 2)
+    return FixedBody("box", size, position, tuple(turn), damping=damping, name=name)
 
 
 def support_body(support: Support, plane: Plane, radius: float, speed: float, name: str) -> FixedBody:

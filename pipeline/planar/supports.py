@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +61,8 @@ def reach(track: ImageTrack, masks: np.ndarray, direction: np.ndarray) -> float:
 def find_supports(view: View, tracks: Sequence[ImageTrack], masks: np.ndarray) -> list[Support]:
     """The supports that the tracks of a side view tell of: what bodies move along, then what they bounce off."""
     by_body = {t.body: t for t in tracks}
+    if view.kind == "top":
+        return find_walls(view, tracks)
     carried = _ways(view, by_body)
     supports = []
     for group in carried:
@@ -81,7 +83,12 @@ def find_supports(view: View, tracks: Sequence[ImageTrack], masks: np.ndarray) -
             high = max(high, places.max() + (0 if ends[1] else margin))
         offset = float(np.median(np.concatenate(offsets)))
         supports.append(Support(offset * into + low * along, offset * into + high * along))
-    return supports + _bounces(view, by_body, masks, supports)
+    return supports + _bounces(view, by_body, lambda track, into: reach(track, masks, into), supports)
+
+
+def find_walls(view: View, tracks: Sequence[ImageTrack]) -> list[Support]:
+    """What bodies bounce off on level ground that is seen from above."""
+    return _bounces(view, {t.body: t for t in tracks}, lambda track, _: track.radius, [])
 
 
 def _ways(view: View, tracks: dict[int, ImageTrack]) -> list[list[tuple[Arc, float]]]:
@@ -114,7 +121,12 @@ def _ends(view: View, arc: Arc, along: np.ndarray) -> tuple[bool, bool]:
     return (before, after) if forward else (after, before)
 
 
-def _bounces(view: View, tracks: dict[int, ImageTrack], masks: np.ndarray, carried: Sequence[Support]) -> list[Support]:
+def _bounces(
+    view: View,
+    tracks: dict[int, ImageTrack],
+    reach_of: Callable[[ImageTrack, np.ndarray], float],
+    carried: Sequence[Support],
+) -> list[Support]:
     """Supports where the velocity of a body jumps and no other body, and no support that is known, is near."""
     found: list[Support] = []
     motions = list(view.arcs)
@@ -129,7 +141,7 @@ def _bounces(view: View, tracks: dict[int, ImageTrack], masks: np.ndarray, carri
             continue
         into = bounce.into
         along = np.array([into[1], -into[0]])
-        contact = bounce.place + reach(track, masks, into) * into
+        contact = bounce.place + reach_of(track, into) * into
         if any(abs((contact - s.start) @ s.into) < track.radius and s.into @ into > 0.9 for s in [*carried, *found]):
             continue
         half = MARGIN * track.radius
