@@ -95,9 +95,38 @@ def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
         ParamsError: The tracks do not fit what the user knows.
     """
     frames, masks, times = filmed_frames(taken)
+    told = tracked_world(masks, frames, times, world)
+    seen = None
+    if told.answer is not None:
+        scene = told.answer.scene
+        seen = scene if taken.found is None else clip_camera(scene, taken.clip.letterbox)
+    return FilmedWorld(told.motion, masks, told.answer, seen, told.forecast)
+
+
+@dataclass(frozen=True)
+class TrackedWorld:
+    """What tracks tell: the motion; a planar scene, where it can be found; and its forecast of the last part."""
+
+    motion: ClipMotion
+    answer: PlanarAnswer | None
+    forecast: Forecast | None
+
+
+def tracked_world(masks: np.ndarray, frames: np.ndarray, times: np.ndarray, world: World) -> TrackedWorld:
+    """The world that bodies tell of.
+
+    Args:
+        masks: (T, H, W) their ids, from 1.
+        frames: (T, H, W, 3) uint8 RGB.
+        times: (T,) s, from 0.
+        world: What is known of it.
+
+    Raises:
+        ParamsError: The tracks do not fit what is known.
+    """
     motion = _measured(masks, frames, times, world)
     if not motion.tracks or (motion.view.kind == "table" and motion.table is None):
-        return FilmedWorld(motion, masks, None, None, None)
+        return TrackedWorld(motion, None, None)
     answer = find_planar_scene(motion, world.gravity)
     kept = renumbered_by_track(masks, motion)
 
@@ -111,8 +140,7 @@ def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
         except ParamsError:  # the first part does not show the view
             return None
 
-    seen = answer.scene if taken.found is None else clip_camera(answer.scene, taken.clip.letterbox)
-    return FilmedWorld(motion, masks, answer, seen, forecast(kept, times, tried))
+    return TrackedWorld(motion, answer, forecast(kept, times, tried))
 
 
 def filmed_frames(taken: UserClip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

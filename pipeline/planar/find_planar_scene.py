@@ -21,6 +21,7 @@ from pipeline.planar.scale import GRAVITY, Scale, find_scale
 from pipeline.planar.silhouette import Silhouette, silhouette
 from pipeline.planar.supports import Support, find_supports, find_walls
 from pipeline.planar.table_view import TableView, may_be_oblique, table_view
+from pipeline.planar.tumbling import Tumbling, tumbling
 from pipeline.scene.scene import HOLLOW_SHAPES, Scene, SceneObject
 
 START_HOLLOW = 0.6
@@ -42,6 +43,7 @@ class ClipMotion:
         supports: What carries bodies, and what they bounce off.
         flat: The tracks in the picture of the plane: of a table that is seen from aside, as if from straight above.
         table: How the camera sees a table from aside; None for other views.
+        solids: Of each body that turns freely in the air, its shape, orientation and spin; None of others.
     """
 
     tracks: tuple[ImageTrack, ...]
@@ -53,6 +55,7 @@ class ClipMotion:
     supports: tuple[Support, ...]
     flat: tuple[ImageTrack, ...]
     table: TableView | None
+    solids: tuple[Tumbling | None, ...]
 
 
 @dataclass(frozen=True)
@@ -131,11 +134,20 @@ def measure_motion(
         plane = replace(level, px_per_m=scale.px_per_m)
     else:
         plane = replace(level, px_per_m=scale.px_per_m, roll=-float(np.radians(found.roll_deg)), level=False)
-    motion = ClipMotion(tuple(tracks), tuple(arcs), found, silhouettes, scale, plane, (), tuple(tracks), None)
+    motion = ClipMotion(tuple(tracks), tuple(arcs), found, silhouettes, scale, plane, (), tuple(tracks), None, (None,) * len(tracks))
     if found.kind == "table":
         balls = bool(tracks) and all(s.shape == "sphere" for s in silhouettes)
         return seen_from_above(motion, table_view(plane, sizes, tracks)) if balls else motion
-    return replace(motion, supports=tuple(find_supports(found, tracks, masks)))
+    solids = tuple(
+        tumbling(t, masks, times, plane) if _in_the_air(own, found) and not s.round else None
+        for t, own, s in zip(tracks, arcs, silhouettes, strict=True)
+    )
+    return replace(motion, supports=tuple(find_supports(found, tracks, masks)), solids=solids)
+
+
+def _in_the_air(arcs: Sequence[Arc], view: View) -> bool:
+    """Whether a body falls in all of its arcs."""
+    return all(m.kind == "free" for m in view.arcs if any(m.arc is a for a in arcs))
 
 
 def seen_from_above(motion: ClipMotion, table: TableView) -> ClipMotion:
@@ -183,6 +195,7 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAns
         motion.arcs,
         motion.silhouettes,
         motion.supports,
+        motion.solids,
         plane=motion.plane,
         gravity=gravity,
         start=0.0,

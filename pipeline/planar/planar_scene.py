@@ -16,6 +16,7 @@ from pipeline.planar.collisions import find_collisions
 from pipeline.planar.plane import Plane
 from pipeline.planar.silhouette import Silhouette
 from pipeline.planar.supports import Support
+from pipeline.planar.tumbling import Tumbling
 from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import FixedBody, Scene, SceneObject
 
@@ -39,6 +40,7 @@ def planar_scene(
     arcs: Sequence[Sequence[Arc]],
     silhouettes: Sequence[Silhouette],
     supports: Sequence[Support],
+    solids: Sequence[Tumbling | None],
     *,
     plane: Plane,
     gravity: float,
@@ -51,7 +53,8 @@ def planar_scene(
         tracks: Of its bodies.
         arcs: Of each track, at least one.
         silhouettes: Of each body.
-        supports: What carries bodies; none in a top view, where the ground does.
+        supports: What carries bodies, or what they bounce off.
+        solids: Of each body that turns freely in the air, its shape, orientation and spin at time 0; None of others.
         plane: In which they move.
         gravity: m/s².
         start: s, of the scene's initial state.
@@ -61,6 +64,7 @@ def planar_scene(
         planar_object(view, track, own, outline, plane=plane, gravity=gravity, start=start, carried=bool(supports))
         for track, own, outline in zip(tracks, arcs, silhouettes, strict=True)
     ]
+    objects = [o if s is None else _as_solid(o, s, plane) for o, s in zip(objects, solids, strict=True)]
     collisions = find_collisions(tracks, arcs)
     bounces = [c.restitution for c in collisions]
     for hit in collisions[:1]:
@@ -169,6 +173,16 @@ def initial_motion(view: View, track: ImageTrack, arcs: Sequence[Arc], start: fl
         matrix = matrix[:, :2]
     found = np.linalg.lstsq(matrix, centre, rcond=None)[0]
     return found[0], found[1]
+
+
+def _as_solid(body: SceneObject, solid: Tumbling, plane: Plane) -> SceneObject:
+    return replace(
+        body,
+        shape=solid.shape,
+        size=tuple(s / plane.px_per_m for s in solid.size),
+        orientation=tuple(solid.orientation),
+        angular_velocity=tuple(solid.spin),
+    )
 
 
 def longest_moving(view: View, track: ImageTrack, arcs: Sequence[Arc]) -> Arc:
