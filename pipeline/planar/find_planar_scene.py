@@ -12,6 +12,7 @@ from pipeline.motion.arcs import Arc, cut_arcs
 from pipeline.motion.image_track import ImageTrack, image_tracks
 from pipeline.motion.upright import camera_roll
 from pipeline.motion.view import View, find_view, growth
+from pipeline.planar.apparent_size import with_apparent_sizes
 from pipeline.planar.bounces import changes_between, meeting_time
 from pipeline.planar.fit import PlanarFit, fit_planar
 from pipeline.planar.parameters import planar_parameters
@@ -139,15 +140,21 @@ def measure_motion(
         balls = bool(tracks) and all(s.shape == "sphere" for s in silhouettes)
         return seen_from_above(motion, table_view(plane, sizes, tracks)) if balls else motion
     solids = tuple(
-        tumbling(t, masks, times, plane) if _in_the_air(own, found) and not s.round else None
+        None if s.round else tumbling(t, masks[: _in_the_air(t, own, found)], times, plane)
         for t, own, s in zip(tracks, arcs, silhouettes, strict=True)
     )
     return replace(motion, supports=tuple(find_supports(found, tracks, masks)), solids=solids)
 
 
-def _in_the_air(arcs: Sequence[Arc], view: View) -> bool:
-    """Whether a body falls in all of its arcs."""
-    return all(m.kind == "free" for m in view.arcs if any(m.arc is a for a in arcs))
+def _in_the_air(track: ImageTrack, arcs: Sequence[Arc], view: View) -> int:
+    """How many of the clip's frames, from the first on, show a body before it touches anything."""
+    kinds = [m.kind for m in view.arcs if m.arc.body == track.body]
+    last = 0
+    if kinds[0] != "free":
+        return 0
+    while last + 1 < len(arcs) and kinds[last + 1] == "free" and not changes_between(track, arcs[last], arcs[last + 1]):
+        last += 1
+    return int(track.frames[arcs[last].stop - 1]) + 1
 
 
 def seen_from_above(motion: ClipMotion, table: TableView) -> ClipMotion:
@@ -200,6 +207,8 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAns
         gravity=gravity,
         start=0.0,
     )
+    if motion.table is None:
+        start = with_apparent_sizes(start, motion.flat, motion.plane, [s is None for s in motion.solids])
     rolls = motion.view.kind == "incline" and motion.scale.by in ("length", "size")
     if rolls:
         start = replace(start, objects=tuple(_half_hollow(o) for o in start.objects))

@@ -23,8 +23,9 @@ from pipeline.scene.scene import FixedBody, Scene, SceneObject
 FRICTION = 0.4  # of bodies whose tracks tell nothing of it
 LEAST_FRICTION, MOST_FRICTION = 0.001, 1.0
 DAMPING = 0.6
+DEPTH = 0.5  # of a box, which cannot be seen, over its shorter side that can
 THICKNESS, STEPS_INSIDE = 2.0, 8.0  # least thickness of supports: radii of the largest body, and steps at full speed
-FRONT, BACK = 0.5, 6.0  # from the plane to a support's near and far side, in radii: what is near would hide bodies
+NARROW, FRONT, BACK = 0.5, 1.5, 6.0  # from the plane to a support's near and far side, in radii of the largest body
 CYLINDER_LENGTH = 0.5  # of a cylinder that is seen along its axis, in radii: what cannot be seen
 SPRING = 2.36  # -log of the restitution over the damping ratio, of bodies of 10 cm that fall 50 cm (simulated)
 #: Of what is round in all frames: a cylinder in flight is seldom seen along its axis for long, a top view is of pucks.
@@ -114,7 +115,7 @@ def planar_object(
         size = (float(half[0]), CYLINDER_LENGTH * float(half[0]))
         orientation = Rotation.from_euler("x", -90, degrees=True).as_quat(scalar_first=True)
     else:
-        depth = 2 * float(half.min())
+        depth = DEPTH * 2 * float(half.min())
         angle = float(track.angle[0]) - plane.roll
         if plane.level:
             size = (2 * float(half[0]), 2 * float(half[1]), depth)
@@ -214,8 +215,10 @@ def support_body(support: Support, plane: Plane, radius: float, speed: float, na
     middle = 0.5 * (a + b) + 0.5 * thickness * into
     angle = -np.arctan2(along[1], along[0])  # about y, which turns x towards -z
     turn = Rotation.from_euler("y", angle).as_quat(scalar_first=True)
-    size = (float(np.linalg.norm(along)), (FRONT + BACK) * radius, thickness)
-    position = plane.in_space(middle, 0.5 * (BACK - FRONT) * radius)
+    hides = 0.5 * (a + b)[1] * into[1] < 0  # seen from beneath, its near side would hide what stands on it
+    front = NARROW if hides else FRONT
+    size = (float(np.linalg.norm(along)), (front + BACK) * radius, thickness)
+    position = plane.in_space(middle, 0.5 * (BACK - front) * radius)
     damping = None if support.restitution is None else damping_of(support.restitution)
     return FixedBody("box", size, tuple(position), tuple(turn), damping=damping, name=name)
 
