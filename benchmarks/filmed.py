@@ -27,6 +27,7 @@ from pipeline.errors import DynamicsError
 from pipeline.inference.filmed_world import World
 from pipeline.metrics.overlap import overlap
 from pipeline.motion.view import ArcMotion
+from pipeline.perception.prompts import Prompts
 
 PX = 480 * 320  # of the pictures that are compared
 
@@ -39,23 +40,27 @@ class Filmed:
         view: True view.
         size: Known size, as `World.of` takes it.
         length: Whether the length marks of the outlines' file are given.
+        objects: How many bodies are asked for, where hands look like bodies, too.
+        ignore: (x, y) px of what is no body: one click.
     """
 
     view: str
     size: tuple[int, str, float] | None = None
     length: bool = False
+    objects: int | None = None
+    ignore: tuple[float, float] | None = None
 
 
 CLIPS = {
-    "osp_BallTossOut": Filmed("flight", length=True),
+    "osp_BallTossOut": Filmed("flight", length=True, objects=1),
     "osp_airpucks_unequal": Filmed("top", length=True),
     "osp_ball_rolls_off_table": Filmed("side", length=True),
     "osp_cart_bounce_incline": Filmed("incline", length=True),
     "osp_pucks_collide": Filmed("top", length=True),
     "osp_pvcpipe_ramp17": Filmed("incline", length=True),
     "osp_pvcpipe_ramp42": Filmed("incline", length=True),
-    "phys_CaromPuck_HeadOn": Filmed("top"),
-    "phys_Projectile_Motion__45Deg_2_687mps": Filmed("flight"),
+    "phys_CaromPuck_HeadOn": Filmed("top", objects=2),
+    "phys_Projectile_Motion__45Deg_2_687mps": Filmed("flight", ignore=(38, 78)),  # its shadow on the wall
     "phys_RollingCylinder": Filmed("incline"),
     "phys_SlidingFriction_R1": Filmed("incline"),
     "physiq_ball_kettlebell": Filmed("table"),
@@ -160,6 +165,7 @@ def asked(clip: DrawnClip, video: Path, search: int) -> Inference:
         start=first / clip.fps,
         seconds=(last - first) / clip.fps,
         fps=clip.fps if slow else None,
+        prompts=Prompts.of(objects=known.objects, ignore=() if known.ignore is None else (known.ignore,)),
         world=World.of(length=length, size=known.size),
         search=search,
     )
@@ -177,7 +183,8 @@ def drawn_iou(clip: DrawnClip, found: Inference) -> float:
         for outline in clip.frames[k]:
             whole = outline_mask([outline.polygon], clip.width, clip.height)
             mask[cv2.resize(whole, size, interpolation=cv2.INTER_NEAREST) > 0] = names.index(outline.object) + 1
-    times = (np.array(frames) - first) / clip.fps
+    slow = abs(clip.fps / clip.file_fps - 1) > 0.05
+    times = (np.array(frames) - first) / (clip.fps if slow else clip.file_fps)
     if found.best.name == TRACKS and found.filmed.answer is not None:  # its own camera sees the whole picture
         own = masks_at(found.filmed.answer.scene, times, *size)
         return overlap(own, masks, len(found.scene.objects), len(names)).sequence

@@ -25,7 +25,7 @@ OFF_DOWN_DEG = 25.0  # largest angle of free fall to the picture's vertical
 LEAST_PATH, SLOW = 0.6, 0.2  # radii, and share of the body's fastest arc: what goes less far and as slow rests
 LEAST_SHARE_FREE, LEAST_SHARE_SLOPE = 0.2, 0.5  # of the way of all bodies that must fall, or speed up on a slope
 ALIKE = 0.3  # largest mean deviation of the accelerations of free arcs, as a share
-ALIKE_DEG = 2.0  # largest mean deviation of slopes
+ALIKE_DEG = 3.0  # largest deviation of slopes of one incline from their median
 LEAST_ERROR = 0.05  # of an acceleration, as a share: outlines are blurred and shaded alike
 LEAST_SIZES = 6  # outlines of a body, from which its growth is measured
 LEAST_GROWTH = 0.12  # change of the logarithm of a body's radius over its way that perspective must explain
@@ -171,14 +171,12 @@ def find_view(
     Raises:
         ValueError: The tracks show nothing of what a view of this kind needs.
     """
-    motions = tuple(
-        describe_arc(arc, track.radius, max(float(np.linalg.norm(a.velocity)) for a in own), roll_deg)
-        for track, own in zip(tracks, arcs, strict=True)
-        for arc in own
-    )
+    motions, gravity, slope = _described(tracks, arcs, roll_deg)
+    if gravity is not None:
+        roll_deg = float(np.degrees(np.arctan2(-gravity[0], gravity[1])))
+        motions, _, slope = _described(tracks, arcs, roll_deg)
     moving = [m for m in motions if m.kind != "rest"]
     total = sum(m.path for m in moving)
-    gravity, slope = free_fall(_of_kind(moving, "free"), total), common_slope(_of_kind(moving, "slope"), total)
     if kind is None:
         kind, reason = _likely_kind(tracks, motions, gravity, slope, oblique)
     else:
@@ -189,13 +187,23 @@ def find_view(
             slope = common_slope([m for m in moving if m.kind in ("slope", "straight")], total)
             if slope is None:
                 raise ValueError("no body moves along a line")
-    if kind not in ("side", "flight"):
-        gravity = None
-    if gravity is not None:
-        roll_deg = float(np.degrees(np.arctan2(-gravity[0], gravity[1])))
     if kind in ("table", "top"):
-        roll_deg = 0.0
+        gravity, roll_deg = None, 0.0
     return View(kind, motions, gravity, slope or 0.0 if kind == "incline" else 0.0, roll_deg, reason)
+
+
+def _described(
+    tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]], roll_deg: float
+) -> tuple[tuple[ArcMotion, ...], np.ndarray | None, float | None]:
+    """The motion of each arc, the acceleration (2,) px/s² of free fall and the slope, deg, of an incline, if any."""
+    motions = tuple(
+        describe_arc(arc, track.radius, max(float(np.linalg.norm(a.velocity)) for a in own), roll_deg)
+        for track, own in zip(tracks, arcs, strict=True)
+        for arc in own
+    )
+    moving = [m for m in motions if m.kind != "rest"]
+    total = sum(m.path for m in moving)
+    return motions, free_fall(_of_kind(moving, "free"), total), common_slope(_of_kind(moving, "slope"), total)
 
 
 def _of_kind(motions: Sequence[ArcMotion], kind: str) -> list[ArcMotion]:
@@ -217,11 +225,11 @@ def _likely_kind(
         return "table", "no body moves far enough to tell the view"
     if larger > LEAST_GROWTH:
         return "table", f"bodies are {np.expm1(larger):.0%} larger where they are lower in the picture"
+    if slope is not None:
+        return "incline", f"bodies speed up along a line of {abs(slope):.1f}°"
     if gravity is not None:
         kind = "flight" if all(m.kind in ("free", "rest") for m in motions) else "side"
         return kind, f"bodies fall with {np.linalg.norm(gravity):.0f} px/s²"
-    if slope is not None:
-        return "incline", f"bodies speed up along a line of {abs(slope):.1f}°"
     if sum(m.path for m in _of_kind(moving, "other")) > LEAST_SHARE_FREE * total:
         return "table", "paths bend, and not as free fall does"
     if max(abs(m.slope_deg) for m in moving) > 3 * LEVEL_DEG:
@@ -251,9 +259,13 @@ def common_slope(sloping: Sequence[ArcMotion], total: float) -> float | None:
 
     total: px, the way of all bodies.
     """
-    paths = np.array([m.path for m in sloping])
-    if paths.sum() <= LEAST_SHARE_SLOPE * total:
+    if not sloping:
         return None
+    paths = np.array([m.path for m in sloping])
     slopes = np.array([m.slope_deg for m in sloping])
-    middle = float(np.average(slopes, weights=paths))
-    return middle if np.average(np.abs(slopes - middle), weights=paths) < ALIKE_DEG else None
+    order = np.argsort(slopes)
+    median = slopes[order][np.searchsorted(np.cumsum(paths[order]), paths.sum() / 2)]
+    alike = np.abs(slopes - median) < ALIKE_DEG
+    if paths[alike].sum() <= LEAST_SHARE_SLOPE * total:
+        return None
+    return float(np.average(slopes[alike], weights=paths[alike]))
