@@ -88,7 +88,8 @@ def describe_arc(arc: Arc, radius: float, fastest: float, roll_deg: float = 0.0)
     ends = arc.position_at(np.array([arc.time - half, arc.time, arc.time + half]))
     path = float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum())
     chord = ends[2] - ends[0]
-    if path < LEAST_PATH * radius and np.linalg.norm(arc.velocity) <= SLOW * fastest:
+    slow = max(SLOW * fastest, SIGNIFICANT * arc.velocity_sigma)
+    if path < LEAST_PATH * radius and np.linalg.norm(arc.velocity) <= slow:
         return ArcMotion(arc, "rest", path, 0.0)
     along = chord if np.linalg.norm(chord) > 0.3 * path else arc.acceleration
     along = along / np.linalg.norm(along)

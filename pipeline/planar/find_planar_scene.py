@@ -140,7 +140,7 @@ def measure_motion(
         balls = bool(tracks) and all(s.shape == "sphere" for s in silhouettes)
         return seen_from_above(motion, table_view(plane, sizes, tracks)) if balls else motion
     solids = tuple(
-        None if s.round else tumbling(t, masks[: _in_the_air(t, own, found)], times, plane)
+        None if s.disc else tumbling(t, masks[: _in_the_air(t, own, found)], times, plane)
         for t, own, s in zip(tracks, arcs, silhouettes, strict=True)
     )
     return replace(motion, supports=tuple(find_supports(found, tracks, masks)), solids=solids)

@@ -62,7 +62,10 @@ def test_a_view_that_the_tracks_contradict_is_refused(throw: UserClip) -> None:
 
 
 def test_a_view_that_is_given_is_kept(throw: UserClip) -> None:
-    assert filmed_world(throw, World(view="table")).scene is None
+    found = filmed_world(throw, World(view="table"))
+    assert found.motion.view.kind == "table"
+    assert found.scene is not None
+    assert found.scene.ground == 0
 
 
 def test_a_known_size_gives_the_scale(throw: UserClip) -> None:
