@@ -28,6 +28,7 @@ from pipeline.inference.filmed_world import World
 from pipeline.metrics.overlap import overlap
 from pipeline.motion.view import ArcMotion
 from pipeline.perception.prompts import Prompts
+from pipeline.vision.recordings.video import frame_times
 
 PX = 480 * 320  # of the pictures that are compared
 
@@ -159,19 +160,23 @@ def asked(clip: DrawnClip, video: Path, search: int) -> Inference:
     marks = clip.length_marks if known.length else None
     # Pixel centres have integer coordinates in the outlines, half integers in the library.
     length = None if marks is None else (*(marks.px + 0.5).ravel().tolist(), marks.m)
-    slow = abs(clip.fps / clip.file_fps - 1) > 0.05
     return infer(
         video,
         start=first / clip.fps,
         seconds=(last - first) / clip.fps,
-        fps=clip.fps if slow else None,
+        fps=clip.fps if in_slow_motion(clip) else None,
         prompts=Prompts.of(objects=known.objects, ignore=() if known.ignore is None else (known.ignore,)),
         world=World.of(length=length, size=known.size),
         search=search,
     )
 
 
-def drawn_iou(clip: DrawnClip, found: Inference) -> float:
+def in_slow_motion(clip: DrawnClip) -> bool:
+    """Whether the file's header has another frame rate than the film."""
+    return abs(clip.fps / clip.file_fps - 1) > 0.05
+
+
+def drawn_iou(clip: DrawnClip, found: Inference, video: Path) -> float:
     """Sequence IoU of the answer's replay with the drawn outlines, in the video's own picture."""
     names = [name for name, _ in clip.objects]
     first = clip.stretch_frames[0]
@@ -183,8 +188,8 @@ def drawn_iou(clip: DrawnClip, found: Inference) -> float:
         for outline in clip.frames[k]:
             whole = outline_mask([outline.polygon], clip.width, clip.height)
             mask[cv2.resize(whole, size, interpolation=cv2.INTER_NEAREST) > 0] = names.index(outline.object) + 1
-    slow = abs(clip.fps / clip.file_fps - 1) > 0.05
-    times = (np.array(frames) - first) / (clip.fps if slow else clip.file_fps)
+    stamps = frame_times(video, clip.fps if in_slow_motion(clip) else None)
+    times = stamps[frames] - stamps[first]
     if found.best.name == TRACKS and found.filmed.answer is not None:  # its own camera sees the whole picture
         own = masks_at(found.filmed.answer.scene, times, *size)
         return overlap(own, masks, len(found.scene.objects), len(names)).sequence
@@ -194,10 +199,10 @@ def drawn_iou(clip: DrawnClip, found: Inference) -> float:
     return overlap(own, cut, len(found.scene.objects), len(names)).sequence
 
 
-def row(clip: DrawnClip, found: Inference, seconds: float) -> tuple[str, float]:
+def row(clip: DrawnClip, found: Inference, video: Path, seconds: float) -> tuple[str, float]:
     """A line of the table, and the IoU with the drawn outlines."""
     kinds = "+".join(sorted(shape for _, shape in clip.objects))
-    iou = drawn_iou(clip, found)
+    iou = drawn_iou(clip, found, video)
     view, true = found.filmed.motion.view.kind, CLIPS[Path(clip.clip).stem].view
     seen_right = view == true or {view, true} == {"side", "flight"}
     marks = f"{'' if found.scene.composition == kinds else 'not '}{kinds}", f"{'' if seen_right else 'not '}{true}"
@@ -230,7 +235,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             print(f"| {name} | {error} | | 0 | | | |", flush=True)
             ious.append(0.0)
             continue
-        line, iou = row(clip, found, time.monotonic() - start)
+        line, iou = row(clip, found, folder / clip.clip, time.monotonic() - start)
         print(line, flush=True)
         ious.append(iou)
         answers[name] = found

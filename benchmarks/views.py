@@ -59,7 +59,9 @@ def true_roll(scene: Scene) -> float:
 
 def steepest(scene: Scene) -> float:
     """deg, the slope in the picture's plane of the steepest fixed body."""
-    slopes = [Rotation.from_quat(b.orientation, scalar_first=True).as_euler("yxz", degrees=True)[0] for b in scene.fixed]
+    slopes = [
+        Rotation.from_quat(b.orientation, scalar_first=True).as_euler("yxz", degrees=True)[0] for b in scene.fixed
+    ]
     return max((abs(float(s)) for s in slopes if abs(s) < 60), default=0.0)
 
 
@@ -122,10 +124,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     for kind in (*sorted({o.kind for o in outcomes}), "all"):
         own = [o for o in outcomes if kind in (o.kind, "all")]
         right = sum(same_view(o.found, o.kind) for o in own)
-        errors = [np.nanmedian(np.abs([*e, np.nan])) if len(e) else np.nan for e in (
-            [o.roll_error for o in own if not np.isnan(o.roll_error)],
-            [o.slope_error for o in own if not np.isnan(o.slope_error)],
-        )]
+        errors = [
+            np.nanmedian(np.abs([*e, np.nan])) if len(e) else np.nan
+            for e in (
+                [o.roll_error for o in own if not np.isnan(o.roll_error)],
+                [o.slope_error for o in own if not np.isnan(o.slope_error)],
+            )
+        ]
         iou = np.mean([o.iou for o in own])
         print(f"| {kind} | {len(own)} | {right} | {iou:.2f} | {errors[0]:.1f} | {errors[1]:.1f} |")
     good = [o for o in outcomes if o.grade.name == "good"]

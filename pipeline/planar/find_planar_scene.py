@@ -135,7 +135,9 @@ def measure_motion(
         plane = replace(level, px_per_m=scale.px_per_m)
     else:
         plane = replace(level, px_per_m=scale.px_per_m, roll=-float(np.radians(found.roll_deg)), level=False)
-    motion = ClipMotion(tuple(tracks), tuple(arcs), found, silhouettes, scale, plane, (), tuple(tracks), None, (None,) * len(tracks))
+    motion = ClipMotion(
+        tuple(tracks), tuple(arcs), found, silhouettes, scale, plane, (), tuple(tracks), None, (None,) * len(tracks)
+    )
     if found.kind == "table":
         balls = bool(tracks) and all(s.shape == "sphere" for s in silhouettes)
         return seen_from_above(motion, table_view(plane, sizes, tracks)) if balls else motion

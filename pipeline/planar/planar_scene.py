@@ -30,7 +30,9 @@ CYLINDER_LENGTH = 0.5  # of a cylinder that is seen along its axis, in radii: wh
 SPRING = 2.36  # -log of the restitution over the damping ratio, of bodies of 10 cm that fall 50 cm (simulated)
 #: Of what is round in all frames: a cylinder in flight is seldom seen along its axis for long, a top view is of pucks.
 ROUND_SHAPES = {"flight": "sphere", "top": "cylinder"}
-ROLLING_SHARE = 7 / 5  # of a ball's deceleration over gravity: rolling friction over its radius, as a ball's inertia rolls, too
+ROLLING_SHARE = (
+    7 / 5
+)  # of a ball's deceleration over gravity: rolling friction over its radius, as a ball's inertia rolls, too
 WALL_DEPTH, WALL_HEIGHT = 0.5, 1.5  # of a wall on level ground: share of its length, and heights of the tallest body
 PUCK_HEIGHT = 0.6  # of a disc seen from above, in radii
 

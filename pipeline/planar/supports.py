@@ -156,7 +156,7 @@ def _with_bounces(
 
 
 def _longer(support: Support, contact: np.ndarray, half: float) -> Support:
-    """A support that goes on for `half` px beyond a contact (2,) px; an edge over which bodies fell stays where it is."""
+    """A support that goes on for `half` px beyond a contact (2,) px; one that holds the contact stays as it is."""
     place, length = (contact - support.start) @ support.along, np.linalg.norm(support.stop - support.start)
     low, high = min(0.0, place - half), max(length, place + half)
     if support.restitution is None and 0 <= place <= length:
