@@ -173,7 +173,7 @@ class Inference:
     @property
     def doubts(self) -> list[str]:
         """Why the answer should not be relied on."""
-        return list(self.clip.taken.doubts)
+        return [*self.clip.taken.doubts, *self.filmed.doubts]
 
     def replay(self) -> Replay:
         """The scene, run over the clip."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.errors import ParamsError
-from pipeline.inference.trust import Forecast, forecast
+from pipeline.inference.trust import Forecast, forecast, gravity_doubt
 from pipeline.perception.user_clip import UserClip
 from pipeline.planar.find_planar_scene import ClipMotion, KnownSize, PlanarAnswer, find_planar_scene, measure_motion
 from pipeline.planar.scale import GRAVITY
@@ -79,6 +79,7 @@ class FilmedWorld:
         answer: The planar scene; None where the view is a table, or no body can be measured.
         scene: That scene, with the camera of the clip's own frames.
         forecast: Of frames that were not fitted; None where it could not be tried.
+        doubts: What disagrees with what the user knows, a sentence each.
     """
 
     motion: ClipMotion
@@ -86,6 +87,7 @@ class FilmedWorld:
     answer: PlanarAnswer | None
     scene: Scene | None
     forecast: Forecast | None
+    doubts: tuple[str, ...]
 
 
 def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
@@ -100,7 +102,8 @@ def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
     if told.answer is not None:
         scene = told.answer.scene
         seen = scene if taken.found is None else clip_camera(scene, taken.clip.letterbox)
-    return FilmedWorld(told.motion, masks, told.answer, seen, told.forecast)
+    doubt = _gravity_doubt(told.motion, world, taken.clip.source_fps)
+    return FilmedWorld(told.motion, masks, told.answer, seen, told.forecast, () if doubt is None else (doubt,))
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,16 @@ def tracked_world(masks: np.ndarray, frames: np.ndarray, times: np.ndarray, worl
             return None
 
     return TrackedWorld(motion, answer, forecast(kept, times, tried))
+
+
+def _gravity_doubt(motion: ClipMotion, world: World, fps: float) -> str | None:
+    """A sentence on free fall that disagrees with gravity, where a length or a size is known."""
+    view, scale = motion.view, motion.scale
+    if view.gravity_px is None or scale.by not in ("length", "size"):
+        return None
+    found = float(np.linalg.norm(view.gravity_px))
+    errors = [m.arc.acceleration_sigma for m in view.arcs if m.kind == "free"]
+    return gravity_doubt(found / scale.px_per_m, world.gravity, min(errors) / found + scale.error, fps)
 
 
 def filmed_frames(taken: UserClip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
