@@ -14,11 +14,11 @@ from command_run import Run, files_no_larger_than
 from PIL import Image
 from rerun.chunk import RrdReader
 
-from pipeline.api.infer import SEARCH_SIZE
 from pipeline.api.infer_files import relabelled
 from pipeline.api.scene_source import edited
 from pipeline.clips.replay import replay
 from pipeline.errors import VideoError
+from pipeline.inference.find_scenes import SEARCH_SIZE
 from pipeline.inference.measured_clip import MeasuredClip, check_motion, clip_schedule, limits, measured_clip
 from pipeline.inference.scene_search import clip_evaluator
 from pipeline.metrics.overlap import overlap
