@@ -178,15 +178,15 @@ def test_the_same_clip_becomes_the_same_scene(project: Path, monkeypatch: pytest
         seed=SEED,
     )
     answers = open_shards(project / "data/infer/real")[0].rows()
-    assert [row["text"] for row in answers] == [a.text for a in found.answers]
-    assert [row["sample"] for row in answers] == [a.sample for a in found.answers]
+    assert [row["text"] for row in answers] == [a.text for a in found.scenes.answers]
+    assert [row["sample"] for row in answers] == [a.sample for a in found.scenes.answers]
     assert len({row["text"] for row in answers}) == 1
     ranked = open_shards(project / "data/best_of_k/real")[0].rows()
-    assert ranked[0]["reward"] == pytest.approx(max(found.rewards.reward[1:]), abs=1e-9)
+    assert ranked[0]["reward"] == pytest.approx(max(found.scenes.rewards.reward[1:]), abs=1e-9)
     searched = open_shards(project / "data/fit/real")[0].row()
-    assert found.searched is not None
-    assert searched["scene"] == write_scene(found.searched.result.scene)
-    assert searched["reward"] == pytest.approx(found.searched.result.reward, abs=1e-9)
+    assert found.scenes.searched is not None
+    assert searched["scene"] == write_scene(found.scenes.searched.result.scene)
+    assert searched["reward"] == pytest.approx(found.scenes.searched.result.reward, abs=1e-9)
 
     found.save(project / "out")
     assert write_scene(load_scene(project / "out" / "scene.yaml")) == write_scene(found.scene)
