@@ -221,7 +221,9 @@ def infer(
         budget=settings.search,
         progress=progress,
     )
-    return Inference(name, measured, settings, loading.base.result(), found, progress.seconds)
+    return Inference(
+        name=name, clip=measured, settings=settings, base=loading.base.result(), scenes=found, seconds=progress.seconds
+    )
 
 
 def _loading(model: str | Base | LoadingModel) -> LoadingModel:

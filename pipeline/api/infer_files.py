@@ -122,7 +122,10 @@ def _write_pictures(folder: Path, found: Inference, run: Replay) -> str:
     )
     assert run.trace is not None
     motion = MotionLayer("replay", run.scene, run.trace, True, run.events)
-    save(Footage(place.stem, notes, (motion,), seen, replayed, fps), folder / "recording.rrd")
+    save(
+        Footage(name=place.stem, notes=notes, motions=(motion,), seen=seen, replayed=replayed, fps=fps),
+        folder / "recording.rrd",
+    )
     return reason
 
 

@@ -101,6 +101,14 @@ def masks(
     with progress.step("masks"):
         read = read_frames(Path(clip), start=start, seconds=seconds, fps=FPS, assume_fps=fps, source=source)
         taken = with_masks(read, prompts)
-    found = Masks(str(clip), start, seconds, fps, prompts, taken, dict(progress.seconds))
+    found = Masks(
+        name=str(clip),
+        start=start,
+        seconds=seconds,
+        fps=fps,
+        prompts=prompts,
+        taken=taken,
+        times=dict(progress.seconds),
+    )
     say_bodies(progress, found.name, start, taken, found.found.clip.file_notes)
     return found

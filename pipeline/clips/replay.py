@@ -142,7 +142,15 @@ def replay(scene: Scene, schedule: Schedule, width: int = WIDTH, height: int = H
 def replay_trace(scene: Scene, trace: Trace, schedule: Schedule, width: int = WIDTH, height: int = HEIGHT) -> Replay:
     """The replay of a scene that has been run."""
     steps = schedule.frame_steps
-    return Replay(scene, schedule, trace.position[steps], trace.quaternion[steps], trace, width, height)
+    return Replay(
+        scene=scene,
+        schedule=schedule,
+        position=trace.position[steps],
+        quaternion=trace.quaternion[steps],
+        trace=trace,
+        width=width,
+        height=height,
+    )
 
 
 def replay_poses(scene: Scene, schedule: Schedule, width: int = WIDTH, height: int = HEIGHT) -> Replay:
@@ -155,7 +163,15 @@ def replay_poses(scene: Scene, schedule: Schedule, width: int = WIDTH, height: i
         SimulationError: Where the simulation becomes unstable.
     """
     states = states_at(scene, schedule.frame_steps)
-    return Replay(scene, schedule, states.position[0], states.quaternion[0], None, width, height)
+    return Replay(
+        scene=scene,
+        schedule=schedule,
+        position=states.position[0],
+        quaternion=states.quaternion[0],
+        trace=None,
+        width=width,
+        height=height,
+    )
 
 
 def masks_at(scene: Scene, times: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -73,7 +73,7 @@ def video_stretch(
     schedule = clip_schedule(place, seconds)
     source = mask_source(place, masks, prompts)
     check_file(video_of(place))
-    return VideoStretch(place, start, schedule, fps, source, prompts)
+    return VideoStretch(place=place, start=start, schedule=schedule, fps=fps, source=source, prompts=prompts)
 
 
 def measure_clip(
