@@ -26,7 +26,7 @@ from pipeline.inference.asking import (
 )
 from pipeline.inference.filmed_world import World
 from pipeline.inference.find_scenes import LEAST_SEARCH, FoundScenes, SearchBudget, find_scenes
-from pipeline.inference.measure_clip import FlowSource, VideoStretch, measure_clip, video_stretch
+from pipeline.inference.measure_clip import FlowSource, VideoStretch, measure_clip
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.method import TRACKS, Method
 from pipeline.inference.progress import Progress
@@ -190,19 +190,14 @@ def infer(
     progress = progress or Progress()
     if 0 < search < LEAST_SEARCH:
         raise ParamsError(f"search: {search} simulations are too few; valid: 0 for none, or at least {LEAST_SEARCH}")
-    prompts, name = prompts or Prompts(), "clip"
-    seen: VideoStretch | UserClip | MeasuredClip
-    if isinstance(clip, (str, Path)):
-        name = str(clip)
-        seen = video_stretch(Path(clip), start=start, seconds=seconds, fps=fps, masks=masks, prompts=prompts)
-    else:
-        seen = clip
+    prompts, name = prompts or Prompts(), str(clip) if isinstance(clip, (str, Path)) else "clip"
     loading = _loading(model)
     source = FlowSource(flow_source(loading.shown, flow, loading.name), shipped(raft))
-    if isinstance(seen, MeasuredClip):
-        measured = seen
+    if isinstance(clip, MeasuredClip):
+        measured = clip
     else:
-        measured = measure_clip(seen, loading.shown, source, seconds=seconds, progress=progress, when_seen=when_seen)
+        seen = clip if isinstance(clip, UserClip) else VideoStretch(Path(clip), start, seconds, fps, masks, prompts)
+        measured = measure_clip(seen, loading.shown, source, progress=progress, when_seen=when_seen)
     settings = Settings(
         start=start,
         seconds=seconds,

@@ -7,16 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.clips.schedule import Schedule
 from pipeline.inference.asking import raw_flow, shown_flow
 from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
 from pipeline.model.model_input import ModelInput
-from pipeline.perception.mask_source import MaskSource, mask_source
 from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import UserClip, read_frames, with_masks
-from pipeline.vision.recordings.clip_folder import video_of
-from pipeline.vision.recordings.video import check_file
+from pipeline.perception.user_clip import UserClip, open_clip, with_masks
+from pipeline.vision.recordings.video import FPS
 
 
 @dataclass(frozen=True)
@@ -24,19 +21,19 @@ class VideoStretch:
     """A stretch of a video that is to be measured.
 
     Attributes:
-        place: The video, or a folder with one.
+        place: The video, or a folder with one and masks.
         start: s, where the stretch begins.
-        schedule: Its frames.
-        fps: Frames a second at which it was shot, where the file's header lies.
-        source: Where masks come from.
+        seconds: Its length.
+        fps: Frames a second at which it was shot; None for what the file says.
+        masks: A file or folder of masks, or a published segmenter; None for masks beside the video, else our network.
         prompts: What is known of the bodies.
     """
 
     place: Path
     start: float
-    schedule: Schedule
+    seconds: float
     fps: float | None
-    source: MaskSource
+    masks: str | Path | None
     prompts: Prompts
 
 
@@ -53,35 +50,11 @@ class FlowSource:
     raft: Path
 
 
-def video_stretch(
-    place: Path, *, start: float, seconds: float, fps: float | None, masks: str | Path | None, prompts: Prompts
-) -> VideoStretch:
-    """A stretch of a video, checked as far as that is possible without reading frames.
-
-    Args:
-        place: The video, or a folder with one and masks.
-        start: s, where the stretch begins.
-        seconds: Its length.
-        fps: Frames a second at which it was shot; None for what the file says.
-        masks: A file or folder of masks, or a published segmenter; None for masks beside the video, else our network.
-        prompts: What is known of the bodies.
-
-    Raises:
-        VideoError: For a file that is no video, or too short a stretch.
-        ParamsError: For masks or prompts that cannot be.
-    """
-    schedule = clip_schedule(place, seconds)
-    source = mask_source(place, masks, prompts)
-    check_file(video_of(place))
-    return VideoStretch(place=place, start=start, schedule=schedule, fps=fps, source=source, prompts=prompts)
-
-
 def measure_clip(
     clip: VideoStretch | UserClip,
     shown: ModelInput,
     flow: FlowSource,
     *,
-    seconds: float,
     progress: Progress,
     when_seen: Callable[[UserClip], None] | None = None,
 ) -> MeasuredClip:
@@ -91,7 +64,6 @@ def measure_clip(
         clip: A stretch of a video, or frames with masks.
         shown: How the model's input is made, which says how flow is measured.
         flow: What measures it.
-        seconds: Length of frames with masks.
         progress: Told of each step.
         when_seen: Called with the clip and its masks as soon as they are there.
 
@@ -99,19 +71,21 @@ def measure_clip(
         VideoError: For a clip that cannot be used, or in which nothing moves.
     """
     if isinstance(clip, VideoStretch):
-        name, schedule = str(clip.place), clip.schedule
+        name, schedule = str(clip.place), clip_schedule(clip.place, clip.seconds)
         with progress.step("frames"):
-            read = read_frames(
+            read = open_clip(
                 clip.place,
                 start=clip.start,
-                seconds=schedule.seconds,
+                seconds=clip.seconds,
                 fps=schedule.fps,
                 assume_fps=clip.fps,
-                source=clip.source,
+                masks=clip.masks,
+                prompts=clip.prompts,
             )
         frames = read.clip
     else:
-        name, schedule, taken, frames = "clip", clip_schedule(Path("clip"), seconds), clip, clip.clip
+        name, taken, frames = "clip", clip, clip.clip
+        schedule = clip_schedule(Path(name), len(frames.times) / FPS)
     with ThreadPoolExecutor(1, "flow") as beside:
         measuring = beside.submit(raw_flow, frames, schedule, shown, flow.name, flow.raft)
         if isinstance(clip, VideoStretch):
