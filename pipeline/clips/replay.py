@@ -156,8 +156,8 @@ def replay_trace(scene: Scene, trace: Trace, schedule: Schedule, width: int = WI
 def replay_poses(scene: Scene, schedule: Schedule, width: int = WIDTH, height: int = HEIGHT) -> Replay:
     """Run a scene as a search does: by `BatchSimulator`, without effects and contacts; several times as fast.
 
-    MuJoCo gets the model's numbers directly and not by way of MJCF, so that poses equal those of `replay` to rounding
-    (a chaotic second of contacts has made 1e-6 m of that). Scores of reports use this one.
+    MuJoCo gets the numbers of the model directly, not through MJCF, so poses differ from those of `replay` by rounding
+    (by up to 1e-6 m after a second of contacts). The scores in reports use this function.
 
     Raises:
         SimulationError: Where the simulation becomes unstable.
