@@ -15,13 +15,14 @@ from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exp
 from pipeline.segmentation.joining import joined
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
 from pipeline.segmentation.plate import clear_plate
-from pipeline.segmentation.resting import with_rests
+from pipeline.segmentation.resting import resting
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge
 
 WORK_PX = 240 * 160  # of the picture that the network sees
 MIRRORED = False  # whether the network is asked about the mirrored clip too
 LEAST_SCORE = 0.4
+PLATE_SCORE = 0.4  # from which a track of the first look is left out of the background of the second
 LEVEL = 0.38  # of a soft mask, at a body's edge: 0.5 draws bodies 6 % (rendered clips) to 14 % (real ones) too small
 LEAST_PART = 0.2  # of a body's largest connected part: smaller ones are flecks
 MOST_BODIES = 255
@@ -71,8 +72,9 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     first = _look(network, small, features)
     scores = _scores(first, network)
     covered = np.zeros(small.shape[:3], bool)
-    for track, probable in zip(first.tracks, scores >= LEAST_SCORE, strict=True):
-        for t, piece in with_rests(track, small).pieces.items() if probable else ():
+    probable = [t for t, s in zip(first.tracks, scores, strict=True) if s >= PLATE_SCORE]
+    for track in resting(probable, small):
+        for t, piece in track.pieces.items():
             covered[t].reshape(-1)[piece.pixels] = True
     plate = clear_plate(small, covered, features.background)
     if np.array_equal(plate, features.background):
@@ -111,7 +113,7 @@ def find_bodies(
     scores = _scores(found, network)
     kept = [i for i in np.argsort(-scores)[:MOST_BODIES] if scores[i] >= least_score]
     kept.sort(key=lambda i: (found.tracks[i].first, -len(found.tracks[i].pieces[found.tracks[i].first].pixels)))
-    tracks = [with_rests(found.tracks[i], found.frames) for i in kept]
+    tracks = resting([found.tracks[i] for i in kept], found.frames)
     scale = np.array([frames.shape[2] / found.frames.shape[2], frames.shape[1] / found.frames.shape[1]])
     centres = np.full((len(frames), len(tracks), 2), np.nan)
     for k, track in enumerate(tracks):

@@ -1,4 +1,7 @@
-"""The background behind moving bodies: each pixel's median over the frames in which no body covers it."""
+"""The background behind moving bodies: each pixel's median over the frames in which no body covers it.
+
+Where a body always is, as a slow one, the background is filled in from around it (Telea, J. Graphics Tools 2004).
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,42 @@ import numpy as np
 from pipeline.compiled import kernel
 
 LEAST_CLEAR = 3  # frames in which a pixel must be clear
+ALIKE = 12  # of 255: change of a pixel's channels from which on it shows something else
+REACH_PX = 4  # around a pixel that is filled in
 MARGIN_PX = 2  # around a body that does not count as clear: half-covered pixels, contact shadows
+
+
+@kernel
+def _still_covered(frames: np.ndarray, covered: np.ndarray, alike: int, out: np.ndarray) -> None:
+    count, height, width = covered.shape
+    for row in range(height):
+        for col in range(width):
+            for t in range(count):
+                if not covered[t, row, col]:
+                    continue
+                out[t, row, col] = True
+                for step in (-1, 1):
+                    s = t + step
+                    while 0 <= s < count and not covered[s, row, col]:
+                        change = 0
+                        for k in range(3):
+                            change = max(
+                                change, abs(np.int64(frames[s, row, col, k]) - np.int64(frames[t, row, col, k]))
+                            )
+                        if change >= alike:
+                            break
+                        out[s, row, col] = True
+                        s += step
+
+
+def still_covered(frames: np.ndarray, covered: np.ndarray) -> np.ndarray:
+    """(T, H, W) bool: where a body is seen, and where a pixel looks the same before or after a body is seen there.
+
+    A body that comes to rest is lost little by little. frames: (T, H, W, 3) uint8, covered: (T, H, W) bool.
+    """
+    out = np.zeros(covered.shape, np.bool_)
+    _still_covered(frames, covered, ALIKE, out)
+    return out
 
 
 @kernel
@@ -37,11 +75,15 @@ def clear_plate(frames: np.ndarray, covered: np.ndarray, background: np.ndarray)
     Args:
         frames: (T, H, W, 3) uint8.
         covered: (T, H, W) bool, where a body is seen.
-        background: (H, W, 3) uint8, the median of all frames; it stays where a body always, or nearly, covers it.
+        background: (H, W, 3) uint8, the median of all frames.
     """
-    size = 2 * MARGIN_PX + 1
-    square = np.ones((size, size), np.uint8)
-    grown = np.stack([cv2.dilate(c.astype(np.uint8), square) for c in covered]) > 0
+    square = np.ones((2 * MARGIN_PX + 1,) * 2, np.uint8)
+    still = still_covered(frames, covered)
+    grown = np.stack([cv2.dilate(c.astype(np.uint8), square) for c in still]) > 0
     out = background.copy()
     _clear_median(frames, grown, LEAST_CLEAR, out)
+    always = ((~still).sum(0) < LEAST_CLEAR).astype(np.uint8)
+    if always.any():
+        around = (~grown).sum(0) < LEAST_CLEAR
+        out = cv2.inpaint(out, cv2.dilate(always, square) & around, REACH_PX, cv2.INPAINT_TELEA)
     return out
