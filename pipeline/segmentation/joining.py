@@ -133,8 +133,8 @@ def stiff_offset(one: Track, other: Track, probability: np.ndarray) -> np.ndarra
     """The vector (2,) px from one track to the other if they are the ends of one stiff body, else None.
 
     So they are where they have one colour and the vector between their centres stays the same while both move by more
-    than its length or four radii, and what is between them is not empty. Two bodies that fall side by side have nothing between them. Frames
-    count by how far the track moves there: two bodies that meet and then rest are no stiff body.
+    than its length or four radii, and what is between them is not empty. Two bodies that fall side by side have nothing
+    between them. Frames count by how far the track moves there: two bodies that meet and then rest are no stiff body.
     """
     common = sorted(set(one.pieces) & set(other.pieces))
     if not _one_colour(one, other) or len(common) < max(LEAST_COMMON, 0.5 * min(len(one.pieces), len(other.pieces))):

@@ -17,6 +17,14 @@ MARGIN_PX = 2  # around a body that does not count as clear: half-covered pixels
 
 
 @kernel
+def _largest_change(one: np.ndarray, other: np.ndarray) -> int:
+    largest = 0
+    for k in range(3):
+        largest = max(largest, abs(int(one[k]) - int(other[k])))
+    return largest
+
+
+@kernel
 def _still_covered(frames: np.ndarray, covered: np.ndarray, alike: int, out: np.ndarray) -> None:
     count, height, width = covered.shape
     for row in range(height):
@@ -28,12 +36,7 @@ def _still_covered(frames: np.ndarray, covered: np.ndarray, alike: int, out: np.
                 for step in (-1, 1):
                     s = t + step
                     while 0 <= s < count and not covered[s, row, col]:
-                        change = 0
-                        for k in range(3):
-                            change = max(
-                                change, abs(np.int64(frames[s, row, col, k]) - np.int64(frames[t, row, col, k]))
-                            )
-                        if change >= alike:
+                        if _largest_change(frames[s, row, col], frames[t, row, col]) >= alike:
                             break
                         out[s, row, col] = True
                         s += step

@@ -190,7 +190,7 @@ def test_two_bodies_of_one_colour_that_meet_and_rest_are_not_one_stiff_body():
 
 def test_a_body_that_rests_behind_another_is_kept_while_parts_of_it_are_seen():
     paths = [np.repeat([[60.0, 30.0]], 16, 0), line((10, 30), (54, 30), 16)]
-    frames, prediction, mask = answers(paths)
+    frames, _, mask = answers(paths)
     behind = Track(paths[0][0], 8.0, np.zeros((1, 3)), pieces={0: piece_in(mask[0] == 1, frames[0])})
     front = Track(
         paths[1][0], 8.0, np.zeros((1, 3)), pieces={t: piece_in(mask[t] == 2, frames[t]) for t in range(len(frames))}
