@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.segmentation.cast_shadows import cast_shadows
 from pipeline.segmentation.grouping import Track, follow
 from pipeline.segmentation.inference import Prediction, predict, steadied
-from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exposure
+from pipeline.segmentation.inputs import clip_features, steady_exposure
 from pipeline.segmentation.joining import joined
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
 from pipeline.segmentation.plate import clear_plate
@@ -69,23 +69,25 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     size = working_size(frames.shape[2], frames.shape[1])
     small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
     features = clip_features(small)
-    first = _look(network, small, features)
+    first = _tracked(predict(network, small, features, MIRRORED), small, features.background)
     scores = _scores(first, network)
     covered = np.zeros(small.shape[:3], bool)
     probable = [t for t, s in zip(first.tracks, scores, strict=True) if s >= PLATE_SCORE]
     for track in resting(probable, small):
         for t, piece in track.pieces.items():
             covered[t].reshape(-1)[piece.pixels] = True
-    plate = clear_plate(small, covered, features.background)
+    plate, filled = clear_plate(small, covered, features.background)
     if np.array_equal(plate, features.background):
         return first
-    return _look(network, small, replace(features, background=plate))
+    second = predict(network, small, replace(features, background=plate), MIRRORED)
+    # Where the background is not known, a body that the first look saw there stays.
+    moving = np.where(covered & filled, np.maximum(second.moving, first.prediction.moving), second.moving)
+    return _tracked(replace(second, moving=moving), small, plate)
 
 
-def _look(network: SegmentationNetwork, small: np.ndarray, features: ClipFeatures) -> Candidates:
-    prediction = predict(network, small, features, MIRRORED)
+def _tracked(prediction: Prediction, small: np.ndarray, background: np.ndarray) -> Candidates:
     probability = steadied(prediction.moving, small)
-    probability[cast_shadows(small, features.background)] *= IN_SHADOW
+    probability[cast_shadows(small, background)] *= IN_SHADOW
     tracks = joined(follow(prediction, probability, small), probability)
     figures = [track_figures(t, prediction) for t in tracks]
     return Candidates(small, prediction, probability, tracks, np.array(figures).reshape(len(tracks), len(FIGURES)))

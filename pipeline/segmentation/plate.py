@@ -17,10 +17,10 @@ MARGIN_PX = 2  # around a body that does not count as clear: half-covered pixels
 
 
 @kernel
-def _largest_change(one: np.ndarray, other: np.ndarray) -> int:
-    largest = 0
+def _largest_change(one: np.ndarray, other: np.ndarray) -> float:
+    largest = 0.0
     for k in range(3):
-        largest = max(largest, abs(int(one[k]) - int(other[k])))
+        largest = max(largest, abs(float(one[k]) - float(other[k])))
     return largest
 
 
@@ -72,13 +72,16 @@ def _clear_median(frames: np.ndarray, covered: np.ndarray, least: int, out: np.n
                 out[row, col, channel] = np.sort(values[:k])[k // 2]
 
 
-def clear_plate(frames: np.ndarray, covered: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """The background (H, W, 3) uint8 without the bodies that are in it because they rest there or are slow.
+def clear_plate(frames: np.ndarray, covered: np.ndarray, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The background without the bodies that are in it because they rest there or are slow.
 
     Args:
         frames: (T, H, W, 3) uint8.
         covered: (T, H, W) bool, where a body is seen.
         background: (H, W, 3) uint8, the median of all frames.
+
+    Returns:
+        The background (H, W, 3) uint8, and where it is filled in, since it is never, or hardly, seen: (H, W) bool.
     """
     square = np.ones((2 * MARGIN_PX + 1,) * 2, np.uint8)
     still = still_covered(frames, covered)
@@ -86,7 +89,7 @@ def clear_plate(frames: np.ndarray, covered: np.ndarray, background: np.ndarray)
     out = background.copy()
     _clear_median(frames, grown, LEAST_CLEAR, out)
     always = ((~still).sum(0) < LEAST_CLEAR).astype(np.uint8)
-    if always.any():
-        around = (~grown).sum(0) < LEAST_CLEAR
-        out = cv2.inpaint(out, cv2.dilate(always, square) & around, REACH_PX, cv2.INPAINT_TELEA)
-    return out
+    filled = cv2.dilate(always, square) & ((~grown).sum(0) < LEAST_CLEAR)
+    if filled.any():
+        out = cv2.inpaint(out, filled, REACH_PX, cv2.INPAINT_TELEA)
+    return out, filled > 0
