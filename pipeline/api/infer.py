@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
     from pipeline.model.base import Base
     from pipeline.model.generate import Sampling
+    from pipeline.objects.answering import ObjectsModel
 
 #: As params.yaml has them for the graph (`search`; a test compares them).
 SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward
@@ -135,7 +136,7 @@ class Inference:
     name: str
     clip: MeasuredClip
     settings: Settings
-    base: Base
+    base: Base | ObjectsModel
     answers: tuple[Answer, ...]
     rewards: Rewards
     methods: tuple[Method, ...]
@@ -203,7 +204,7 @@ def infer(
     fps: float | None = None,
     masks: str | Path | None = None,
     prompts: Prompts | None = None,
-    model: str | Base | LoadingModel = "models/tiny",
+    model: str | Base | ObjectsModel | LoadingModel = "models/tiny",
     samples: int = 8,
     temperature: float = 1.0,
     top_p: float = 0.9,
@@ -289,7 +290,7 @@ def infer(
                 field = shown_flow(measuring.result(), taken, schedule, shown)
     with progress.step("answers"):
         question = Question(samples, temperature, top_p, middle, seed)
-        answers, sampling = ask_model(loading, frames, schedule, field, question)
+        answers, sampling = ask_model(loading, taken, schedule, field, question)
     measured = clip if isinstance(clip, MeasuredClip) else measured_clip(name, taken, schedule, field)
     settings = Settings(
         start=start,
@@ -360,7 +361,7 @@ def infer(
     )
 
 
-def _loading(model: str | Base | LoadingModel) -> LoadingModel:
+def _loading(model: str | Base | ObjectsModel | LoadingModel) -> LoadingModel:
     """A model that is being loaded, or is there."""
     if isinstance(model, LoadingModel):
         return model

@@ -1,4 +1,4 @@
-"""The numbers of a scene as the model of objects writes them: their order, their range, and how they are cut into bins."""
+"""The numbers of a scene as the model of objects writes them: their order, range and scale."""
 
 from __future__ import annotations
 

@@ -136,9 +136,9 @@ def _crop(masks: np.ndarray, flow: np.ndarray, places: np.ndarray, crops: np.nda
                 for c in range(size):
                     own, others, right, down = 0, 0, 0.0, 0.0
                     for a in range(sub):
-                        y = int(math.floor(top + (r + (a + 0.5) / sub) * step))
+                        y = math.floor(top + (r + (a + 0.5) / sub) * step)
                         for b in range(sub):
-                            x = int(math.floor(left + (c + (b + 0.5) / sub) * step))
+                            x = math.floor(left + (c + (b + 0.5) / sub) * step)
                             if x < 0 or y < 0 or x >= width or y >= height:
                                 others -= 1
                                 continue

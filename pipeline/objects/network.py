@@ -1,5 +1,8 @@
-"""The network that reads objects: a crop and numbers of each body in each frame make a token; blocks of attention over a
-body's frames, then over all bodies and frames; then the numbers of the scene and of each body."""
+"""The network that reads objects.
+
+A crop and numbers of each body in each frame make a token. Blocks of attention over a body's frames come first, then
+blocks over all bodies and frames, then the numbers of the scene and of each body.
+"""
 
 from __future__ import annotations
 
@@ -55,9 +58,11 @@ class Block(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, L, width) to the same."""
-        b, l, d = x.shape
-        q, k, v = self.qkv(self.norm_attention(x)).view(b, l, 3, self.heads, d // self.heads).permute(2, 0, 3, 1, 4)
-        seen = functional.scaled_dot_product_attention(q, k, v).transpose(1, 2).reshape(b, l, d)
+        b, length, d = x.shape
+        q, k, v = (
+            self.qkv(self.norm_attention(x)).view(b, length, 3, self.heads, d // self.heads).permute(2, 0, 3, 1, 4)
+        )
+        seen = functional.scaled_dot_product_attention(q, k, v).transpose(1, 2).reshape(b, length, d)
         x = x + self.out(seen)
         return x + self.down(functional.gelu(self.up(self.norm_layer(x)), approximate="tanh"))
 
@@ -74,7 +79,9 @@ class Read:
 class ObjectsNetwork(nn.Module):
     """From instances to distributions over the numbers of a scene."""
 
-    def __init__(self, size: ObjectsSize = ObjectsSize()) -> None:
+    free: Tensor
+
+    def __init__(self, size: ObjectsSize) -> None:
         super().__init__()
         self.size = size
         width, (a, b, c) = size.width, size.channels
@@ -163,7 +170,11 @@ class ObjectsNetwork(nn.Module):
             slots: (B, N).
         """
         read = self.read(crops, places, slots)
-        scene, values, shapes = on_scale(scene, SCENE_FIELDS), on_scale(values.flatten(0, 1), OBJECT_FIELDS), shapes.flatten()
+        scene, values, shapes = (
+            on_scale(scene, SCENE_FIELDS),
+            on_scale(values.flatten(0, 1), OBJECT_FIELDS),
+            shapes.flatten(),
+        )
         of_scene, _ = self.scene.losses(read.scene, scene)
         each, of_shape = self.bodies.losses(self.known(read, scene).flatten(0, 1), values, shapes)
         assert of_shape is not None
@@ -180,7 +191,13 @@ def place_features(places: Tensor) -> Tensor:
     spots = 2 * torch.cat([across, down], -1) - 1
     waves = spots[..., None] * (math.pi * 2.0 ** torch.arange(WAVES, device=places.device))
     wide, high, area = (right - left).clamp(min=1), (bottom - top).clamp(min=1), area.clamp(min=1)
-    sizes = [wide.log() - 3.3, high.log() - 3.3, 0.5 * area.log() - 3, 2 * area / (wide * high) - 1.5, (wide / high).log()]
+    sizes = [
+        wide.log() - 3.3,
+        high.log() - 3.3,
+        0.5 * area.log() - 3,
+        2 * area / (wide * high) - 1.5,
+        (wide / high).log(),
+    ]
     ground, depth = _ground((left + right) / 2, bottom)
     focal = HEIGHT / (2 * math.tan(math.radians(CAMERA_FOV) / 2))
     metres = torch.stack([wide, high], -1) * depth[..., None] / focal * 4

@@ -22,6 +22,10 @@ Draw = Callable[[Tensor, Field], Tensor]
 class NumberChain(nn.Module):
     """p(v1 | h) p(v2 | h, v1) …; where there are `choices`, one of them is chosen first and conditions the rest."""
 
+    low: Tensor
+    high: Tensor
+    frequency: Tensor
+
     def __init__(self, fields: tuple[Field, ...], width: int, choices: int = 0) -> None:
         super().__init__()
         self.fields = fields
@@ -162,7 +166,9 @@ def sampler(middle: float, generator: torch.Generator) -> Draw:
     def draw(p: Tensor, field: Field) -> Tensor:
         if is_angle(field):
             sharp = p**1.5
-            return _peak_at(p, torch.multinomial(sharp / sharp.sum(-1, keepdim=True), 1, generator=generator)[:, 0], field)
+            return _peak_at(
+                p, torch.multinomial(sharp / sharp.sum(-1, keepdim=True), 1, generator=generator)[:, 0], field
+            )
         quantile = 0.5 + middle * (torch.rand(len(p), generator=generator) - 0.5)
         return at_quantile(p, quantile, field)
 

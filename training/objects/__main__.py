@@ -19,10 +19,14 @@ import numpy as np
 import torch
 
 from pipeline.csv_rows import append_row
-from pipeline.objects.checkpoint import save_objects
+from pipeline.model.model_input import ModelInput
+from pipeline.objects.answering import ObjectsModel
+from pipeline.objects.batch import Examples, groups_of, loss_sums, mean_losses
 from pipeline.objects.network import ObjectsNetwork, ObjectsSize
+from stages.graph.params import PARAMS_FILE, Params
+from stages.graph.params_file import read_params_file
 from training.objects.shards import SUITE, read_examples
-from training.objects.trainer import Pool, Trainer, groups_of
+from training.objects.trainer import Pool, Trainer
 
 KEPT = (2_000, 5_000, 10_000, 20_000, 40_000, 80_000, 120_000, 160_000, 240_000, 320_000, 480_000, 640_000, 1_280_000)
 WARM_STEPS = 50
@@ -49,7 +53,8 @@ def train(asked: argparse.Namespace) -> None:
         print(f"continues from {clips} clips, {seconds / 60:.1f} min", flush=True)
     pool, rng = Pool(asked.examples, asked.files, asked.visits), np.random.default_rng((asked.seed, trainer.step))
     development = read_examples(min(asked.development.glob("*.parquet"))) if asked.development else None
-    began, saved, sums, share = time.monotonic() - seconds, time.monotonic(), {}, 1.0
+    sums: dict[str, float] = {}
+    began, saved, share = time.monotonic() - seconds, time.monotonic(), 1.0
     while (seconds := time.monotonic() - began) < 60 * asked.minutes:
         left = 60 * asked.minutes - seconds
         earlier, share = share, min(1.0, left / (60 * asked.decay)) * min(1.0, (trainer.step + 1) / WARM_STEPS)
@@ -63,7 +68,9 @@ def train(asked: argparse.Namespace) -> None:
             sums[name] = sums.get(name, 0.0) + value / LOG_STEPS
         for kept in KEPT:
             if clips < kept <= reached:
-                torch.save({"network": trainer.averaged, "size": vars(size), "clips": kept}, asked.work / f"clips-{kept}.pt")
+                torch.save(
+                    {"network": trainer.averaged, "size": vars(size), "clips": kept}, asked.work / f"clips-{kept}.pt"
+                )
         clips = reached
         if trainer.step % LOG_STEPS == 0:
             row = {"clips": clips, "files": len(pool.times_read), "minutes": seconds / 60, "rate": share, **sums}
@@ -78,7 +85,9 @@ def train(asked: argparse.Namespace) -> None:
             write_state(checkpoint, trainer, seconds, clips, share)
     write_state(checkpoint, trainer, seconds, clips, share)
     trainer.network.load_state_dict(trainer.averaged)
-    save_objects(asked.out, trainer.network)
+    f = read_params_file(PARAMS_FILE, Params).flow
+    shown = ModelInput.of("objects", f.picture, "exact", (f.width, f.height), f.iterations, reasoning=True)
+    ObjectsModel(trainer.network, shown).save(asked.out)
     print(f"saved to {asked.out}", flush=True)
 
 
@@ -90,20 +99,13 @@ def write_state(path: Path, trainer: Trainer, seconds: float, clips: int, share:
 
 
 @torch.no_grad()
-def held_out_losses(trainer: Trainer, size: ObjectsSize, examples: object) -> dict[str, float]:
+def held_out_losses(trainer: Trainer, size: ObjectsSize, examples: Examples) -> dict[str, float]:
     """Mean losses of the averaged weights on the examples."""
     network = ObjectsNetwork(size)
     network.load_state_dict(trainer.averaged)
-    own, trainer.network = trainer.network, network
-    sums: dict[str, float] = {}
-    clips = bodies = 0
-    rng = np.random.default_rng(0)
-    for group in groups_of(examples, np.arange(len(examples.count))):  # type: ignore[attr-defined, arg-type]
-        clips, bodies = clips + len(group["scene"]), bodies + group["shapes"].numel()
-        for name, value in trainer.losses(group, rng).items():
-            sums[name] = sums.get(name, 0.0) + float(value)
-    trainer.network = own
-    return {f"held {name}": value / (clips if name == "scene" else bodies) for name, value in sums.items()}
+    groups, rng = list(groups_of(examples, np.arange(len(examples.count)))), np.random.default_rng(0)
+    means = mean_losses(groups, [loss_sums(network, group, rng) for group in groups])
+    return {f"held {name}": float(value) for name, value in means.items()}
 
 
 def main() -> None:
@@ -112,7 +114,9 @@ def main() -> None:
     parser.add_argument("--development", type=Path, help="likewise, of another seed")
     parser.add_argument("--minutes", type=float, default=240, help="of training in all, resumed runs included")
     parser.add_argument("--decay", type=float, default=60, help="minutes at the end with a falling learning rate")
-    parser.add_argument("--out", type=Path, default=Path("models/objects"), help="where the model is written at the end")
+    parser.add_argument(
+        "--out", type=Path, default=Path("models/objects"), help="where the model is written at the end"
+    )
     parser.add_argument("--work", type=Path, default=Path(".train/objects"), help="checkpoints and log")
     parser.add_argument("--matmul", default="medium", choices=("highest", "high", "medium"))
     parser.add_argument("--batch", type=int, default=24)

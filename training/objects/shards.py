@@ -10,18 +10,19 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pipeline.objects.batch import Examples, arrays_of
+from pipeline.objects.example import MOTION, Example
 from pipeline.objects.fields import OBJECT_FIELDS
 from pipeline.objects.instances import CHANNELS, PLACES, SIDE
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from training.objects.examples import MOTION, Example, make_examples
+from training.objects.examples import make_examples
 
 SHARD = 250
 SUITE = "objects-training"
@@ -35,34 +36,13 @@ COLUMNS: dict[str, tuple[str, tuple[int, ...]]] = {
 }
 
 
-@dataclass(frozen=True)
-class Examples:
-    """Many clips, their instances one after another.
-
-    Attributes:
-        scene: (C, 4) numbers of the scenes.
-        count: (C,) instances of each clip.
-        arrays: By COLUMNS, over all instances.
-    """
-
-    scene: np.ndarray
-    count: np.ndarray
-    arrays: dict[str, np.ndarray]
-
-
 def write_examples(examples: Sequence[Example], path: Path) -> None:
     """Write a file, whole or not at all."""
     rows: dict[str, list] = {"scene": [], "count": [], **{name: [] for name in COLUMNS}}
     for e in examples:
         rows["scene"].append(e.scene.astype(np.float32).tobytes())
         rows["count"].append(len(e.instances))
-        arrays = {
-            "crops": e.instances.crops,
-            "places": e.instances.places,
-            "shapes": e.shapes,
-            "values": e.values,
-            "motion": e.motion,
-        }
+        arrays = arrays_of(e)
         for name, (kind, _) in COLUMNS.items():
             rows[name].append(arrays[name].astype(kind).tobytes())
     schema = pa.schema([("scene", pa.binary()), ("count", pa.int32()), *((name, pa.binary()) for name in COLUMNS)])
@@ -102,9 +82,7 @@ def main() -> None:
         if path.exists():
             continue
         indices = range(first, first + SHARD)
-        examples, _ = make_examples(
-            params, asked.seed, asked.suite, indices, train.objects, train.without, asked.noise
-        )
+        examples, _ = make_examples(params, asked.seed, asked.suite, indices, train.objects, train.without, asked.noise)
         write_examples(examples, path)
         done += SHARD
         if done % (8 * SHARD) == 0 or done == SHARD:

@@ -1,62 +1,18 @@
-"""Training of the network that reads objects: batches, mirrored clips, losses, optimisers, averaged weights."""
+"""Training of the network that reads objects: its optimisers, averaged weights, and the examples in memory."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
-from torch.nn import functional
 
-from pipeline.language.completion import MAX_OBJECTS
-from pipeline.objects.fields import MIRRORED, NOTHING, OBJECT_FIELDS
-from pipeline.objects.instances import WIDTH
+from pipeline.objects.batch import Examples, Group, groups_of, loss_sums, mean_losses, mirrored, total
 from pipeline.objects.network import ObjectsNetwork
 from training.muon import Muon
-from training.objects.shards import Examples, read_examples
+from training.objects.shards import read_examples
 
-SHAPE_WEIGHT, FRAME_WEIGHT = 2.0, 0.3
-MOTION_SCALE = torch.tensor([0.5] * 3 + [0.8] * 3 + [4.0] * 3)  # m, m/s, rad/s that count as 1 in the loss
-MOTION_MIRRORED = (0, 3, 7, 8)  # x of position and velocity, y and z of spin
 AVERAGED = 8.0  # the averaged weights are those of about the last 1/8 of the steps
-
-Group = dict[str, Tensor]
-
-
-def groups_of(examples: Examples, clips: np.ndarray) -> Iterator[Group]:
-    """The clips as tensors, those with equally many instances together; clips without any are left out."""
-    start = np.concatenate([[0], np.cumsum(examples.count)])
-    for count in np.unique(examples.count[clips]):
-        if not 0 < count <= MAX_OBJECTS:
-            continue
-        some = clips[examples.count[clips] == count]
-        rows = start[some][:, None] + np.arange(count)
-        group = {name: torch.from_numpy(array[rows]) for name, array in examples.arrays.items()}
-        group["shapes"] = group["shapes"].long()
-        yield {**group, "scene": torch.from_numpy(examples.scene[some])}
-
-
-def mirrored(group: Group) -> Group:
-    """The clips in a mirror, right and left changed."""
-    crops, places = group["crops"].flip(-1).clone(), group["places"].clone()
-    crops[..., 2, :, :] = -crops[..., 2, :, :]
-    here = places[..., 0] > 0
-    left, right = places[..., 1].clone(), places[..., 2].clone()
-    places[..., 1], places[..., 2] = torch.where(here, WIDTH - right, left), torch.where(here, WIDTH - left, right)
-    places[..., 5] = torch.where(here, WIDTH - places[..., 5], places[..., 5])
-    places[..., 8] = -places[..., 8]
-    places[..., [10, 11]] = places[..., [11, 10]]
-    values, motion = group["values"].clone(), group["motion"].clone()
-    values[..., list(MIRRORED)] *= -1
-    motion[..., list(MOTION_MIRRORED)] *= -1
-    return {**group, "crops": crops, "places": places, "values": values, "motion": motion}
-
-
-def random_slots(clips: int, bodies: int, rng: np.random.Generator) -> Tensor:
-    """(clips, bodies) different marks of the bodies of each clip."""
-    return torch.from_numpy(np.stack([rng.permutation(MAX_OBJECTS)[:bodies] for _ in range(clips)]))
 
 
 class Trainer:
@@ -81,27 +37,6 @@ class Trainer:
         self.peaks = (rate, muon_rate)
         self.rest = rest
         self.averaged = {k: v.detach().clone() for k, v in network.state_dict().items()}
-        self.weights = torch.tensor([f.weight for f in OBJECT_FIELDS])
-
-    def losses(self, group: Group, rng: np.random.Generator) -> dict[str, Tensor]:
-        """Sums of the losses of a group, nats: scene, shape, numbers and frames."""
-        slots = random_slots(*group["shapes"].shape, rng)
-        keys = ("crops", "places", "scene", "shapes", "values")
-        of_scene, of_shape, each, read = self.network.losses(*(group[k] for k in keys), slots)
-        labels = self.network.frame_labels(read.frames).flatten(0, 1)
-        shapes, here = group["shapes"].flatten(), group["places"].flatten(0, 1)[..., 0] > 0
-        kinds = labels[..., : NOTHING + 1]
-        frames = here.shape[1]
-        kind = functional.cross_entropy(kinds.flatten(0, 1), shapes.repeat_interleave(frames), reduction="none")
-        off = labels[..., NOTHING + 1 :] - group["motion"].flatten(0, 1) / MOTION_SCALE
-        moved = functional.smooth_l1_loss(off, torch.zeros_like(off), reduction="none").sum(-1)
-        known = here & (shapes != NOTHING)[:, None]
-        return {
-            "scene": of_scene.sum(),
-            "shape": of_shape.sum(),
-            "numbers": (each * self.weights).sum(),
-            "frames": (kind.view_as(here) * here + moved * known).sum() / frames,
-        }
 
     def learn(self, groups: list[Group], share: float, rng: np.random.Generator) -> dict[str, float]:
         """One step on clips; share: of the peak learning rates. Returns mean losses."""
@@ -109,15 +44,8 @@ class Trainer:
             for part in optimizer.param_groups:
                 part["lr"] = share * peak
             optimizer.zero_grad(set_to_none=True)
-        clips = sum(len(g["scene"]) for g in groups)
-        bodies = sum(g["shapes"].numel() for g in groups)
-        means: dict[str, float] = {}
-        for group in groups:
-            sums = self.losses(group, rng)
-            of_bodies = SHAPE_WEIGHT * sums["shape"] + sums["numbers"] + FRAME_WEIGHT * sums["frames"]
-            (sums["scene"] / clips + of_bodies / bodies).backward()
-            for name, value in sums.items():
-                means[name] = means.get(name, 0.0) + float(value.detach()) / (clips if name == "scene" else bodies)
+        means = mean_losses(groups, [loss_sums(self.network, group, rng) for group in groups])
+        total(means).backward()
         torch.nn.utils.clip_grad_norm_(self.rest, 3.0)
         for optimizer in self.optimizers:
             optimizer.step()
@@ -126,7 +54,7 @@ class Trainer:
         with torch.no_grad():
             for name, value in self.network.state_dict().items():
                 self.averaged[name].mul_(kept).add_(value, alpha=1 - kept)
-        return means
+        return {name: float(value.detach()) for name, value in means.items()}
 
     def state(self) -> dict:
         """What a training continues from."""

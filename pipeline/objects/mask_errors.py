@@ -69,7 +69,7 @@ def _displaced(mask: np.ndarray, amplitude: float, rng: np.random.Generator) -> 
     height, width = mask.shape
     field = _fields(height, width)[rng.integers(FIELDS)]
     a, b = rng.integers(PAD, size=2)
-    rows, columns = _moved(field[a : a + height, b : b + width], np.float32(amplitude))
+    rows, columns = _moved(field[a : a + height, b : b + width], float(amplitude))
     return _looked_up(mask, rows, columns)
 
 
