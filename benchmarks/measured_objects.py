@@ -30,7 +30,7 @@ from stages.render import Pictures
 from training.drawn_scenes import drawn_scenes
 
 NETWORK = Path("models/masks")
-MEASURED = Path(".cache/measured_objects")  # what is kept, by seed and suite
+MEASURED = Path(".train/measured_objects")  # what is kept, by seed and suite
 
 
 @dataclass(frozen=True)

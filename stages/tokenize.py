@@ -1,8 +1,8 @@
 """Prompts, <think> and <answer> as token ids of the base model's own tokenizer.
 
 Reads data/sample/<suite>, data/events/<suite>, model.base's tokenizer. Writes data/tokenize/<suite>: clip, completion
-(text), ids, prompt_length, free (the model's to choose), numeric; no tokens where the base model reads objects. Parameters: clip, model.base, model.reasoning,
-model.width, model.height. Run: python -m stages.tokenize SUITE
+(text), ids, prompt_length, free (the model's to choose), numeric; no tokens where the base model reads objects.
+Parameters: clip, model.base, model.reasoning, model.width, model.height. Run: python -m stages.tokenize SUITE
 """
 
 from collections.abc import Sequence

@@ -11,9 +11,10 @@ from pipeline.model.model_input import INPUT_FILE, ModelInput, read_input, write
 
 FLOW = ModelInput("flow", "wheel", "raft", (240, 160), 4, True)
 RGB = ModelInput("rgb", None, None, None, None, False)
+OBJECTS = ModelInput("objects", None, "exact", (240, 160), 4, True)
 
 
-@pytest.mark.parametrize("written", [FLOW, RGB])
+@pytest.mark.parametrize("written", [FLOW, RGB, OBJECTS])
 def test_what_is_written_is_read(tmp_path: Path, written: ModelInput) -> None:
     assert read_input(str(tmp_path)) is None
     write_input(tmp_path, written)
@@ -23,12 +24,13 @@ def test_what_is_written_is_read(tmp_path: Path, written: ModelInput) -> None:
 def test_settings_of_flow_do_not_count_for_a_model_of_frames() -> None:
     assert ModelInput.of("rgb", "wheel", "raft", (240, 160), 4, False) == RGB
     assert ModelInput.of("flow", "wheel", "raft", (240, 160), 4, True) == FLOW
+    assert ModelInput.of("objects", "wheel", "exact", (240, 160), 4, True) == OBJECTS
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"input": "depth"}, '`input` is "depth"; valid: "flow", "rgb"'),
+        ({"input": "depth"}, '`input` is "depth"; valid: "flow", "rgb", "objects"'),
         ({"picture": "wheels"}, '`picture` is "wheels"; valid: "channels", "wheel"'),
         ({"picture": None}, "`picture` is null; valid"),
         ({"flow_source": "guess"}, '`flow_source` is "guess"; valid: "exact", "raft", "dis"'),
