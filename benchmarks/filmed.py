@@ -21,10 +21,11 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.drawn_outlines import DrawnClip, outline_mask, read_outlines
 from benchmarks.mask_clips import OUTLINES, data_folder
-from pipeline.api.infer import TRACKS, Inference, infer
+from pipeline.api.infer import Inference, infer
 from pipeline.clips.replay import masks_at
 from pipeline.errors import DynamicsError
 from pipeline.inference.filmed_world import World
+from pipeline.inference.method import TRACKS
 from pipeline.metrics.overlap import overlap
 from pipeline.motion.view import ArcMotion
 
@@ -87,13 +88,13 @@ def slope_deg(found: Inference) -> float:
 
 
 def longest(found: Inference) -> ArcMotion:
-    return max(found.filmed.motion.view.arcs, key=lambda m: m.path)
+    return max(found.scenes.filmed.motion.view.arcs, key=lambda m: m.path)
 
 
 def acceleration(found: Inference) -> float:
     """m/s² of the longest arc."""
-    assert found.filmed.answer is not None
-    return float(np.linalg.norm(longest(found).arc.acceleration)) / found.filmed.answer.scale.px_per_m
+    assert found.scenes.filmed.answer is not None
+    return float(np.linalg.norm(longest(found).arc.acceleration)) / found.scenes.filmed.answer.scale.px_per_m
 
 
 def launched(found: Inference) -> np.ndarray:
@@ -105,7 +106,7 @@ def launched(found: Inference) -> np.ndarray:
 def momentum_kept(found: Inference) -> float:
     """Sum of the velocities after a collision of equal bodies over that before, along the latter."""
     sums = []
-    for own in found.filmed.motion.arcs:
+    for own in found.scenes.filmed.motion.arcs:
         sums.append((own[0].velocity, own[-1].velocity))
     before, after = np.sum([b for b, _ in sums], 0), np.sum([a for _, a in sums], 0)
     return float(after @ before / (before @ before))
@@ -178,8 +179,8 @@ def drawn_iou(clip: DrawnClip, found: Inference) -> float:
             whole = outline_mask([outline.polygon], clip.width, clip.height)
             mask[cv2.resize(whole, size, interpolation=cv2.INTER_NEAREST) > 0] = names.index(outline.object) + 1
     times = (np.array(frames) - first) / clip.fps
-    if found.best.name == TRACKS and found.filmed.answer is not None:  # its own camera sees the whole picture
-        own = masks_at(found.filmed.answer.scene, times, *size)
+    if found.best.name == TRACKS and found.scenes.filmed.answer is not None:  # its own camera sees the whole picture
+        own = masks_at(found.scenes.filmed.answer.scene, times, *size)
         return overlap(own, masks, len(found.scene.objects), len(names)).sequence
     box = found.clip.taken.clip.letterbox
     own = masks_at(found.scene, times, *box.size)
@@ -191,7 +192,7 @@ def row(clip: DrawnClip, found: Inference, seconds: float) -> tuple[str, float]:
     """A line of the table, and the IoU with the drawn outlines."""
     kinds = "+".join(sorted(shape for _, shape in clip.objects))
     iou = drawn_iou(clip, found)
-    view, true = found.filmed.motion.view.kind, CLIPS[Path(clip.clip).stem].view
+    view, true = found.scenes.filmed.motion.view.kind, CLIPS[Path(clip.clip).stem].view
     seen_right = view == true or {view, true} == {"side", "flight"}
     marks = f"{'' if found.scene.composition == kinds else 'not '}{kinds}", f"{'' if seen_right else 'not '}{true}"
     line = f"| {Path(clip.clip).stem} | {found.scene.composition} ({marks[0]}) | {view} ({marks[1]}) | {iou:.2f} | "

@@ -175,7 +175,14 @@ def main() -> None:
     began = time.perf_counter()
     clips = read_clips(folder, params, schedule, (base.layout.width, base.layout.height), a.work)
     everything = range(len(clips))
-    sampling = Sampling(a.samples, a.temperature, a.top_p, params.model.reasoning, schedule.seconds, "tokens")
+    sampling = Sampling(
+        samples=a.samples,
+        temperature=a.temperature,
+        top_p=a.top_p,
+        reasoning=params.model.reasoning,
+        seconds=schedule.seconds,
+        numbers="tokens",
+    )
 
     def note(text: str) -> None:
         print(f"{time.perf_counter() - began:6.0f} s  {text}", flush=True)
@@ -209,7 +216,15 @@ def main() -> None:
 
     def answered(used: list[int], held_out: list[int], seed: int, scratch: Path) -> list[dict]:
         tuned = load_base(a.model, frames=schedule.model_frames)
-        plan = TrainingPlan(a.steps, 1.0, a.batch_size, a.learning_rate, 0, own.checkpoint_steps, seed)
+        plan = TrainingPlan(
+            steps=a.steps,
+            epochs=1.0,
+            batch_size=a.batch_size,
+            learning_rate=a.learning_rate,
+            lora_rank=0,
+            checkpoint_steps=own.checkpoint_steps,
+            seed=seed,
+        )
         prefer(
             tuned,
             [p for c in used for p in pairs[c]],

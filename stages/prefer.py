@@ -84,7 +84,14 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
     base = load_base(str(FINETUNED), frames=schedule.model_frames, dtype=p.dtype)
     source = {"flow": flow, "render": rendered}[picture_stage(p.input)]
     shown = {c: fit_layout(pictures(source[c], p.input, schedule), base.layout) for c in p.used}
-    sampling = Sampling(own.samples, own.temperature, own.top_p, p.reasoning, schedule.seconds, "tokens")
+    sampling = Sampling(
+        samples=own.samples,
+        temperature=own.temperature,
+        top_p=own.top_p,
+        reasoning=p.reasoning,
+        seconds=schedule.seconds,
+        numbers="tokens",
+    )
 
     def judge(clip: int, scenes: "Sequence[Scene]") -> np.ndarray:
         evaluator = shard_evaluator(rendered[clip].shard, flow[clip].shard, clip, schedule, p.size)

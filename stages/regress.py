@@ -74,7 +74,9 @@ def make(
     from pipeline.scene.text import read_scene
 
     p, own, frames = parameters, parameters.settings, parameters.schedule.model_frames
-    size = VivitSize(own.width, own.height, frames, own.hidden, own.layers, own.heads)
+    size = VivitSize(
+        width=own.width, height=own.height, frames=frames, hidden=own.hidden, layers=own.layers, heads=own.heads
+    )
     scale = scale_of(p.distribution)
 
     def dataset(scenes: ShardedDataset, source: ShardedDataset) -> "ClipDataset[tuple[np.ndarray, SceneVector]]":

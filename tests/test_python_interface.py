@@ -11,7 +11,7 @@ from sampled_scenes import params
 
 import pipeline
 from pipeline.api import infer as infer_module
-from pipeline.inference import asking
+from pipeline.inference import asking, find_scenes
 from pipeline.language.events import DEFAULT_THRESHOLDS
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene, SceneObject
@@ -45,13 +45,13 @@ def test_a_scene_in_memory_is_simulated_with_an_edit() -> None:
 
 
 def test_what_infer_assumes_is_what_the_graph_has_in_params_yaml() -> None:
-    graph, here = params(), infer_module
+    graph, here = params(), find_scenes
     assert (graph.search.width, graph.search.height) == here.SEARCH_SIZE
     assert graph.search.starts == here.STARTS
     assert (graph.flow.width, graph.flow.height) == asking.FLOW_SIZE
     assert graph.flow.iterations == asking.FLOW_ITERATIONS
     assert graph.infer.decode_batch_size == asking.DECODE_BATCH_SIZE
-    signature = inspect.signature(here.infer).parameters
+    signature = inspect.signature(pipeline.infer).parameters
     for name in ("samples", "temperature", "top_p", "middle"):
         assert signature[name].default == getattr(graph.infer, name)
     assert signature["model"].default == graph.model.base

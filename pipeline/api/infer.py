@@ -6,69 +6,39 @@ and a classical guess are refined by the search, and the best scene of all is th
 
 from __future__ import annotations
 
-import os
-from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from pipeline.api.masks import say
 from pipeline.api.result_folder import result_folder
 from pipeline.clips.replay import Replay, replay
-from pipeline.errors import ParamsError, SimulationError
+from pipeline.errors import ParamsError
 from pipeline.inference.asking import (
     FLOW_SIZE,
     LoadingModel,
     Question,
-    ask_model,
     flow_source,
     input_of,
     load_in_background,
     loaded,
-    raw_flow,
     shipped,
-    shown_flow,
 )
-from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world
-from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
+from pipeline.inference.filmed_world import World
+from pipeline.inference.find_scenes import LEAST_SEARCH, FoundScenes, SearchBudget, find_scenes
+from pipeline.inference.measure_clip import FlowSource, VideoStretch, measure_clip
+from pipeline.inference.measured_clip import MeasuredClip
+from pipeline.inference.method import TRACKS, Method
 from pipeline.inference.progress import Progress
-from pipeline.inference.scene_search import (
-    ClipSearch,
-    clip_evaluator,
-    distinct_starts,
-    scene_certainties,
-    search_clip,
-)
-from pipeline.inference.trust import Forecast, Grade, forecast, grade
-from pipeline.metrics.overlap import Overlap, overlap
-from pipeline.perception.mask_source import mask_source
+from pipeline.inference.trust import Grade, grade
 from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import UserClip, read_frames, with_masks
-from pipeline.planar.find_planar_scene import PlanarAnswer
+from pipeline.perception.user_clip import UserClip
 from pipeline.scene.scene import Scene
-from pipeline.search.best_of_k import Ranking, rank
 from pipeline.search.certainty import Certainty, weakly_identified
-from pipeline.search.evaluator import Evaluator, Rewards
-from pipeline.vision.recordings.clip_folder import video_of
-from pipeline.vision.recordings.video import check_file
 
 if TYPE_CHECKING:
-    from pipeline.inference.answers import Answer
     from pipeline.model.base import Base
-    from pipeline.model.generate import Sampling
     from pipeline.objects.answering import ObjectsModel
-
-#: As params.yaml has them for the graph (`search`; a test compares them).
-SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward
-STARTS = 3  # answers that a search starts from
-LEAST_SEARCH = 200
-FORECAST_SHARE = 0.35  # of the simulations of a search, that are spent again on the first part of the clip
-TRACKS = "tracks"  # the method that fits a planar scene to tracks
-TRACKS_IOU = 0.6  # from which its scene needs no search beside it, which knows tables alone
 
 
 @dataclass(frozen=True)
@@ -79,39 +49,10 @@ class Settings:
     seconds: float
     fps: float | None
     prompts: Prompts
-    search: int
-    incline: bool
     world: World
-    flow: str
-    raft: Path
-    sampling: Sampling
-    seed: int
-
-
-@dataclass(frozen=True)
-class Method:
-    """A way to a scene, and what it reached.
-
-    Attributes:
-        name: "greedy", "best of K", "search" or "tracks".
-        scene: What it found.
-        answer: The model's, whose words belong to the scene: of a search, the best one with the same shapes; None for
-            tracks.
-        reward: As the search measures: iou - epe_frame.
-        iou: As the search measures.
-        epe_frame: px of 480x320 per frame interval, over the whole frame.
-        overlap: At the clip's own size.
-        simulations: That it took, those of the methods before it included.
-    """
-
-    name: str
-    scene: Scene
-    answer: Answer | None
-    reward: float
-    iou: float
-    epe_frame: float
-    overlap: Overlap
-    simulations: int
+    flow: FlowSource
+    question: Question
+    search: SearchBudget
 
 
 @dataclass(frozen=True)
@@ -123,13 +64,7 @@ class Inference:
         clip: What was measured.
         settings: What was asked for.
         base: The model.
-        answers: The model's: greedy first, then the samples.
-        rewards: Of the answers, in their order.
-        methods: Each way to a scene, in the order in which they were tried.
-        filmed: The world that the tracks tell of.
-        searched: The search; None where there was none.
-        forecast: Of frames that were not fitted, by the best method; None where it was not tried.
-        certainties: How far the clip determines each number of the scene; empty without a search.
+        scenes: The model's answers, and the scene that each method found.
         seconds: The time that each step took.
     """
 
@@ -137,19 +72,18 @@ class Inference:
     clip: MeasuredClip
     settings: Settings
     base: Base | ObjectsModel
-    answers: tuple[Answer, ...]
-    rewards: Rewards
-    methods: tuple[Method, ...]
-    filmed: FilmedWorld
-    searched: ClipSearch | None
-    forecast: Forecast | None
-    certainties: tuple[Certainty, ...]
+    scenes: FoundScenes
     seconds: dict[str, float]
 
     @property
     def best(self) -> Method:
         """The method with the highest reward."""
-        return max(self.methods, key=lambda m: m.reward)
+        return self.scenes.best
+
+    @property
+    def methods(self) -> tuple[Method, ...]:
+        """Each way to a scene, in the order in which they were tried."""
+        return self.scenes.methods
 
     @property
     def scene(self) -> Scene:
@@ -163,12 +97,13 @@ class Inference:
     @property
     def grade(self) -> Grade:
         """How far the answer can be trusted."""
-        return grade(self.best.overlap.sequence, self.forecast)
+        return grade(self.best.overlap.sequence, self.scenes.forecast)
 
     @property
     def metric(self) -> str:
         """What fixed the scale: "gravity", "length", "size" or "none"."""
-        scale = self.filmed.answer.scale if self.filmed.answer and self.best.name == TRACKS else None
+        answer = self.scenes.filmed.answer
+        scale = answer.scale if answer and self.best.name == TRACKS else None
         return "none" if scale is None else scale.by
 
     @property
@@ -256,108 +191,34 @@ def infer(
     progress = progress or Progress()
     if 0 < search < LEAST_SEARCH:
         raise ParamsError(f"search: {search} simulations are too few; valid: 0 for none, or at least {LEAST_SEARCH}")
-    if not isinstance(clip, (UserClip, MeasuredClip)):
-        clip_schedule(Path(clip), seconds)
-    prompts = prompts or Prompts()
-    name = str(clip) if isinstance(clip, (str, Path)) else "clip"
-    schedule = clip.schedule if isinstance(clip, MeasuredClip) else clip_schedule(Path(name), seconds)
-    if isinstance(clip, (str, Path)):
-        masks_from = mask_source(Path(clip), masks, prompts)
-        check_file(video_of(Path(clip)))
+    prompts, name = prompts or Prompts(), str(clip) if isinstance(clip, (str, Path)) else "clip"
     loading = _loading(model)
-    if isinstance(clip, (str, Path)):
-        with progress.step("frames"):
-            read = read_frames(
-                Path(clip), start=start, seconds=seconds, fps=schedule.fps, assume_fps=fps, source=masks_from
-            )
-        frames = read.clip
-    else:
-        taken = clip.taken if isinstance(clip, MeasuredClip) else clip
-        frames = taken.clip
-    source, weights, shown = flow_source(loading.shown, flow, loading.name), shipped(raft), loading.shown
+    source = FlowSource(flow_source(loading.shown, flow, loading.name), shipped(raft))
     if isinstance(clip, MeasuredClip):
-        field = clip.flow
+        measured = clip
     else:
-        with ThreadPoolExecutor(1, "flow") as beside:
-            measuring = beside.submit(raw_flow, frames, schedule, shown, source, weights)
-            if isinstance(clip, (str, Path)):
-                with progress.step("masks"):
-                    taken = with_masks(read, prompts)
-                say(progress, name, start, taken, taken.clip.notes)
-            if when_seen is not None:
-                when_seen(taken)
-            with progress.step("flow"):  # what is left of it after the masks
-                field = shown_flow(measuring.result(), taken, schedule, shown)
-    with progress.step("answers"):
-        question = Question(samples, temperature, top_p, middle, seed)
-        answers, sampling = ask_model(loading, taken, schedule, field, question)
-    measured = clip if isinstance(clip, MeasuredClip) else measured_clip(name, taken, schedule, field)
+        seen = clip if isinstance(clip, UserClip) else VideoStretch(Path(clip), start, seconds, fps, masks, prompts)
+        measured = measure_clip(seen, loading.shown, source, progress=progress, when_seen=when_seen)
     settings = Settings(
         start=start,
         seconds=seconds,
         fps=fps,
         prompts=prompts,
-        search=search,
-        incline=incline,
         world=world or World(),
         flow=source,
-        raft=weights,
-        sampling=sampling,
-        seed=seed,
+        question=Question(samples, temperature, top_p, middle, seed),
+        search=SearchBudget(search, incline, seed),
     )
-    progress.say(
-        "answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: {answers[0].scene.composition}"
+    found = find_scenes(
+        measured,
+        loading,
+        question=settings.question,
+        world=settings.world,
+        budget=settings.search,
+        progress=progress,
     )
-    with progress.step("best of K"):
-        taken = measured.taken
-        evaluator = clip_evaluator(
-            taken.masks, measured.flow, measured.schedule, SEARCH_SIZE, cores(), taken.clip.frames
-        )
-        ranking = rank(evaluator, [a.scene for a in answers])
-        if not ranking.rewards.valid.any():
-            raise SimulationError(f"the simulation is unstable in each of the {len(answers)} answers; try more samples")
-        methods = [_answer_method("greedy", answers, ranking.rewards, 0, measured, 1)]
-        if len(answers) > 1:
-            top = int(ranking.order[0])
-            methods.append(_answer_method("best of K", answers, ranking.rewards, top, measured, len(answers)))
-    with progress.step("tracks"):
-        filmed = filmed_world(measured.taken, settings.world)
-    progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
-    if filmed.answer is not None and filmed.scene is not None:
-        methods.append(_tracks_method(filmed.answer, filmed.scene, evaluator, measured))
-    searched, forecasts = None, {TRACKS: filmed.forecast}
-    if search and not (filmed.scene is not None and methods[-1].overlap.sequence >= TRACKS_IOU):
-        with progress.step("search"):
-            ranked = [answers[int(i)].scene for i in ranking.order]
-            starts = distinct_starts(ranked, ranking.rewards.valid[ranking.order].tolist(), STARTS)
-            searched = search_clip(
-                evaluator,
-                starts,
-                search,
-                np.random.default_rng(seed),
-                lambda spent, reward: progress.detail(f" {spent}/{search} simulations, reward {reward:.3f}"),
-                incline,
-            )
-            forecasts["search"] = _search_forecast(measured, starts, search, seed, incline)
-        methods.append(_search_method(searched, answers, ranking, measured))
-    best = max(methods, key=lambda m: m.reward)
-    certain: tuple[Certainty, ...] = ()
-    if searched is not None:
-        found = best.scene is searched.result.scene
-        certain = searched.certainties if found else scene_certainties(evaluator, best.scene)[1]
     return Inference(
-        name=name,
-        clip=measured,
-        settings=settings,
-        base=loading.base.result(),
-        answers=tuple(answers),
-        rewards=ranking.rewards,
-        methods=tuple(methods),
-        filmed=filmed,
-        searched=searched,
-        forecast=forecasts.get(best.name),
-        certainties=certain,
-        seconds=progress.seconds,
+        name=name, clip=measured, settings=settings, base=loading.base.result(), scenes=found, seconds=progress.seconds
     )
 
 
@@ -368,86 +229,6 @@ def _loading(model: str | Base | ObjectsModel | LoadingModel) -> LoadingModel:
     return load_in_background(model) if isinstance(model, str) else loaded(model)
 
 
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def uncertain(known: tuple[Certainty, ...]) -> str:
     """The numbers that the clip says little about, as words."""
     return ", ".join(weakly_identified(known)) or "nothing"
-
-
-def _answer_method(
-    name: str, answers: list[Answer], rewards: Rewards, index: int, clip: MeasuredClip, simulations: int
-) -> Method:
-    scene = answers[index].scene
-    shown = _overlap(scene, clip) if rewards.valid[index] else Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
-    return Method(
-        name=name,
-        scene=scene,
-        answer=answers[index],
-        reward=float(rewards.reward[index]),
-        iou=float(rewards.iou[index]),
-        epe_frame=float(rewards.epe_frame[index]),
-        overlap=shown,
-        simulations=simulations,
-    )
-
-
-def _search_method(searched: ClipSearch, answers: list[Answer], ranking: Ranking, clip: MeasuredClip) -> Method:
-    found, order = searched.result, [answers[int(i)] for i in ranking.order]
-    nearest = next((a for a in order if a.scene.composition == found.scene.composition), order[0])
-    return Method(
-        name="search",
-        scene=found.scene,
-        answer=nearest,
-        reward=found.reward,
-        iou=found.iou,
-        epe_frame=found.iou - found.reward,
-        overlap=_overlap(found.scene, clip),
-        simulations=len(answers) + found.simulations,
-    )
-
-
-def _tracks_method(answer: PlanarAnswer, scene: Scene, evaluator: Evaluator, clip: MeasuredClip) -> Method:
-    rewards = rank(evaluator, [scene]).rewards
-    shown = _overlap(scene, clip) if rewards.valid[0] else Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
-    return Method(
-        name=TRACKS,
-        scene=scene,
-        answer=None,
-        reward=float(rewards.reward[0]),
-        iou=float(rewards.iou[0]),
-        epe_frame=float(rewards.epe_frame[0]),
-        overlap=shown,
-        simulations=answer.fit.simulations,
-    )
-
-
-def _search_forecast(
-    clip: MeasuredClip, starts: list[Scene], simulations: int, seed: int, incline: bool
-) -> Forecast | None:
-    """How well a search on the first part of the clip forecasts the rest; None where the clip cannot be parted."""
-    schedule, masks = clip.schedule, clip.taken.masks
-    times = np.arange(len(masks)) / schedule.fps
-    budget = max(LEAST_SEARCH, round(FORECAST_SHARE * simulations))
-
-    def find(count: int) -> Scene | None:
-        try:
-            part = schedule.first(count / schedule.fps)
-        except ValueError:
-            return None
-        evaluator = clip_evaluator(masks, clip.flow, part, SEARCH_SIZE, cores())
-        return search_clip(evaluator, starts, budget, np.random.default_rng(seed), incline=incline).result.scene
-
-    return forecast(masks, times, find)
-
-
-def _overlap(scene: Scene, clip: MeasuredClip) -> Overlap:
-    return overlap(replay(scene, clip.schedule).masks, clip.taken.masks, len(scene.objects), clip.objects)
-
-
-def _tally(compositions: list[str]) -> str:
-    """`box+sphere (6), sphere (3)`: compositions and how often each was answered, the most frequent first."""
-    return ", ".join(f"{name} ({count})" for name, count in Counter(compositions).most_common(4))

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from pipeline.api.infer import TRACKS, Inference, Method
+from pipeline.api.infer import Inference
 from pipeline.api.mask_files import SHEET, write_sheet
 from pipeline.api.motion_figure import write_motion_figure
 from pipeline.api.overlay import Row, Sheet, draw, markdown, side_by_side
 from pipeline.api.result_folder import write_result
 from pipeline.clips.replay import Replay
 from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
+from pipeline.inference.method import TRACKS, Method
 from pipeline.inference.progress import Progress
 from pipeline.language.completion import think_text
 from pipeline.planar.plane import FOV_DEG
@@ -121,28 +122,31 @@ def _write_pictures(folder: Path, found: Inference, run: Replay) -> str:
     )
     assert run.trace is not None
     motion = MotionLayer("replay", run.scene, run.trace, True, run.events)
-    save(Footage(place.stem, notes, (motion,), seen, replayed, fps), folder / "recording.rrd")
+    save(
+        Footage(name=place.stem, notes=notes, motions=(motion,), seen=seen, replayed=replayed, fps=fps),
+        folder / "recording.rrd",
+    )
     return reason
 
 
 def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, float]) -> dict[str, Any]:
     """The content of result.json."""
     taken, settings, best, base = found.clip.taken.clip, found.settings, found.best, found.base
-    sampling, shown = settings.sampling, found.base.input
+    sampling, shown = found.scenes.sampling, found.base.input
     assert shown is not None
-    search = None if found.searched is None else found.searched.result
-    motion = found.filmed.motion
+    search = None if found.scenes.searched is None else found.scenes.searched.result
+    motion = found.scenes.filmed.motion
     return {
         "clip": found.name,
         "grade": found.grade.name,
         "grade_reason": found.grade.reason,
         "metric": {"by": found.metric, "error": _metric_error(found)},
         "forecast": None
-        if found.forecast is None
+        if found.scenes.forecast is None
         else {
-            "from_s": round(found.forecast.from_s, 4),
-            "iou": _number(found.forecast.iou),
-            "constant_velocity_iou": _number(found.forecast.constant_velocity_iou),
+            "from_s": round(found.scenes.forecast.from_s, 4),
+            "iou": _number(found.scenes.forecast.iou),
+            "constant_velocity_iou": _number(found.scenes.forecast.constant_velocity_iou),
         },
         "view": {
             "kind": motion.view.kind,
@@ -152,7 +156,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "gravity_px_per_s2": None
             if motion.view.gravity_px is None
             else [_number(v) for v in motion.view.gravity_px],
-            "px_per_m": _number(found.filmed.answer.scale.px_per_m) if found.filmed.answer else None,
+            "px_per_m": _number(found.scenes.filmed.answer.scale.px_per_m) if found.scenes.filmed.answer else None,
         },
         "assumed": {
             "start_s": settings.start,
@@ -167,14 +171,14 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "instances": found.clip.objects,
             "prompts": settings.prompts.record(),
             "camera": PLANAR_CAMERA if best.name == TRACKS else TABLE_CAMERA,
-            "incline": settings.incline,
+            "incline": settings.search.incline,
             "gravity": settings.world.gravity,
             "scale": SCALE[found.metric],
             "notes": list(found.clip.notes),
         },
         "flow": {
-            "by": settings.flow,
-            "weights": str(settings.raft) if settings.flow == "raft" else None,
+            "by": settings.flow.name,
+            "weights": str(settings.flow.raft) if settings.flow.name == "raft" else None,
             "size_px": list(found.flow_size),
         },
         "model": {
@@ -187,7 +191,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "temperature": sampling.temperature,
             "top_p": sampling.top_p,
             "middle": sampling.middle,
-            "seed": settings.seed,
+            "seed": settings.question.seed,
         },
         "answer": {
             "from": best.name,
@@ -215,10 +219,10 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             {
                 "sample": a.sample,
                 "composition": a.scene.composition,
-                "reward": _number(found.rewards.reward[i]),
+                "reward": _number(found.scenes.rewards.reward[i]),
                 "log_probability": _number(a.log_probability),
             }
-            for i, a in enumerate(found.answers)
+            for i, a in enumerate(found.scenes.answers)
         ],
         "search": None
         if search is None
@@ -230,10 +234,12 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "history": [_number(v) for v in search.history],
         },
         "shapes": []
-        if found.searched is None
+        if found.scenes.searched is None
         else [
             {"object": obj.name, "probability": {s: round(p, 4) for s, p in probability.items()}}
-            for obj, probability in zip(found.searched.result.scene.objects, found.searched.shapes, strict=True)
+            for obj, probability in zip(
+                found.scenes.searched.result.scene.objects, found.scenes.searched.shapes, strict=True
+            )
             if probability
         ],
         "certainty": [
@@ -244,7 +250,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
                 "unit": c.unit,
                 "determined": c.determined,
             }
-            for c in found.certainties
+            for c in found.scenes.certainties
         ],
         "renderer": renderer,
         "seconds": seconds,
@@ -261,12 +267,16 @@ def words_of(found: Inference, run: Replay) -> str:
 
 def _metric_error(found: Inference) -> float | None:
     """Standard error of the scale, as a share; None where nothing fixes it."""
-    return None if found.metric == "none" or found.filmed.answer is None else _number(found.filmed.answer.scale.error)
+    return (
+        None
+        if found.metric == "none" or found.scenes.filmed.answer is None
+        else _number(found.scenes.filmed.answer.scale.error)
+    )
 
 
 def _write_motion(folder: Path, found: Inference, run: Replay) -> None:
     """Write tracks.parquet and motion.png: the measured motion of the bodies in the scene's metres."""
-    filmed, clip = found.filmed, found.clip.taken
+    filmed, clip = found.scenes.filmed, found.clip.taken
     width, height = clip.clip.letterbox.size
     tracks = list(filmed.motion.tracks)
     if clip.found is not None:

@@ -7,8 +7,8 @@ import textwrap
 import numpy as np
 from PIL import Image, ImageDraw
 
-from pipeline.api.masks import summary
 from pipeline.api.overlay import FAINT, GAP, INK, LINE, PAPER, font, outlined
+from pipeline.inference.measure_clip import summary
 from pipeline.perception.user_clip import UserClip
 from pipeline.vision.rendering.appearance import object_colour
 

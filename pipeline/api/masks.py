@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from pipeline.api.result_folder import result_folder
 from pipeline.errors import ParamsError
+from pipeline.inference.measure_clip import say_bodies
 from pipeline.inference.progress import Progress
 from pipeline.perception.found_bodies import FoundBodies
 from pipeline.perception.mask_source import FAMILIES, mask_source
@@ -101,30 +101,14 @@ def masks(
     with progress.step("masks"):
         read = read_frames(Path(clip), start=start, seconds=seconds, fps=FPS, assume_fps=fps, source=source)
         taken = with_masks(read, prompts)
-    found = Masks(str(clip), start, seconds, fps, prompts, taken, dict(progress.seconds))
-    say(progress, found.name, start, taken, found.found.clip.file_notes)
+    found = Masks(
+        name=str(clip),
+        start=start,
+        seconds=seconds,
+        fps=fps,
+        prompts=prompts,
+        taken=taken,
+        times=dict(progress.seconds),
+    )
+    say_bodies(progress, found.name, start, taken, found.found.clip.file_notes)
     return found
-
-
-def say(progress: Progress, name: str, start: float, taken: UserClip, notes: Sequence[str]) -> None:
-    """Tell what was read and found; notes: on the clip."""
-    width, height = taken.clip.source_size
-    span = f"{start:g} to {start + len(taken.clip.times) * taken.clip.times[1]:g} s"
-    progress.say("clip", f"{name}: {span}, {width}x{height}, {taken.clip.source_fps:.4g} FPS")
-    for note in notes:
-        progress.say("note", note)
-    progress.say("masks", summary(taken))
-    for note in taken.found.notes if taken.found else ():
-        progress.say("note", note)
-    for doubt in taken.doubts:
-        progress.say("doubt", doubt)
-
-
-def summary(taken: UserClip) -> str:
-    """How many bodies, with their scores, and from where."""
-    count = len(taken.found.bodies) if taken.found else taken.objects
-    many = "body" if count == 1 else "bodies"
-    if taken.found is None:
-        return f"{count} {many}, from {taken.masks_from}"
-    scores = ", ".join(f"{k} ({b.label})" for k, b in enumerate(taken.found.bodies, 1))
-    return f"{count} {many}, from {taken.masks_from}: {scores}"

@@ -205,5 +205,16 @@ def _write(folder: Path, run: Simulation) -> list[str]:
     text = "\n".join(["### What if", "", *markdown(run.table()), "", *(f"- {n}" for n in notes)])
     place = Path(run.name)
     name = f"{place.stem if place.name != SCENE_FILE else place.resolve().parent.name}, edited"
-    save(Footage(name, text, motions, shown[1], shown[0], schedule.fps, (EDITED, ORIGINAL)), folder / "recording.rrd")
+    save(
+        Footage(
+            name=name,
+            notes=text,
+            motions=motions,
+            seen=shown[1],
+            replayed=shown[0],
+            fps=schedule.fps,
+            titles=(EDITED, ORIGINAL),
+        ),
+        folder / "recording.rrd",
+    )
     return notes

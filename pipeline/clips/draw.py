@@ -43,7 +43,7 @@ class Filters:
 @dataclass
 class Drawn:
     """Accepted scenes, in the order of the indices asked for; how many candidates there were and what became of
-    them, by filter; and the names of candidates whose numbers went bad."""
+    them, by filter; and the names of candidates whose simulation became unstable."""
 
     scenes: list[Scene]
     outcome: Counter[str] = field(default_factory=Counter)

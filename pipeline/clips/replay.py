@@ -142,20 +142,36 @@ def replay(scene: Scene, schedule: Schedule, width: int = WIDTH, height: int = H
 def replay_trace(scene: Scene, trace: Trace, schedule: Schedule, width: int = WIDTH, height: int = HEIGHT) -> Replay:
     """The replay of a scene that has been run."""
     steps = schedule.frame_steps
-    return Replay(scene, schedule, trace.position[steps], trace.quaternion[steps], trace, width, height)
+    return Replay(
+        scene=scene,
+        schedule=schedule,
+        position=trace.position[steps],
+        quaternion=trace.quaternion[steps],
+        trace=trace,
+        width=width,
+        height=height,
+    )
 
 
 def replay_poses(scene: Scene, schedule: Schedule, width: int = WIDTH, height: int = HEIGHT) -> Replay:
     """Run a scene as a search does: by `BatchSimulator`, without effects and contacts; several times as fast.
 
-    MuJoCo gets the model's numbers directly and not by way of MJCF, so that poses equal those of `replay` to rounding
-    (a chaotic second of contacts has made 1e-6 m of that). Scores of reports use this one.
+    MuJoCo gets the numbers of the model directly, not through MJCF, so poses differ from those of `replay` by rounding
+    (by up to 1e-6 m after a second of contacts). The scores in reports use this function.
 
     Raises:
         SimulationError: Where the simulation becomes unstable.
     """
     states = states_at(scene, schedule.frame_steps)
-    return Replay(scene, schedule, states.position[0], states.quaternion[0], None, width, height)
+    return Replay(
+        scene=scene,
+        schedule=schedule,
+        position=states.position[0],
+        quaternion=states.quaternion[0],
+        trace=None,
+        width=width,
+        height=height,
+    )
 
 
 def masks_at(scene: Scene, times: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -233,13 +233,13 @@ def clip_footage(opened: Opened) -> Footage:
         raise ShardError(f"{next(iter(opened.clips.values())).shard.folder} has nothing to see: only the tables {has}")
     index = next(iter(opened.clips.values())).index
     return Footage(
-        f"{opened.suite}/{index}",
-        _notes(opened, motions, index),
-        tuple(motions),
-        seen,
-        _replayed(motions, seen, schedule) if answer is not None else Pictures(),
-        schedule.fps,
-        ("clip", answer[0] if answer is not None else "replay"),
+        name=f"{opened.suite}/{index}",
+        notes=_notes(opened, motions, index),
+        motions=tuple(motions),
+        seen=seen,
+        replayed=_replayed(motions, seen, schedule) if answer is not None else Pictures(),
+        fps=schedule.fps,
+        titles=("clip", answer[0] if answer is not None else "replay"),
     )
 
 

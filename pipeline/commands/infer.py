@@ -130,8 +130,8 @@ def run(arguments: argparse.Namespace) -> None:
 
         for line in aligned(method_table(found.methods)):
             progress.say("", line)
-        if found.certainties:
-            progress.say("note", f"weakly determined by this clip: {uncertain(found.certainties)}")
+        if found.scenes.certainties:
+            progress.say("note", f"weakly determined by this clip: {uncertain(found.scenes.certainties)}")
         progress.say("scale", f"by {found.metric}" if found.metric != "none" else "not known: lengths are relative")
         for line in found.doubts:
             progress.say("doubt", line)

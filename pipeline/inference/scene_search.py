@@ -106,7 +106,14 @@ def search_clip(
         pairs, known = scene_certainties(evaluator, found.result.scene)
     instance = dict(pairs.tolist())
     shapes = tuple(found.shapes[instance[i]] if i in instance else {} for i in range(len(found.result.scene.objects)))
-    return ClipSearch(found.result, found.guess, found.guess_simulations, pairs, known, shapes)
+    return ClipSearch(
+        result=found.result,
+        guess=found.guess,
+        guess_simulations=found.guess_simulations,
+        pairs=pairs,
+        certainties=known,
+        shapes=shapes,
+    )
 
 
 def scene_certainties(evaluator: Evaluator, scene: Scene) -> tuple[np.ndarray, tuple[Certainty, ...]]:

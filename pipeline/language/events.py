@@ -255,7 +255,7 @@ def ground_contact(trace: Trace, index: int, thresholds: Thresholds) -> tuple[np
 
 
 def may_roll(trace: Trace, index: int, shape: str, normal: np.ndarray) -> np.ndarray | bool:
-    """Whether the object is such as rolls, (S,) for a cylinder: it does where it lies on its side.
+    """Whether the object can roll, (S,) for a cylinder, which can where it lies on its side.
 
     normal: (S, 3), of what it lies on.
     """
@@ -278,9 +278,19 @@ def motion_changes(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds
 
 
 def _borne_out(trace: Trace, normals: np.ndarray, index: int, kind: str, step: int, thresholds: Thresholds) -> bool:
-    """Whether the contacts of the `duration` before a stop, or after a start, slip or hold as the event says, and after
-    a start more or less than before it. What comes after ends where the object is hit. normals: (S + 1, N, 3), of what
-    objects stand on."""
+    """Whether the contacts confirm that a motion starts or stops at a step.
+
+    Before a stop and after a start, the contacts slip where the object slides, and hold where it rolls; a start also
+    has to change the slip.
+
+    Args:
+        trace: Of all objects.
+        normals: (S + 1, N, 3), of what objects stand on.
+        index: The object.
+        kind: Of the event.
+        step: At which it is.
+        thresholds: `duration` is how long contacts are looked at, at most until the object is hit.
+    """
     c, duration = trace.contacts, round(thresholds.duration * trace.rate)
     hit = c.step[((c.first == index) | (c.second == index)) & (c.second >= 0) & (c.step > step + duration // 4)]
     at, slips = ground_slips(trace, index)
@@ -308,8 +318,10 @@ def _borne_out(trace: Trace, normals: np.ndarray, index: int, kind: str, step: i
 
 
 def _without_repeats(events: list[Event]) -> list[Event]:
-    """Without the start of a motion that an object is in already, and the stop of one that it is not in, unless a hit
-    came between."""
+    """The events without repeated ones: starts of a motion that goes on already, and stops of one that does not.
+
+    After a hit, an event counts as new.
+    """
     doing: dict[int, str] = {}
     kept = []
     for event in events:
@@ -327,7 +339,7 @@ def _without_repeats(events: list[Event]) -> list[Event]:
 
 
 def _latched(on: np.ndarray, off: np.ndarray) -> np.ndarray:
-    """(T,) True from `on` to `off`; what comes before either is True unless `off` comes first."""
+    """(T,) True from each `on` to the next `off`; before the first of them, True unless it is an `off`."""
     switches = np.flatnonzero(on | off)
     if not len(switches):
         return np.ones(len(on), bool)
@@ -336,7 +348,7 @@ def _latched(on: np.ndarray, off: np.ndarray) -> np.ndarray:
 
 @dataclass
 class _Run:
-    """Steps in one state, from start on; `own` of them are in it by themselves."""
+    """Consecutive steps in one state, from `start`; `own` of them were in it before brief states were merged."""
 
     state: int
     start: int

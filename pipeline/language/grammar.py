@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Literal:
-    """Text that stands there whatever happens."""
+    """Fixed text."""
 
     text: str
 

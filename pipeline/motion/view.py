@@ -74,18 +74,32 @@ def down(roll_deg: float) -> np.ndarray:
     return np.array([-np.sin(roll), np.cos(roll)])
 
 
+def _ends(arc: Arc) -> np.ndarray:
+    """(3, 2) start, middle and end of an arc, px."""
+    return arc.position_at(arc.time + arc.span * np.array([-0.5, 0.0, 0.5]))
+
+
+def path_length(arc: Arc) -> float:
+    """px from an arc's start by its middle to its end."""
+    return float(np.linalg.norm(np.diff(_ends(arc), axis=0), axis=1).sum())
+
+
+def fastest_arc(arcs: Sequence[Arc], radius: float) -> float:
+    """px/s of a body in its fastest arc; infinite where no arc leads it far enough to count as motion."""
+    far = [a for a in arcs if path_length(a) >= LEAST_PATH * radius]
+    return max((float(np.linalg.norm(a.velocity)) for a in far), default=np.inf)
+
+
 def describe_arc(arc: Arc, radius: float, fastest: float, roll_deg: float = 0.0) -> ArcMotion:
     """The kind of an arc.
 
     Args:
         arc: The arc.
         radius: px, of the body.
-        fastest: px/s, the body's speed in its fastest arc.
+        fastest: px/s, the body's speed in its fastest arc (`fastest_arc`).
         roll_deg: By which the picture's vertical is turned.
     """
-    half = arc.span / 2
-    ends = arc.position_at(np.array([arc.time - half, arc.time, arc.time + half]))
-    path = float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum())
+    ends, path = _ends(arc), path_length(arc)
     chord = ends[2] - ends[0]
     if path < LEAST_PATH * radius and np.linalg.norm(arc.velocity) <= SLOW * fastest:
         return ArcMotion(arc, "rest", path, 0.0)
@@ -149,7 +163,7 @@ def find_view(
         ValueError: The tracks show nothing of what a view of this kind needs.
     """
     motions = tuple(
-        describe_arc(arc, track.radius, max(float(np.linalg.norm(a.velocity)) for a in own), roll_deg)
+        describe_arc(arc, track.radius, fastest_arc(own, track.radius), roll_deg)
         for track, own in zip(tracks, arcs, strict=True)
         for arc in own
     )

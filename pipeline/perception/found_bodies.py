@@ -75,7 +75,14 @@ def find_in_clip(clip: Clip, network: SegmentationNetwork, prompts: Prompts) -> 
     found = find_candidates(clip.frames, network)
     like_other = figure(found, "other")
     likely = candidate_scores(found, network)
-    choice = TrackChoice(found, likely, like_other, prompts, clip.source_times, clip.source_size)
+    choice = TrackChoice(
+        found=found,
+        scores=likely,
+        like_other=like_other,
+        prompts=prompts,
+        times=clip.source_times,
+        source_size=clip.source_size,
+    )
     kept = choice.chosen()
     if not kept:
         raise VideoError(why_none(clip, found, float(likely.max(initial=0)), choice.notes))

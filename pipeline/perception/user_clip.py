@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.errors import VideoError, naming
 from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.found_bodies import FoundBodies, find_in_clip
-from pipeline.perception.mask_source import MaskSource
+from pipeline.perception.mask_source import MaskSource, mask_source
 from pipeline.perception.prompts import Prompts
 from pipeline.segmentation.network import SegmentationNetwork, load_network
 from pipeline.vision.recordings.clip_folder import video_of
@@ -109,6 +109,36 @@ def read_frames(
         source_times=own.source_times[distinct],
     )
     return ReadClip(place, resampled(own, every), source, filmed, assume_fps)
+
+
+def open_clip(
+    place: Path,
+    *,
+    start: float,
+    seconds: float,
+    fps: float,
+    assume_fps: float | None,
+    masks: str | Path | None,
+    prompts: Prompts,
+) -> ReadClip:
+    """Check what the user said of masks, then read the clip.
+
+    Args:
+        place: A video, or a folder with one and masks.
+        start: Start of the clip, s.
+        seconds: Length of the clip, s.
+        fps: Frame rate of the clip.
+        assume_fps: Frame rate of the recording where its time stamps are wrong; None: they are used.
+        masks: As `mask_source` takes it.
+        prompts: What is known of the bodies.
+
+    Raises:
+        VideoError: The video cannot be used.
+        ParamsError: For a file of masks and prompts at once.
+        ModelError: For a segmenter without a path.
+    """
+    source = mask_source(place, masks, prompts)
+    return read_frames(place, start=start, seconds=seconds, fps=fps, assume_fps=assume_fps, source=source)
 
 
 def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:

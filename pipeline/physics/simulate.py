@@ -79,7 +79,9 @@ def _contact_rows(model: mujoco.MjModel, data: mujoco.MjData, step: int) -> tupl
 def _contacts(model: mujoco.MjModel, rows: list[tuple[np.ndarray, ...]]) -> Contacts:
     if not rows:
         index, vector = np.zeros(0, int), np.zeros((0, 3))
-        return Contacts(index, index, index, vector, vector, np.zeros(0), vector)
+        return Contacts(
+            step=index, first=index, second=index, position=vector, normal=vector, distance=np.zeros(0), force=vector
+        )
     step, geom, position, distance, frame, force = (np.concatenate(column) for column in zip(*rows, strict=True))
     body = geom_bodies(model)[geom]
     frame = frame.reshape(-1, 3, 3)  # rows: normal from geom 0 to geom 1, two tangents
@@ -87,7 +89,15 @@ def _contacts(model: mujoco.MjModel, rows: list[tuple[np.ndarray, ...]]) -> Cont
     swap = body[:, 0] <= GROUND  # ground and fixed bodies are always second
     first, second = np.where(swap[:, None], body[:, ::-1], body).T
     sign = np.where(swap, 1.0, -1.0)[:, None]
-    return Contacts(step, first, second, position, sign * frame[:, 0], distance, sign * world)
+    return Contacts(
+        step=step,
+        first=first,
+        second=second,
+        position=position,
+        normal=sign * frame[:, 0],
+        distance=distance,
+        force=sign * world,
+    )
 
 
 def geom_bodies(model: mujoco.MjModel) -> np.ndarray:
@@ -104,4 +114,11 @@ def _trace(qpos: np.ndarray, qvel: np.ndarray, contacts: Contacts) -> Trace:
     qvel = qvel.reshape(len(qvel), -1, 6)
     quaternion = qpos[..., 3:]
     spin = np.einsum("...ij,...j->...i", matrix_from_quaternion(quaternion), qvel[..., 3:])
-    return Trace(STEPS_PER_SECOND, qpos[..., :3].copy(), quaternion.copy(), qvel[..., :3].copy(), spin, contacts)
+    return Trace(
+        rate=STEPS_PER_SECOND,
+        position=qpos[..., :3].copy(),
+        quaternion=quaternion.copy(),
+        velocity=qvel[..., :3].copy(),
+        angular_velocity=spin,
+        contacts=contacts,
+    )

@@ -127,7 +127,7 @@ def _certainty(key: Key, number: float, spread: float, share: float) -> Certaint
     else:
         vector = key.name in ("size", "position", "velocity", "angular_velocity", "turn")
         place = f"objects[{key.index}].{kind}" + (f"[{key.part}]" if vector else "")
-    return Certainty(place, kind, float(number), float(spread), unit, float(share))
+    return Certainty(place=place, kind=kind, value=float(number), spread=float(spread), unit=unit, share=float(share))
 
 
 def weakly_identified(parameters: Sequence[Certainty]) -> list[str]:

@@ -113,7 +113,14 @@ def guess_object(shape: str, seen: MaskTrack, target: Target, times: np.ndarray,
     middle = feet[0] + behind * np.array([sight[0], sight[1], 0]) / along - velocity * first
     spin = np.cross([0.0, 0.0, 1.0], velocity) / half[0] if shape == "sphere" else np.zeros(3)
     obj = SceneObject(
-        shape, _size(shape, *half), 1.0, 0.4, 0.002, 0.6, velocity=tuple(velocity), angular_velocity=tuple(spin)
+        shape=shape,
+        size=_size(shape, *half),
+        mass=1.0,
+        sliding_friction=0.4,
+        rolling_friction=0.002,
+        damping=0.6,
+        velocity=tuple(velocity),
+        angular_velocity=tuple(spin),
     )
     return replace(obj, position=(middle[0], middle[1], reach_below(obj)))
 

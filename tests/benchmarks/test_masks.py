@@ -15,7 +15,14 @@ def two_squares(moving=(1, 2)):
     for t in range(6):
         masks[t, 5:15, 5 + 4 * t : 15 + 4 * t] = 1
         masks[t, 25:35, 40 - 4 * t : 50 - 4 * t] = 2
-    return MaskClip("squares", np.zeros((6, 40, 60, 3), np.uint8), 30.0, masks, np.arange(6), moving)
+    return MaskClip(
+        name="squares",
+        frames=np.zeros((6, 40, 60, 3), np.uint8),
+        fps=30.0,
+        masks=masks,
+        labelled=np.arange(6),
+        moving=moving,
+    )
 
 
 def test_the_true_masks_score_1_whatever_their_ids():

@@ -17,7 +17,9 @@ from pipeline.vision.recordings.video import write_video
 
 WIDTH, HEIGHT = 240, 160
 SCHEDULE = Schedule()
-INPUT = ModelInput("flow", "channels", "exact", (240, 160), 4, True)
+INPUT = ModelInput(
+    input="flow", picture="channels", flow_source="exact", flow_size=(240, 160), flow_iterations=4, reasoning=True
+)
 TEXT = """\
 camera: {position: [0.0, -2.0, 0.7], pitch: -18.0, fov: 38.0}
 gravity: 9.81

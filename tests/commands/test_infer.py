@@ -14,11 +14,11 @@ from command_run import Run, files_no_larger_than
 from PIL import Image
 from rerun.chunk import RrdReader
 
-from pipeline.api.infer import SEARCH_SIZE
 from pipeline.api.infer_files import relabelled
 from pipeline.api.scene_source import edited
 from pipeline.clips.replay import replay
 from pipeline.errors import VideoError
+from pipeline.inference.find_scenes import SEARCH_SIZE
 from pipeline.inference.measured_clip import MeasuredClip, check_motion, clip_schedule, limits, measured_clip
 from pipeline.inference.scene_search import clip_evaluator
 from pipeline.metrics.overlap import overlap
@@ -33,7 +33,17 @@ from pipeline.vision.flow.measured_flow import measured_flow, recorded_pairs
 from pipeline.vision.flow.raft import RAFT
 from pipeline.vision.recordings.video import read_clip
 
-FILES = ["masks.png", "overlay.png", "recording.rrd", "replay.mp4", "result.json", "scene.xml", "scene.yaml"]
+FILES = [
+    "masks.png",
+    "motion.png",
+    "overlay.png",
+    "recording.rrd",
+    "replay.mp4",
+    "result.json",
+    "scene.xml",
+    "scene.yaml",
+    "tracks.parquet",
+]
 
 
 def words(shelf: Path, clip: Path, out: Path, *more: object) -> tuple[object, ...]:
@@ -65,7 +75,7 @@ def test_a_clip_becomes_a_folder_of_results(run: Run, shelf: Path, out: Path) ->
     assert result["assumed"]["instances"] == 2
 
     methods = {m["method"]: m for m in result["methods"]}
-    assert list(methods) == ["greedy", "best of K", "search"]
+    assert list(methods) == ["greedy", "best of K", "tracks", "search"]
     assert methods["greedy"]["reward"] <= methods["best of K"]["reward"]  # the search parts bodies first, and may lose
     assert result["answer"]["from"] == max(methods, key=lambda name: methods[name]["reward"])
     assert methods["search"]["simulations"] <= 3 + 210

@@ -32,7 +32,7 @@ PICTURES = render.Pictures(
     sensor_noise=0.0,
     blur=0.0,
 )
-DIS = flow.Estimator(raft=None, size=SIZE, iterations=1)
+DIS = flow.Estimator(raft=None, size=SIZE, iterations=1, fill=True)
 
 
 def given_scenes(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardResult:

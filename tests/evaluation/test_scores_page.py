@@ -25,7 +25,14 @@ def run_of(rng: np.random.Generator) -> RunScores:
     summary = summarise(rows, ["iou", "composition", *ERRORS], 50, rng)
     losses = {"train": ([1.0, 2.0], [2.0, 1.5])}
     spreads = {"mass": KindSpreads("factor", [2.0], [0.4], [1.6])}
-    return RunScores(summary, curve, curve, losses, spreads, summarise(rows, list(FORECAST), 50, rng))
+    return RunScores(
+        summary=summary,
+        best_of_k=curve,
+        searches=curve,
+        training=losses,
+        determined=spreads,
+        forecast=summarise(rows, list(FORECAST), 50, rng),
+    )
 
 
 def test_pictures_come_first_then_one_table_then_everything_else_folded(rng: np.random.Generator) -> None:

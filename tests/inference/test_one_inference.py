@@ -172,7 +172,12 @@ def test_a_tuned_model_of_objects_answers_alike(project: Path, monkeypatch: pyte
 
 def test_a_checkpoint_that_contradicts_the_parameters_is_refused(project: Path) -> None:
     write_params()
-    small_clip.write_model(FINETUNED, ModelInput("flow", "wheel", "exact", (240, 160), 1, True))
+    small_clip.write_model(
+        FINETUNED,
+        ModelInput(
+            input="flow", picture="wheel", flow_source="exact", flow_size=(240, 160), flow_iterations=1, reasoning=True
+        ),
+    )
     prefer.main()
     import_clips.main()
     flow.main("real")
@@ -190,7 +195,17 @@ def test_the_same_clip_becomes_the_same_scene(project: Path, monkeypatch: pytest
     monkeypatch.setattr(stages.infer, "answer_seed", lambda *_: answer_seed(SEED, 0))
     monkeypatch.setattr(stages.fit, "clip_rng", lambda *_: np.random.default_rng(SEED))
     write_params(infer__temperature=1e-3, infer__middle=1e-12)
-    small_clip.write_model(FINETUNED, ModelInput("flow", "channels", "exact", (240, 160), 1, True))
+    small_clip.write_model(
+        FINETUNED,
+        ModelInput(
+            input="flow",
+            picture="channels",
+            flow_source="exact",
+            flow_size=(240, 160),
+            flow_iterations=1,
+            reasoning=True,
+        ),
+    )
     prefer.main()
     import_clips.main()
     for run in (flow.main, stages.infer.main, best_of_k.main, fit.main):
@@ -206,15 +221,15 @@ def test_the_same_clip_becomes_the_same_scene(project: Path, monkeypatch: pytest
         seed=SEED,
     )
     answers = open_shards(project / "data/infer/real")[0].rows()
-    assert [row["text"] for row in answers] == [a.text for a in found.answers]
-    assert [row["sample"] for row in answers] == [a.sample for a in found.answers]
+    assert [row["text"] for row in answers] == [a.text for a in found.scenes.answers]
+    assert [row["sample"] for row in answers] == [a.sample for a in found.scenes.answers]
     assert len({row["text"] for row in answers}) == 1
     ranked = open_shards(project / "data/best_of_k/real")[0].rows()
-    assert ranked[0]["reward"] == pytest.approx(max(found.rewards.reward[1:]), abs=1e-9)
+    assert ranked[0]["reward"] == pytest.approx(max(found.scenes.rewards.reward[1:]), abs=1e-9)
     searched = open_shards(project / "data/fit/real")[0].row()
-    assert found.searched is not None
-    assert searched["scene"] == write_scene(found.searched.result.scene)
-    assert searched["reward"] == pytest.approx(found.searched.result.reward, abs=1e-9)
+    assert found.scenes.searched is not None
+    assert searched["scene"] == write_scene(found.scenes.searched.result.scene)
+    assert searched["reward"] == pytest.approx(found.scenes.searched.result.reward, abs=1e-9)
 
     found.save(project / "out")
     assert write_scene(load_scene(project / "out" / "scene.yaml")) == write_scene(found.scene)

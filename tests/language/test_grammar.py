@@ -109,7 +109,17 @@ def test_clips_of_other_lengths_have_their_own_times() -> None:
 
 
 def test_numbers_out_of_bounds_are_moved_in() -> None:
-    wild = SceneObject("box", (0.0001, 12, 0.5), 1e4, 77, 9, 1e-4, (50, -50, 1), (99, -99, 0), (1e4, -1e4, 0))
+    wild = SceneObject(
+        shape="box",
+        size=(0.0001, 12, 0.5),
+        mass=1e4,
+        sliding_friction=77,
+        rolling_friction=9,
+        damping=1e-4,
+        position=(50, -50, 1),
+        velocity=(99, -99, 0),
+        angular_velocity=(1e4, -1e4, 0),
+    )
     scene = Scene((wild,), Camera((0, -2, 44.0), 170, pitch=-90), (0, 0, -99))
     read = read_completion(write_completion(scene, [], 1.0)).scene
     (obj,) = read.objects

@@ -29,7 +29,9 @@ SIZE = TinySize(
 )
 
 
-INPUT = ModelInput("flow", "channels", "exact", (240, 160), 4, True)
+INPUT = ModelInput(
+    input="flow", picture="channels", flow_source="exact", flow_size=(240, 160), flow_iterations=4, reasoning=True
+)
 
 
 @cache

@@ -9,9 +9,13 @@ import pytest
 from pipeline.errors import ModelError
 from pipeline.model.model_input import INPUT_FILE, ModelInput, read_input, write_input
 
-FLOW = ModelInput("flow", "wheel", "raft", (240, 160), 4, True)
-RGB = ModelInput("rgb", None, None, None, None, False)
-OBJECTS = ModelInput("objects", None, "exact", (240, 160), 4, True)
+FLOW = ModelInput(
+    input="flow", picture="wheel", flow_source="raft", flow_size=(240, 160), flow_iterations=4, reasoning=True
+)
+RGB = ModelInput(input="rgb", picture=None, flow_source=None, flow_size=None, flow_iterations=None, reasoning=False)
+OBJECTS = ModelInput(
+    input="objects", picture=None, flow_source="exact", flow_size=(240, 160), flow_iterations=4, reasoning=True
+)
 
 
 @pytest.mark.parametrize("written", [FLOW, RGB, OBJECTS])

@@ -34,7 +34,9 @@ def random_vector(rng: np.random.Generator) -> SceneVector:
 
 
 def plan(steps: int) -> TrainingPlan:
-    return TrainingPlan(steps, 1.0, 4, 3e-3, 0, steps // 2, 1)
+    return TrainingPlan(
+        steps=steps, epochs=1.0, batch_size=4, learning_rate=3e-3, lora_rank=0, checkpoint_steps=steps // 2, seed=1
+    )
 
 
 def test_training_on_a_few_clips_gets_their_shapes_right_and_goes_on_where_it_stopped(

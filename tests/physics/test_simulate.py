@@ -137,7 +137,15 @@ def test_an_upright_cylinder_that_spins_is_not_thrown_up(rng: np.random.Generato
     """`mjc_PlaneCylinder` would find one in sixty of them a radius deep in the ground."""
     for _ in range(60):
         can = SceneObject(
-            "cylinder", (0.13, 0.11), 0.2, 0.6, 0.007, 0.31, (0, 0, 0.0555), (1.7, -0.8, 0), (0, 0, rng.uniform(-8, 8))
+            shape="cylinder",
+            size=(0.13, 0.11),
+            mass=0.2,
+            sliding_friction=0.6,
+            rolling_friction=0.007,
+            damping=0.31,
+            position=(0, 0, 0.0555),
+            velocity=(1.7, -0.8, 0),
+            angular_velocity=(0, 0, rng.uniform(-8, 8)),
         )
         trace = simulate(Scene((can,)), 0.1)
         assert trace.position[:, 0, 2].max() < 0.08

@@ -25,10 +25,11 @@ FRAMES = 30
 
 
 def discs(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardResult:
-    """In the place of `import_clips`: masks of a disc that moves to the right."""
+    """In the place of `import_clips`: masks of a disc that moves to the right, and black pictures."""
     rows, columns = np.mgrid[:40, :60]
     masks = [(np.hypot(rows - 20, columns - 15 - t) < 8).astype(np.uint8) for t in range(FRAMES)]
-    return ShardResult(arrays={"mask": np.stack([masks] * len(shard))})
+    rgb = np.zeros((FRAMES, 40, 60, 3), np.uint8)
+    return ShardResult(arrays={"mask": np.stack([masks] * len(shard)), "rgb": np.stack([rgb] * len(shard))})
 
 
 def still(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardResult:

@@ -168,12 +168,12 @@ def _object(track: _Track, scale: float, view: Pinhole, gravity: float, first_su
     spin *= min(1.0, FASTEST_SPIN / max(float(np.linalg.norm(spin)), 1e-9))
     start = start - velocity * first
     obj = SceneObject(
-        track.shape,
-        size_from_half(track.shape, half),
-        1.0,
-        0.4,
-        0.002,
-        0.6,
+        shape=track.shape,
+        size=size_from_half(track.shape, half),
+        mass=1.0,
+        sliding_friction=0.4,
+        rolling_friction=0.002,
+        damping=0.6,
         position=tuple(start),
         velocity=tuple(velocity),
         angular_velocity=tuple(spin),

@@ -67,7 +67,9 @@ class FlowNoise:
         return replace(self, **shares, **{name: strength * getattr(self, name) for name in sizes})
 
 
-NO_NOISE = FlowNoise(0, 0, 0, 0, 0, 0, 0, 0)
+NO_NOISE = FlowNoise(
+    edge_px=0, waver_px=0, waver_share=0, correlation_px=0, still_px=0, dropout=0, dropout_px=0, leak=0
+)
 
 #: Range (low, high) of each parameter over clips, log-uniform: about the 10th to 90th percentile of 60 rendered clips
 #: with the RAFT that ships. Clips differ so much because their light and textures differ.

@@ -1,1 +1,1 @@
-"""What a user recorded: video files, mask files, and masks found from motion."""
+"""What a user recorded: video files and mask files."""

@@ -1,0 +1,195 @@
+"""From a measured clip to scenes: the model answers, tracks are fitted, the search refines.
+
+The answers of the model are replayed and ranked; a planar scene is fitted to the tracks; where that does not explain
+the clip, the search goes on from the best answers and a classical guess.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.errors import SimulationError
+from pipeline.inference.asking import LoadingModel, Question, ask_model
+from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world
+from pipeline.inference.measured_clip import MeasuredClip
+from pipeline.inference.method import TRACKS, Method, answer_method, search_method, tracks_method
+from pipeline.inference.progress import Progress
+from pipeline.inference.scene_search import (
+    ClipSearch,
+    clip_evaluator,
+    distinct_starts,
+    scene_certainties,
+    search_clip,
+)
+from pipeline.inference.trust import Forecast, forecast
+from pipeline.scene.scene import Scene
+from pipeline.search.best_of_k import rank
+from pipeline.search.certainty import Certainty
+from pipeline.search.evaluator import Rewards
+
+if TYPE_CHECKING:
+    from pipeline.inference.answers import Answer
+    from pipeline.model.generate import Sampling
+
+#: As params.yaml has them for the graph (`search`; a test compares them).
+SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward
+STARTS = 3  # answers that a search starts from
+LEAST_SEARCH = 200
+FORECAST_SHARE = 0.35  # of the simulations of a search, that are spent again on the first part of the clip
+TRACKS_IOU = 0.6  # from which the scene of tracks needs no search beside it, which knows tables alone
+
+
+@dataclass(frozen=True)
+class SearchBudget:
+    """What a search may do.
+
+    Attributes:
+        simulations: So many; 0: there is no search.
+        incline: The ground may slope in the picture: the search may roll the camera.
+        seed: Of the search.
+    """
+
+    simulations: int
+    incline: bool
+    seed: int
+
+
+@dataclass(frozen=True)
+class FoundScenes:
+    """What was found in a clip.
+
+    Attributes:
+        answers: The model's: greedy first, then the samples.
+        sampling: How the samples were drawn.
+        rewards: Of the answers, in their order.
+        methods: Each way to a scene, in the order in which they were tried.
+        filmed: The world that the tracks tell of.
+        searched: The search; None where there was none.
+        forecast: Of frames that were not fitted, by the best method; None where it was not tried.
+        certainties: How far the clip determines each number of the best scene; empty without a search.
+    """
+
+    answers: tuple[Answer, ...]
+    sampling: Sampling
+    rewards: Rewards
+    methods: tuple[Method, ...]
+    filmed: FilmedWorld
+    searched: ClipSearch | None
+    forecast: Forecast | None
+    certainties: tuple[Certainty, ...]
+
+    @property
+    def best(self) -> Method:
+        """The method with the highest reward."""
+        return max(self.methods, key=lambda m: m.reward)
+
+
+def find_scenes(
+    clip: MeasuredClip,
+    loading: LoadingModel,
+    *,
+    question: Question,
+    world: World,
+    budget: SearchBudget,
+    progress: Progress,
+) -> FoundScenes:
+    """Find scenes that show what a clip shows.
+
+    Args:
+        clip: Frames, masks and flow.
+        loading: The model.
+        question: How it is asked.
+        world: What is known of the world.
+        budget: Of the search.
+        progress: Told of each step.
+
+    Raises:
+        ModelError: For a model that cannot be loaded.
+        SimulationError: Where no answer can be simulated.
+    """
+    taken = clip.taken
+    with progress.step("answers"):
+        answers, sampling = ask_model(loading, taken, clip.schedule, clip.flow, question)
+    progress.say(
+        "answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: {answers[0].scene.composition}"
+    )
+    with progress.step("best of K"):
+        evaluator = clip_evaluator(taken.masks, clip.flow, clip.schedule, SEARCH_SIZE, cores(), taken.clip.frames)
+        ranking = rank(evaluator, [a.scene for a in answers])
+        if not ranking.rewards.valid.any():
+            raise SimulationError(f"the simulation is unstable in each of the {len(answers)} answers; try more samples")
+        methods = [answer_method("greedy", answers, ranking.rewards, 0, clip, 1)]
+        if len(answers) > 1:
+            top = int(ranking.order[0])
+            methods.append(answer_method("best of K", answers, ranking.rewards, top, clip, len(answers)))
+    with progress.step("tracks"):
+        filmed = filmed_world(taken, world)
+    progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
+    if filmed.answer is not None and filmed.scene is not None:
+        methods.append(tracks_method(filmed.answer, filmed.scene, evaluator, clip))
+    searched, forecasts = None, {TRACKS: filmed.forecast}
+    if budget.simulations and not (filmed.scene is not None and methods[-1].overlap.sequence >= TRACKS_IOU):
+        with progress.step("search"):
+            ranked = [answers[int(i)].scene for i in ranking.order]
+            starts = distinct_starts(ranked, ranking.rewards.valid[ranking.order].tolist(), STARTS)
+            searched = search_clip(
+                evaluator,
+                starts,
+                budget.simulations,
+                np.random.default_rng(budget.seed),
+                lambda spent, reward: progress.detail(
+                    f" {spent}/{budget.simulations} simulations, reward {reward:.3f}"
+                ),
+                budget.incline,
+            )
+            forecasts["search"] = _search_forecast(clip, starts, budget)
+        methods.append(search_method(searched, answers, ranking, clip))
+    best = max(methods, key=lambda m: m.reward)
+    certain: tuple[Certainty, ...] = ()
+    if searched is not None:
+        found = best.scene is searched.result.scene
+        certain = searched.certainties if found else scene_certainties(evaluator, best.scene)[1]
+    return FoundScenes(
+        answers=tuple(answers),
+        sampling=sampling,
+        rewards=ranking.rewards,
+        methods=tuple(methods),
+        filmed=filmed,
+        searched=searched,
+        forecast=forecasts.get(best.name),
+        certainties=certain,
+    )
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _search_forecast(clip: MeasuredClip, starts: Sequence[Scene], budget: SearchBudget) -> Forecast | None:
+    """How well a search on the first part of the clip forecasts the rest; None where the clip cannot be parted."""
+    schedule, masks = clip.schedule, clip.taken.masks
+    times = np.arange(len(masks)) / schedule.fps
+    simulations = max(LEAST_SEARCH, round(FORECAST_SHARE * budget.simulations))
+
+    def find(count: int) -> Scene | None:
+        try:
+            part = schedule.first(count / schedule.fps)
+        except ValueError:
+            return None
+        evaluator = clip_evaluator(masks, clip.flow, part, SEARCH_SIZE, cores())
+        rng = np.random.default_rng(budget.seed)
+        return search_clip(evaluator, starts, simulations, rng, incline=budget.incline).result.scene
+
+    return forecast(masks, times, find)
+
+
+def _tally(compositions: list[str]) -> str:
+    """`box+sphere (6), sphere (3)`: compositions and how often each was answered, the most frequent first."""
+    return ", ".join(f"{name} ({count})" for name, count in Counter(compositions).most_common(4))

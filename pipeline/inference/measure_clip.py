@@ -1,0 +1,123 @@
+"""Measuring a clip: its frames are read, bodies are looked for, and flow is measured beside that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.inference.asking import raw_flow, shown_flow
+from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
+from pipeline.inference.progress import Progress
+from pipeline.model.model_input import ModelInput
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import UserClip, open_clip, with_masks
+from pipeline.vision.recordings.video import FPS
+
+
+@dataclass(frozen=True)
+class VideoStretch:
+    """A stretch of a video that is to be measured.
+
+    Attributes:
+        place: The video, or a folder with one and masks.
+        start: s, where the stretch begins.
+        seconds: Its length.
+        fps: Frames a second at which it was shot; None for what the file says.
+        masks: A file or folder of masks, or a published segmenter; None for masks beside the video, else our network.
+        prompts: What is known of the bodies.
+    """
+
+    place: Path
+    start: float
+    seconds: float
+    fps: float | None
+    masks: str | Path | None
+    prompts: Prompts
+
+
+@dataclass(frozen=True)
+class FlowSource:
+    """What measures flow.
+
+    Attributes:
+        name: "raft" or "dis".
+        raft: Weights of RAFT.
+    """
+
+    name: str
+    raft: Path
+
+
+def measure_clip(
+    clip: VideoStretch | UserClip,
+    shown: ModelInput,
+    flow: FlowSource,
+    *,
+    progress: Progress,
+    when_seen: Callable[[UserClip], None] | None = None,
+) -> MeasuredClip:
+    """Read frames, find bodies and measure flow.
+
+    Args:
+        clip: A stretch of a video, or frames with masks.
+        shown: How the model's input is made, which says how flow is measured.
+        flow: What measures it.
+        progress: Told of each step.
+        when_seen: Called with the clip and its masks as soon as they are there.
+
+    Raises:
+        VideoError: For a clip that cannot be used, or in which nothing moves.
+    """
+    if isinstance(clip, VideoStretch):
+        name, schedule = str(clip.place), clip_schedule(clip.place, clip.seconds)
+        with progress.step("frames"):
+            read = open_clip(
+                clip.place,
+                start=clip.start,
+                seconds=clip.seconds,
+                fps=schedule.fps,
+                assume_fps=clip.fps,
+                masks=clip.masks,
+                prompts=clip.prompts,
+            )
+        frames = read.clip
+    else:
+        name, taken, frames = "clip", clip, clip.clip
+        schedule = clip_schedule(Path(name), len(frames.times) / FPS)
+    with ThreadPoolExecutor(1, "flow") as beside:
+        measuring = beside.submit(raw_flow, frames, schedule, shown, flow.name, flow.raft)
+        if isinstance(clip, VideoStretch):
+            with progress.step("masks"):
+                taken = with_masks(read, clip.prompts)
+            say_bodies(progress, name, clip.start, taken, taken.clip.notes)
+        if when_seen is not None:
+            when_seen(taken)
+        with progress.step("flow"):  # what is left of it after the masks
+            field = shown_flow(measuring.result(), taken, schedule, shown)
+    return measured_clip(name, taken, schedule, field)
+
+
+def say_bodies(progress: Progress, name: str, start: float, taken: UserClip, notes: Sequence[str]) -> None:
+    """Tell what was read and found; notes: on the clip."""
+    width, height = taken.clip.source_size
+    span = f"{start:g} to {start + len(taken.clip.times) * taken.clip.times[1]:g} s"
+    progress.say("clip", f"{name}: {span}, {width}x{height}, {taken.clip.source_fps:.4g} FPS")
+    for note in notes:
+        progress.say("note", note)
+    progress.say("masks", summary(taken))
+    for note in taken.found.notes if taken.found else ():
+        progress.say("note", note)
+    for doubt in taken.doubts:
+        progress.say("doubt", doubt)
+
+
+def summary(taken: UserClip) -> str:
+    """How many bodies, with their scores, and from where."""
+    count = len(taken.found.bodies) if taken.found else taken.objects
+    many = "body" if count == 1 else "bodies"
+    if taken.found is None:
+        return f"{count} {many}, from {taken.masks_from}"
+    scores = ", ".join(f"{k} ({b.label})" for k, b in enumerate(taken.found.bodies, 1))
+    return f"{count} {many}, from {taken.masks_from}: {scores}"

@@ -1,0 +1,98 @@
+"""The ways to a scene: the model's greedy answer, its best sample, tracks, and the search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.clips.replay import replay
+from pipeline.inference.measured_clip import MeasuredClip
+from pipeline.inference.scene_search import ClipSearch
+from pipeline.metrics.overlap import Overlap, overlap
+from pipeline.planar.find_planar_scene import PlanarAnswer
+from pipeline.scene.scene import Scene
+from pipeline.search.best_of_k import Ranking, rank
+from pipeline.search.evaluator import Evaluator, Rewards
+
+if TYPE_CHECKING:
+    from pipeline.inference.answers import Answer
+
+TRACKS = "tracks"  # the method that fits a planar scene to tracks
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to a scene, and what it reached.
+
+    Attributes:
+        name: "greedy", "best of K", "search" or "tracks".
+        scene: What it found.
+        answer: The model's, whose words belong to the scene: of a search, the best one with the same shapes; None for
+            tracks.
+        reward: As the search measures: iou - epe_frame.
+        iou: As the search measures.
+        epe_frame: px of 480x320 per frame interval, over the whole frame.
+        overlap: At the clip's own size.
+        simulations: That it took, those of the methods before it included.
+    """
+
+    name: str
+    scene: Scene
+    answer: Answer | None
+    reward: float
+    iou: float
+    epe_frame: float
+    overlap: Overlap
+    simulations: int
+
+
+def answer_method(
+    name: str, answers: list[Answer], rewards: Rewards, index: int, clip: MeasuredClip, simulations: int
+) -> Method:
+    """An answer of the model as a method of that name; rewards: of all answers."""
+    answer = answers[index]
+    return _rewarded(name, answer.scene, answer, rewards, index, clip, simulations)
+
+
+def search_method(searched: ClipSearch, answers: list[Answer], ranking: Ranking, clip: MeasuredClip) -> Method:
+    """What the search found, with the words of the best answer that has the same shapes."""
+    found, order = searched.result, [answers[int(i)] for i in ranking.order]
+    nearest = next((a for a in order if a.scene.composition == found.scene.composition), order[0])
+    return Method(
+        name="search",
+        scene=found.scene,
+        answer=nearest,
+        reward=found.reward,
+        iou=found.iou,
+        epe_frame=found.iou - found.reward,
+        overlap=_overlap(found.scene, clip),
+        simulations=len(answers) + found.simulations,
+    )
+
+
+def tracks_method(answer: PlanarAnswer, scene: Scene, evaluator: Evaluator, clip: MeasuredClip) -> Method:
+    """The scene that was fitted to tracks."""
+    rewards = rank(evaluator, [scene]).rewards
+    return _rewarded(TRACKS, scene, None, rewards, 0, clip, answer.fit.simulations)
+
+
+def _rewarded(
+    name: str, scene: Scene, answer: Answer | None, rewards: Rewards, index: int, clip: MeasuredClip, simulations: int
+) -> Method:
+    shown = _overlap(scene, clip) if rewards.valid[index] else Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
+    return Method(
+        name=name,
+        scene=scene,
+        answer=answer,
+        reward=float(rewards.reward[index]),
+        iou=float(rewards.iou[index]),
+        epe_frame=float(rewards.epe_frame[index]),
+        overlap=shown,
+        simulations=simulations,
+    )
+
+
+def _overlap(scene: Scene, clip: MeasuredClip) -> Overlap:
+    return overlap(replay(scene, clip.schedule).masks, clip.taken.masks, len(scene.objects), clip.objects)
