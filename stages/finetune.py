@@ -66,11 +66,11 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
     rows: list[dict] = []
     logging.set_verbosity_error()
     if isinstance(base, ObjectsModel):
-        objects = [objects_dataset(*part, parameters) for part in (inputs[:4], inputs[4:])]
-        finetune_objects(base, *objects, parameters.plan, scratch, rows.append)
+        clips, val = (objects_dataset(part, parameters) for part in (inputs[:4], inputs[4:]))
+        finetune_objects(base, clips, val, parameters.plan, scratch, rows.append)
     else:
-        texts = [text_dataset(*part, base, parameters) for part in (inputs[:2], inputs[2:])]
-        finetune(base, *texts, parameters.plan, scratch, rows.append)
+        clips, val = (text_dataset(part[0], part[1], base, parameters) for part in (inputs[:2], inputs[2:]))
+        finetune(base, clips, val, parameters.plan, scratch, rows.append)
     base.input = parameters.shown
     base.save(output / "model")
     for column in CURVES:
@@ -92,14 +92,12 @@ def text_dataset(tokens: ShardedDataset, source: ShardedDataset, base: Base, par
     return ClipDataset(len(tokens), read)
 
 
-def objects_dataset(
-    sample: ShardedDataset,
-    simulated: ShardedDataset,
-    rendered: ShardedDataset,
-    flow: ShardedDataset,
-    parameters: Parameters,
-) -> ClipDataset:
-    """Clips as instances, with masks as a network for masks finds them, and what their scenes say of them."""
+def objects_dataset(inputs: Sequence[ShardedDataset], parameters: Parameters) -> ClipDataset:
+    """Clips as instances, with masks as a network for masks finds them, and what their scenes say of them.
+
+    inputs: sample, simulate, render and flow.
+    """
+    sample, simulated, rendered, flow = inputs
     schedule, seed = parameters.schedule, parameters.plan.seed
 
     def read(index: int) -> Example:

@@ -1,8 +1,11 @@
 """Exact masks with the errors of the network for masks.
 
 Edges are off by a pixel or two, bodies grow or shrink, shadows count as bodies, one body takes a bite of another or
-swallows it where they meet, and is lost in some frames. Now and then a body is missed altogether, or there is one that
-does not exist.
+swallows it where they meet, and is lost in some frames. Now and then a body is missed altogether, found in part only,
+lost for a while, or one with another, or there is one that does not exist.
+
+The shares give a body an IoU of 0.69 on average over 246 bodies; the network for masks has 0.706 on 237 others
+(`benchmarks/results/masks`), and 0.11 bodies a clip that do not exist.
 """
 
 from __future__ import annotations
@@ -20,8 +23,11 @@ SHADOWED = 0.3  # share of bodies whose shadow counts in part
 MEETING = 0.3  # share of frames with touching boxes in which one body takes of the other
 SWALLOWED = 0.2  # of these, in which it takes all
 LOST = 0.03  # share of frames without a body
-MISSED = 0.02  # share of bodies that are never found
-EXTRA = 0.02  # share of clips with a body that does not exist
+MISSED = 0.05  # share of bodies that are never found
+PARTIAL = 0.08  # share of bodies of which a part is found only
+AWAY = 0.1  # share of bodies that are lost for several frames
+MERGED = 0.03  # share of bodies that are found as one with another
+EXTRA = 0.1  # share of clips with a body that does not exist
 CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
@@ -39,7 +45,7 @@ def with_errors(masks: np.ndarray, objects: int, rng: np.random.Generator) -> np
     height, width = masks.shape[1:]
     amplitude, grown = rng.uniform(*AMPLITUDE), rng.choice([-1, 0, 0, 1])
     shadows = [_shadow(rng) if rng.random() < SHADOWED else None for _ in range(objects)]
-    missed = [i + 1 for i in range(objects) if objects > 1 and rng.random() < MISSED]
+    masks = _with_lasting_errors(masks, objects, rng)
     out = np.empty_like(masks)
     for t, exact in enumerate(masks):
         mask = _displaced(exact, amplitude, rng)
@@ -56,12 +62,40 @@ def with_errors(masks: np.ndarray, objects: int, rng: np.random.Generator) -> np
                 _draw_shadow(mask, i + 1, (left, top, right - left, bottom - top), shadow)
             if rng.random() < LOST:
                 mask[mask == i + 1] = 0
-        for k in missed:
-            mask[mask == k] = 0
         out[t] = mask
     if rng.random() < EXTRA:
         _add_fleck(out, objects + 1, rng, (width, height))
     return out
+
+
+def _with_lasting_errors(masks: np.ndarray, objects: int, rng: np.random.Generator) -> np.ndarray:
+    """The masks with what goes wrong in many frames: bodies that are missed, merged, cut, or lost for a while."""
+    out = masks.copy()
+    for body in range(1, objects + 1):
+        draw = rng.random()
+        if draw < MISSED and objects > 1:
+            out[out == body] = 0
+        elif MISSED <= draw < MISSED + MERGED and objects > 1:
+            other = (body + int(rng.integers(objects - 1))) % objects + 1
+            out[out == body] = other
+        elif MISSED + MERGED <= draw < MISSED + MERGED + PARTIAL:
+            angle, kept = rng.uniform(0, 2 * np.pi), rng.uniform(0.2, 0.7)
+            for mask in out:
+                _keep_part(mask, body, angle, kept)
+        if rng.random() < AWAY:
+            first = int(rng.integers(len(out)))
+            part = out[first : first + int(rng.integers(2, 6))]
+            part[part == body] = 0
+    return out
+
+
+def _keep_part(mask: np.ndarray, body: int, angle: float, kept: float) -> None:
+    """Leave the share `kept` of a body, on one side of a line, in place."""
+    rows, columns = np.nonzero(mask == body)
+    if len(rows):
+        along = np.cos(angle) * columns + np.sin(angle) * rows
+        gone = along > np.quantile(along, kept)
+        mask[rows[gone], columns[gone]] = 0
 
 
 def _displaced(mask: np.ndarray, amplitude: float, rng: np.random.Generator) -> np.ndarray:
