@@ -38,6 +38,7 @@ from pipeline.search.certainty import Certainty, weakly_identified
 
 if TYPE_CHECKING:
     from pipeline.model.base import Base
+    from pipeline.objects.answering import ObjectsModel
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Inference:
     name: str
     clip: MeasuredClip
     settings: Settings
-    base: Base
+    base: Base | ObjectsModel
     scenes: FoundScenes
     seconds: dict[str, float]
 
@@ -138,7 +139,7 @@ def infer(
     fps: float | None = None,
     masks: str | Path | None = None,
     prompts: Prompts | None = None,
-    model: str | Base | LoadingModel = "models/tiny",
+    model: str | Base | ObjectsModel | LoadingModel = "models/tiny",
     samples: int = 8,
     temperature: float = 1.0,
     top_p: float = 0.9,
@@ -221,7 +222,7 @@ def infer(
     )
 
 
-def _loading(model: str | Base | LoadingModel) -> LoadingModel:
+def _loading(model: str | Base | ObjectsModel | LoadingModel) -> LoadingModel:
     """A model that is being loaded, or is there."""
     if isinstance(model, LoadingModel):
         return model
