@@ -98,7 +98,15 @@ def outcome(index: int, clip: ViewClip) -> Outcome:
     ahead = told.forecast is not None and told.forecast.iou > told.forecast.constant_velocity_iou
     view = told.motion.view
     roll = view.roll_deg - true_roll(clip.scene) if kind in ("side", "incline", "flight") else np.nan
-    return Outcome(kind, view.kind, iou, roll, slope, grade(iou, told.forecast), ahead)
+    return Outcome(
+        kind=kind,
+        found=view.kind,
+        iou=iou,
+        roll_error=roll,
+        slope_error=slope,
+        grade=grade(iou, told.forecast),
+        beats_constant_velocity=ahead,
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> None:

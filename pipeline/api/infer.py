@@ -197,7 +197,11 @@ def infer(
     if isinstance(clip, MeasuredClip):
         measured = clip
     else:
-        seen = clip if isinstance(clip, UserClip) else VideoStretch(Path(clip), start, seconds, fps, masks, prompts)
+        seen = (
+            clip
+            if isinstance(clip, UserClip)
+            else VideoStretch(place=Path(clip), start=start, seconds=seconds, fps=fps, masks=masks, prompts=prompts)
+        )
         measured = measure_clip(seen, loading.shown, source, progress=progress, when_seen=when_seen)
     settings = Settings(
         start=start,

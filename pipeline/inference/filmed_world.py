@@ -103,7 +103,14 @@ def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
         scene = told.answer.scene
         seen = scene if taken.found is None else clip_camera(scene, taken.clip.letterbox)
     doubt = _gravity_doubt(told.motion, world, taken.clip.source_fps)
-    return FilmedWorld(told.motion, masks, told.answer, seen, told.forecast, () if doubt is None else (doubt,))
+    return FilmedWorld(
+        motion=told.motion,
+        masks=masks,
+        answer=told.answer,
+        scene=seen,
+        forecast=told.forecast,
+        doubts=() if doubt is None else (doubt,),
+    )
 
 
 @dataclass(frozen=True)

@@ -136,7 +136,16 @@ def measure_motion(
     else:
         plane = replace(level, px_per_m=scale.px_per_m, roll=-float(np.radians(found.roll_deg)), level=False)
     motion = ClipMotion(
-        tuple(tracks), tuple(arcs), found, silhouettes, scale, plane, (), tuple(tracks), None, (None,) * len(tracks)
+        tracks=tuple(tracks),
+        arcs=tuple(arcs),
+        view=found,
+        silhouettes=silhouettes,
+        scale=scale,
+        plane=plane,
+        supports=(),
+        flat=tuple(tracks),
+        table=None,
+        solids=(None,) * len(tracks),
     )
     if found.kind == "table":
         balls = bool(tracks) and all(s.shape == "sphere" for s in silhouettes)

@@ -79,8 +79,22 @@ def silhouette(track: ImageTrack, masks: np.ndarray, frames: np.ndarray) -> Silh
     width, height = np.median(boxes, axis=0)
     if np.median(fills) <= ROUND_FILL and np.quantile(np.divide(*np.transpose(boxes)), SHARPEST) <= ROUND_ASPECT:
         ball = float(np.nanmedian(shading)) if shading else float("nan")
-        return Silhouette(True, 2 * track.radius, 2 * track.radius, track.angle, ball, float(np.median(ellipses)))
-    return Silhouette(False, float(width), float(height), track.angle, float("nan"), float(np.median(ellipses)))
+        return Silhouette(
+            round=True,
+            width=2 * track.radius,
+            height=2 * track.radius,
+            angle=track.angle,
+            ball=ball,
+            ellipse=float(np.median(ellipses)),
+        )
+    return Silhouette(
+        round=False,
+        width=float(width),
+        height=float(height),
+        angle=track.angle,
+        ball=float("nan"),
+        ellipse=float(np.median(ellipses)),
+    )
 
 
 def ellipse_overlap(rows: np.ndarray, cols: np.ndarray) -> float:

@@ -29,7 +29,10 @@ def found(scene: Scene, px_per_m: float | None = None) -> tuple[PlanarAnswer, fl
 
 
 def ball(**changes: object) -> SceneObject:
-    return replace(SceneObject("sphere", (0.08,), 0.5, 0.5, 0.0, 0.3), **changes)  # type: ignore[arg-type]
+    return replace(
+        SceneObject(shape="sphere", size=(0.08,), mass=0.5, sliding_friction=0.5, rolling_friction=0.0, damping=0.3),
+        **changes,
+    )  # type: ignore[arg-type]
 
 
 def ramp(angle_deg: float) -> FixedBody:
@@ -140,7 +143,14 @@ def test_a_body_that_slides_off_an_incline_is_still_on_an_incline() -> None:
 def test_pucks_that_collide_tell_their_masses() -> None:
     def puck(x: float, vx: float, mass: float) -> SceneObject:
         return SceneObject(
-            "cylinder", (0.1, 0.06), mass, 0.002, 0, 0.1, position=(x, 0.02 * vx, 0.03), velocity=(vx, 0, 0)
+            shape="cylinder",
+            size=(0.1, 0.06),
+            mass=mass,
+            sliding_friction=0.002,
+            rolling_friction=0,
+            damping=0.1,
+            position=(x, 0.02 * vx, 0.03),
+            velocity=(vx, 0, 0),
         )
 
     plane = Plane(480, 320, 200.0, level=True)

@@ -23,12 +23,12 @@ RADIUS = 0.1
 def rolling(x: float, velocity: tuple[float, float]) -> SceneObject:
     vx, vy = velocity
     return SceneObject(
-        "sphere",
-        (RADIUS,),
-        0.5,
-        0.6,
-        0.0,
-        0.3,
+        shape="sphere",
+        size=(RADIUS,),
+        mass=0.5,
+        sliding_friction=0.6,
+        rolling_friction=0.0,
+        damping=0.3,
         position=(x, 0.1, RADIUS),
         velocity=(vx, vy, 0),
         angular_velocity=(-vy / RADIUS, vx / RADIUS, 0),
