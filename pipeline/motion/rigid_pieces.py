@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.motion.image_track import MAD, ImageTrack, image_tracks
 
 LEAST_FRAMES = 10  # that show both
-LEAST_SHARE = 0.8  # of the frames of the longer track, that show both
+LEAST_SHARE = 0.8  # of the frames of the shorter track, that show both
 STIFF_PX, STIFF_SHARE = 0.8, 0.01  # most deviation of the vector between them; its share of that vector
 LEAST_WAY = 0.5  # of the vector's length: what both must move
 LEAST_TURN = 0.3  # of that way, that they must go back
@@ -60,7 +60,7 @@ def joined_pieces(
 def moves_stiffly(one: ImageTrack, other: ImageTrack) -> bool:
     """Whether the vector between two tracks rests while both go some way and turn back."""
     _, i, j = np.intersect1d(one.frames, other.frames, return_indices=True)
-    if len(i) < max(LEAST_FRAMES, LEAST_SHARE * max(len(one), len(other))):
+    if len(i) < max(LEAST_FRAMES, LEAST_SHARE * min(len(one), len(other))):
         return False
     apart = other.centre[j] - one.centre[i]
     middle = np.median(apart, axis=0)
