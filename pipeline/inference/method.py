@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -46,6 +47,19 @@ class Method:
     epe_frame: float
     overlap: Overlap
     simulations: int
+
+    @property
+    def merit(self) -> float:
+        """By which methods are compared: as the reward, but with the overlap at the clip's own size.
+
+        A body of a few pixels hardly shows at the size of the search's reward.
+        """
+        return self.overlap.sequence - self.epe_frame
+
+
+def best_of(methods: Sequence[Method]) -> Method:
+    """The method of the most merit."""
+    return max(methods, key=lambda m: m.merit)
 
 
 def answer_method(
