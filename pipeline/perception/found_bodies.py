@@ -14,6 +14,7 @@ from pipeline.perception.prompts import Prompts
 from pipeline.perception.track_choice import TrackChoice
 from pipeline.segmentation.bodies import Candidates, bodies_of, candidate_scores, figure, find_candidates
 from pipeline.segmentation.mask_networks import MaskNetworks
+from pipeline.segmentation.outlines import sharpen
 from pipeline.vision.recordings.video import Clip
 
 LIKE_OTHER = 0.5  # probability from which a body is doubted
@@ -88,9 +89,12 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
     if not kept:
         raise VideoError(why_none(clip, found, float(likely.max(initial=0)), choice.notes))
     scores = np.array([1.0 if c.score is None else c.score for c in kept])
-    drawn = bodies_of([c.track for c in kept], scores, found, clip.frames, networks.outlines)
+    drawn = bodies_of([c.track for c in kept], scores, found, clip.frames, None)
     masks, groups = joined_pieces(drawn.masks, clip.frames, clip.times, [c.marked for c in kept])
     masks = without_exchanges(masks, clip.frames, clip.times)
+    if networks.outlines is not None:
+        hulls = [k for k, g in enumerate(groups, 1) if len(g) > 1]
+        masks = sharpen(clip.frames, masks, networks.outlines, hulls)
     notes = [
         *choice.notes,
         *(f"{len(g)} pieces that move as one rigid body are body {k}" for k, g in enumerate(groups, 1) if len(g) > 1),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import cv2
@@ -79,14 +80,21 @@ def _pictures(squares: list[np.ndarray]) -> Tensor:
     return torch.from_numpy(np.stack(squares)).permute(0, 3, 1, 2).float() / 255
 
 
-def sharpen(frames: np.ndarray, masks: np.ndarray, network: OutlineNetwork) -> np.ndarray:
-    """Masks (T, H, W) uint8 ids with outlines where the network sees them in frames (T, H, W, 3) uint8."""
+def sharpen(frames: np.ndarray, masks: np.ndarray, network: OutlineNetwork, kept: Collection[int] = ()) -> np.ndarray:
+    """Masks with outlines where the network sees them.
+
+    Args:
+        frames: (T, H, W, 3) uint8.
+        masks: (T, H, W) uint8 ids.
+        network: For outlines.
+        kept: Ids whose outlines stay as they are.
+    """
     plate, known = background(frames, masks)
     places = [
         (t, body, square_around(masks[t] == body))
         for t in range(len(frames))
         for body in np.unique(masks[t])
-        if body and (masks[t] == body).sum() >= LEAST_AREA_PX
+        if body and body not in kept and (masks[t] == body).sum() >= LEAST_AREA_PX
     ]
     soft = []
     with torch.inference_mode():
@@ -99,8 +107,8 @@ def sharpen(frames: np.ndarray, masks: np.ndarray, network: OutlineNetwork) -> n
                 near.append([square.cut(known), square.cut(own), square.cut(others)])
             squares = input_of(_pictures(shown), _pictures(behind), torch.from_numpy(np.array(near)))
             soft.extend(network(squares).sigmoid().numpy())
-    out = np.zeros_like(masks)
-    best = np.full(masks.shape, LEVEL, np.float32)
+    out = np.where(np.isin(masks, list(kept)), masks, 0).astype(masks.dtype)
+    best = np.where(out > 0, 1.0, LEVEL).astype(np.float32)
     for (t, body, square), values in zip(places, soft, strict=True):
         large, window = square.paste(values, masks.shape[1:])
         if square.side > SIDE:  # the network saw it smaller than it is
