@@ -1,4 +1,4 @@
-"""`from pipeline import infer, masks, simulate, discover`."""
+"""`from pipeline import infer, masks, simulate, edit, discover`."""
 
 import inspect
 import os
@@ -23,12 +23,12 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     heavy = {"torch", "transformers", "mujoco", "numba", "rerun", "cv2", "numpy"}
     code = f"import sys, pipeline\nprint({heavy} & set(sys.modules), sorted(pipeline.__all__))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
-    assert done.stdout.split("\n")[0] == "set() ['discover', 'infer', 'masks', 'simulate']"
+    assert done.stdout.split("\n")[0] == "set() ['discover', 'edit', 'infer', 'masks', 'simulate']"
 
 
 def test_the_functions_are_those_of_the_commands() -> None:
     assert pipeline.infer is infer_module.infer
-    for function in (pipeline.infer, pipeline.masks, pipeline.simulate, pipeline.discover):
+    for function in (pipeline.infer, pipeline.masks, pipeline.simulate, pipeline.edit, pipeline.discover):
         assert inspect.isfunction(function)
         assert "Args:" in (function.__doc__ or "")
     with pytest.raises(AttributeError, match="no attribute 'inver'"):

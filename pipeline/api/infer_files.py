@@ -16,6 +16,7 @@ from pipeline.api.motion_figure import write_motion_figure
 from pipeline.api.overlay import Row, Sheet, draw, markdown, side_by_side
 from pipeline.api.result_folder import write_result
 from pipeline.clips.replay import Replay
+from pipeline.editing.filmed_clip import CLIP, FilmedClip, write_clip
 from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
 from pipeline.inference.method import TRACKS, Method
 from pipeline.inference.progress import Progress
@@ -79,7 +80,7 @@ def relabelled(masks: np.ndarray, pairs: np.ndarray, objects: int) -> np.ndarray
 
 
 def _write_pictures(folder: Path, found: Inference, run: Replay) -> str:
-    """Write scene.yaml, scene.xml, replay.mp4, overlay.png, recording.rrd; returns which renderer made the pictures."""
+    """Write scene, clip, replay, overlay.png and recording.rrd; returns which renderer made the pictures."""
     clip, best = found.clip, found.best
     (folder / "scene.yaml").write_text(write_scene(run.scene), encoding="utf-8")
     (folder / "scene.xml").write_text(scene_xml(run.scene), encoding="utf-8")
@@ -88,6 +89,7 @@ def _write_pictures(folder: Path, found: Inference, run: Replay) -> str:
     frames, first, fps = clip.taken.clip.frames, clip.schedule.pairs[:, 0], clip.schedule.fps
     write_video(folder / "replay.mp4", side_by_side(frames, drawn, ("input", "replay")), fps)
     masks = relabelled(clip.taken.masks, best.overlap.pairs, len(run.scene.objects))
+    write_clip(folder / CLIP, FilmedClip(frames, masks, fps))
     place, rows = Path(found.name), method_table(found.methods)
     title = f"{place.name}: {best.scene.composition} ({best.name})"
     sheet = Sheet(

@@ -14,13 +14,14 @@ import numpy as np
 
 from pipeline.api.overlay import Row, markdown, side_by_side
 from pipeline.api.result_folder import result_folder, write_result
-from pipeline.api.scene_source import SCENE_FILE, edited, read_scene_source, with_camera
+from pipeline.api.scene_source import SCENE_FILE, read_scene_source, with_camera
 from pipeline.clips.replay import replay_trace
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import SceneError
 from pipeline.inference.progress import Progress
 from pipeline.physics.simulate import simulate as run_scene
 from pipeline.physics.trace import Trace
+from pipeline.scene.edited import edited
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import write_scene

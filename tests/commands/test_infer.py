@@ -15,7 +15,6 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from pipeline.api.infer_files import relabelled
-from pipeline.api.scene_source import edited
 from pipeline.clips.replay import replay
 from pipeline.errors import VideoError
 from pipeline.inference.find_scenes import SEARCH_SIZE
@@ -26,6 +25,7 @@ from pipeline.perception.mask_source import MaskSource
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import NETWORK, read_frames, with_masks
 from pipeline.physics.simulate import simulate
+from pipeline.scene.edited import edited
 from pipeline.scene.text import load_scene
 from pipeline.search.best_of_k import rank
 from pipeline.vision.flow.dis import DIS

@@ -9,8 +9,8 @@ import pytest
 import small_clip
 from ruamel.yaml import YAML
 
-from pipeline.api.scene_source import edited
 from pipeline.errors import SceneError
+from pipeline.scene.edited import edited
 from pipeline.scene.scene import FixedBody
 from pipeline.scene.text import write_scene
 

@@ -1,0 +1,236 @@
+"""Pictures of an edited motion, from the layers of a clip.
+
+A pixel that the edit does not touch is the clip's own. Where a body or its shadow is no longer as it was filmed, or
+another one is, the picture is made of the plate, of shadows and of the bodies' textures, with the clip's noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pipeline.editing import plate as plates
+from pipeline.editing import surface_texture
+from pipeline.editing.camera_rays import NOBODY, cast_bodies, paint
+from pipeline.editing.filmed_clip import FilmedClip
+from pipeline.editing.layers import Layers
+from pipeline.editing.light import ground_light
+from pipeline.editing.surface_texture import SIZE, plain_texture
+from pipeline.editing.view import BodyMotion, within_px
+
+SAMPLES = 2  # along each side of a pixel
+SAME_PX = 0.1  # a body that is shown this close to where it was filmed is left as it was filmed
+SHADOW_CHANGE = 0.004  # of the light on the ground, from which on a pixel is touched
+RIM_PX = 3  # around bodies that are no longer there
+DARKER = 3.0  # standard deviations of the noise, and
+LEAST_CHANGE = 4.0  # of 255: a pixel near a body that differs so much from the plate shows its shadow or reflection
+NEAR = 1.0  # how near: in the body's own size
+
+
+@dataclass(frozen=True)
+class EditedFrames:
+    """The pictures, and where what they show comes from.
+
+    Attributes:
+        frames: (T, H, W, 3) uint8.
+        ids: (T, H, W) uint8: 0 background, i + 1 body i of the edited motion.
+        bodies: Shares of the bodies' shown pixels: measured, mirrored, invented.
+        background: Shares of the background's shown pixels: measured, repaired, invented.
+    """
+
+    frames: np.ndarray
+    ids: np.ndarray
+    bodies: tuple[float, float, float]
+    background: tuple[float, float, float]
+
+
+def compose(
+    clip: FilmedClip,
+    layers: Layers,
+    edited: BodyMotion,
+    origin: tuple[int | None, ...],
+    start: int,
+    rng: np.random.Generator,
+    redraw: bool = False,
+) -> EditedFrames:
+    """Show an edited motion.
+
+    Args:
+        clip: T frames with the bodies of `layers.motion`.
+        layers: The clip taken apart.
+        edited: T frames, M bodies.
+        origin: (M,) which body of the clip each of them is; None for a new one.
+        start: First frame that may differ from the clip's.
+        rng: Of the noise.
+        redraw: Make every pixel from the layers, also those that the edit does not touch.
+
+    Returns:
+        The pictures.
+    """
+    as_filmed, corrections = follow(layers, edited, origin, start, redraw)
+    parts = [layers.textures.colour[o] if o is not None else plain_texture(m)[0] for m, o in enumerate(origin)]
+    kinds = [layers.textures.kind[o] if o is not None else plain_texture(m)[1] for m, o in enumerate(origin)]
+    texture = np.stack(parts) if parts else np.zeros((0, 6, SIZE, SIZE, 3), np.float32)
+    kind = np.stack(kinds) if kinds else np.zeros((0, 6, SIZE, SIZE), np.uint8)
+    frames, ids = clip.frames.copy(), np.zeros(clip.masks.shape, np.uint8)
+    shown_bodies, shown_plate = np.zeros(3), np.zeros(3)
+    rectangles = edited.rectangles(layers.view)
+    for t in range(len(frames)):
+        drawn = _draw(layers, edited, corrections[t], rectangles[t], t, texture, kind)
+        if redraw:
+            touched = np.ones(clip.masks.shape[1:], bool)
+        elif t < start:
+            touched = np.zeros(clip.masks.shape[1:], bool)
+        else:
+            touched = _touched(clip, layers, edited, origin, as_filmed[t], corrections, drawn, t)
+        light = ground_light(edited, layers.view, corrections, t, layers.lights)
+        picture = layers.plate.colour * light[..., None] * (1 - drawn.alpha[..., None]) + drawn.colour
+        picture += layers.plate.noise * rng.standard_normal(picture.shape, dtype=np.float32)
+        own = drawn.front != NOBODY
+        kept = np.zeros_like(touched)
+        for m in np.flatnonzero(as_filmed[t]):
+            kept |= (drawn.front == m) & (drawn.alpha >= 1) & (clip.masks[t] == _origin(origin, m) + 1)
+        use = touched & ~(kept & (not redraw))
+        frames[t][use] = np.clip(picture[use] + 0.5, 0, 255).astype(np.uint8)
+        ids[t][own] = drawn.front[own] + 1
+        shown_bodies += np.bincount(np.where(use, drawn.kinds, surface_texture.MEASURED)[own], minlength=3)
+        shown_plate += np.bincount(np.where(use, layers.plate.kind, plates.MEASURED)[~own], minlength=3)
+    return EditedFrames(frames, ids, _shares(shown_bodies), _shares(shown_plate))
+
+
+def follow(
+    layers: Layers, edited: BodyMotion, origin: tuple[int | None, ...], start: int, redraw: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which bodies are where they were filmed, (T, M) bool, and the corrections (T, M, 5) of the edited motion.
+
+    A body has the clip's own correction as long as it moves as filmed, and keeps the last of these from then on.
+    """
+    frames, count = edited.shown.shape
+    filmed, index = layers.motion, [o for o in origin if o is not None]
+    same = np.zeros((frames, count), bool)
+    known = [m for m, o in enumerate(origin) if o is not None]
+    part = BodyMotion(
+        tuple(filmed.objects[o] for o in index),
+        filmed.position[:, index],
+        filmed.quaternion[:, index],
+        filmed.shown[:, index],
+    )
+    moved = BodyMotion(
+        tuple(edited.objects[m] for m in known),
+        edited.position[:, known],
+        edited.quaternion[:, known],
+        edited.shown[:, known],
+    )
+    same[:, known] = within_px(part, moved, layers.view, SAME_PX)
+    for k, m in enumerate(known):
+        if edited.objects[m].size != part.objects[k].size or edited.objects[m].shape != part.objects[k].shape:
+            same[:, m] = False
+    together = np.logical_and.accumulate(same[start:], axis=0)  # once apart, a body is not the filmed one again
+    same[start:] = together
+    corrections = np.zeros((frames, count, 5))
+    corrections[..., :2], corrections[..., 4] = edited.centres_px(layers.view), 1
+    for m in known:
+        last = max(start - 1, 0)
+        for t in range(frames):
+            if t < start or same[t, m]:
+                last = t
+            corrections[t, m, 2:] = layers.corrections[last, _origin(origin, m), 2:]
+    return same & (not redraw), corrections
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The bodies of one frame.
+
+    Attributes:
+        colour: (H, W, 3) float32, times alpha.
+        alpha: (H, W) float32.
+        front: (H, W) uint8, the body that fills most of a pixel, or `NOBODY`.
+        cover: (M, H, W) bool, where each body has a part of a pixel.
+        kinds: (H, W) uint8, kind of the texel that most of a pixel shows.
+    """
+
+    colour: np.ndarray
+    alpha: np.ndarray
+    front: np.ndarray
+    cover: np.ndarray
+    kinds: np.ndarray
+
+
+def _draw(
+    layers: Layers,
+    edited: BodyMotion,
+    corrections: np.ndarray,
+    rectangles: np.ndarray,
+    frame: int,
+    texture: np.ndarray,
+    kind: np.ndarray,
+) -> Drawn:
+    height, width, count = layers.view.height, layers.view.width, len(edited.objects)
+    size = SAMPLES * height, SAMPLES * width
+    ids, depth, point = np.empty(size, np.uint8), np.empty(size, np.float32), np.empty((*size, 3), np.float32)
+    colour, kinds = np.zeros((*size, 3), np.float32), np.zeros(size, np.uint8)
+    shown, body = edited.shown[frame], edited.tables[frame]
+    cast_bodies(body, corrections, rectangles, shown, *layers.view.ray_arguments, ids, depth, point)
+    lights = layers.lights
+    paint(body, ids, point, texture, kind, lights.light, lights.darkness, colour, kinds)
+    blocks = ids.reshape(height, SAMPLES, width, SAMPLES)
+    counts = np.stack([(blocks == m).sum((1, 3)) for m in range(count)]) if count else np.zeros((0, height, width))
+    alpha = counts.sum(0).astype(np.float32) / SAMPLES**2
+    mean = colour.reshape(height, SAMPLES, width, SAMPLES, 3).mean((1, 3))
+    front = np.full((height, width), NOBODY, np.uint8)
+    if count:
+        front = np.where(alpha > 0.5, counts.argmax(0), NOBODY).astype(np.uint8)
+    # The kind of a pixel is that of its last sample that the front body fills.
+    kind_px = np.zeros((height, width), np.uint8)
+    own = kinds.reshape(height, SAMPLES, width, SAMPLES)
+    for j in range(SAMPLES):
+        for k in range(SAMPLES):
+            hit = blocks[:, j, :, k] == front
+            kind_px[hit] = own[:, j, :, k][hit]
+    return Drawn(mean, alpha, front, counts > 0, kind_px)
+
+
+def _touched(
+    clip: FilmedClip,
+    layers: Layers,
+    edited: BodyMotion,
+    origin: tuple[int | None, ...],
+    as_filmed: np.ndarray,
+    corrections: np.ndarray,
+    drawn: Drawn,
+    t: int,
+) -> np.ndarray:
+    """(H, W) bool: where the clip no longer shows what is there."""
+    kept = {_origin(origin, m) for m in np.flatnonzero(as_filmed)}
+    gone = [i for i in range(len(layers.motion.objects)) if i not in kept and layers.motion.shown[t, i]]
+    moved = [m for m in range(len(origin)) if not as_filmed[m] and edited.shown[t, m]]
+    out = np.zeros(clip.masks.shape[1:], bool)
+    if not gone and not moved:
+        return out
+    for m in moved:
+        out |= plates.grown(drawn.cover[m][None], 1)[0]
+    differs = np.abs(clip.frames[t].astype(np.float32) - layers.plate.colour).max(-1)
+    differs = cv2.blur(differs, (3, 3)) > max(LEAST_CHANGE, DARKER * layers.plate.noise)
+    for i in gone:
+        mask = clip.masks[t] == i + 1
+        size = int(np.sqrt(mask.sum() / np.pi) * 2 * NEAR) + RIM_PX
+        out |= plates.grown(mask[None], RIM_PX)[0] | (plates.grown(mask[None], size)[0] & differs)
+    before = ground_light(layers.motion, layers.view, layers.corrections, t, layers.lights)
+    after = ground_light(edited, layers.view, corrections, t, layers.lights)
+    changed = np.abs(after - before) > SHADOW_CHANGE
+    out |= plates.grown(changed[None], 2)[0]
+    return out
+
+
+def _origin(origin: tuple[int | None, ...], m: int) -> int:
+    found = origin[m]
+    assert found is not None
+    return found
+
+
+def _shares(counts: np.ndarray) -> tuple[float, float, float]:
+    total = max(float(counts.sum()), 1.0)
+    return float(counts[0]) / total, float(counts[1]) / total, float(counts[2]) / total

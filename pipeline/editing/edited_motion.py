@@ -1,0 +1,191 @@
+"""The motion of a clip's scene, and that of the edited scene, which is run on from the clip's state at each edit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+from ruamel.yaml import YAML
+
+from pipeline.editing.edit_list import Edit
+from pipeline.editing.view import BodyMotion
+from pipeline.errors import SceneError, did_you_mean
+from pipeline.physics.overlap import ground_penetration, overlaps
+from pipeline.physics.simulate import simulate
+from pipeline.physics.trace import FIRST_FIXED, Trace
+from pipeline.scene.edited import edited
+from pipeline.scene.mjcf import STEPS_PER_SECOND
+from pipeline.scene.scene import Scene, SceneObject, half_extents
+from pipeline.scene.text import scene_from_dict, write_scene
+
+SOLID = 0.05  # of the smaller body's least half extent: bodies that an edit makes overlap by more cannot be so
+
+
+@dataclass(frozen=True)
+class EditedMotion:
+    """An edited clip's motion.
+
+    Attributes:
+        motion: T frames, M bodies: every body that there ever is.
+        origin: (M,) which object of the clip's scene each of them is; None for one that was added.
+        scene: The scene after the last edit, with its state at that time.
+        time: When that is, s.
+        first: First frame that an edit concerns.
+    """
+
+    motion: BodyMotion
+    origin: tuple[int | None, ...]
+    scene: Scene
+    time: float
+    first: int
+
+
+def frame_steps(frames: int, fps: float) -> np.ndarray:
+    """(T,) simulation step of every frame."""
+    return np.rint(np.arange(frames) * STEPS_PER_SECOND / fps).astype(np.int64)
+
+
+def filmed_motion(scene: Scene, frames: int, fps: float) -> tuple[BodyMotion, Trace]:
+    """The motion of a scene at the frames of a clip. Raises SimulationError where it becomes unstable."""
+    steps = frame_steps(frames, fps)
+    trace = simulate(scene, (steps[-1] + 1) / STEPS_PER_SECOND)
+    shown = np.ones((frames, len(scene.objects)), bool)
+    return BodyMotion(scene.objects, trace.position[steps], trace.quaternion[steps], shown), trace
+
+
+def run_edits(scene: Scene, trace: Trace, edits: Sequence[Edit], frames: int, fps: float) -> EditedMotion:
+    """Run a scene with edits.
+
+    Args:
+        scene: The clip's scene.
+        trace: Its motion.
+        edits: By time, from `in_order`.
+        frames: T.
+        fps: Frames a second.
+
+    Raises:
+        SceneError: An edit does not fit the scene, or puts a body into another.
+        SimulationError: The edited scene becomes unstable.
+    """
+    steps = frame_steps(frames, fps)
+    bodies: list[SceneObject] = list(scene.objects)
+    origins: dict[str, int] = {o.name: i for i, o in enumerate(scene.objects)}
+    origin: list[int | None] = list(range(len(bodies)))
+    position = [trace.position[steps, i] for i in range(len(bodies))]
+    quaternion = [trace.quaternion[steps, i] for i in range(len(bodies))]
+    shown = [np.ones(frames, bool) for _ in bodies]
+    begun, first, current, run = 0, frames, scene, trace
+    for step, group in groupby(edits, key=lambda e: round(e.at * STEPS_PER_SECOND)):
+        state = scene_at(current, run, step - begun)
+        after = _applied(state, list(group), origins)
+        begun, current = step, after
+        run = simulate(after, (steps[-1] + 1 - step) / STEPS_PER_SECOND) if after.objects else run
+        later = np.flatnonzero(steps >= step)
+        first = min(first, int(later[0])) if len(later) else first
+        for known in shown:
+            known[later] = False
+        for k, obj in enumerate(after.objects):
+            m = _entry(bodies, obj)
+            if m is None:
+                m = len(bodies)
+                bodies.append(obj)
+                origin.append(origins.get(obj.name))
+                position.append(np.tile(np.array(obj.position, float), (frames, 1)))
+                quaternion.append(np.tile(np.array(obj.orientation, float), (frames, 1)))
+                shown.append(np.zeros(frames, bool))
+            position[m][later] = run.position[steps[later] - step, k]
+            quaternion[m][later] = run.quaternion[steps[later] - step, k]
+            shown[m][later] = True
+    motion = BodyMotion(tuple(bodies), np.stack(position, 1), np.stack(quaternion, 1), np.stack(shown, 1))
+    return EditedMotion(motion, tuple(origin), current, begun / STEPS_PER_SECOND, first)
+
+
+def scene_at(scene: Scene, trace: Trace, step: int) -> Scene:
+    """The scene with the state that it has after `step` steps of its trace."""
+    if step == 0:
+        return scene
+    moved = (
+        replace(
+            o,
+            position=tuple(trace.position[step, i]),
+            velocity=tuple(trace.velocity[step, i]),
+            angular_velocity=tuple(trace.angular_velocity[step, i]),
+            orientation=tuple(trace.quaternion[step, i]),
+        )
+        for i, o in enumerate(scene.objects)
+    )
+    return replace(scene, objects=tuple(moved))
+
+
+def _applied(scene: Scene, edits: Sequence[Edit], origins: dict[str, int]) -> Scene:
+    """The scene after edits of one time; a removed name is no longer one of the clip's bodies."""
+    after = scene
+    for edit in edits:
+        if edit.set is not None:
+            after = edited(after, [edit.set])
+        elif edit.remove is not None:
+            after = _without(after, edit)
+            origins.pop(edit.remove, None)
+        else:
+            after = _with(after, edit)
+    _check_solid(scene, after, edits)
+    return after
+
+
+def _without(scene: Scene, edit: Edit) -> Scene:
+    names = [o.name for o in scene.objects]
+    if edit.remove not in names:
+        hint = did_you_mean(edit.remove, names)
+        raise SceneError(f"{edit}: there is no such object then{hint}; valid: {', '.join(names) or 'none'}")
+    effects = tuple(
+        replace(e, objects=None if e.objects is None else tuple(n for n in e.objects if n != edit.remove))
+        for e in scene.effects
+    )
+    return replace(
+        scene,
+        objects=tuple(o for o in scene.objects if o.name != edit.remove),
+        effects=tuple(e for e in effects if e.objects is None or e.objects),
+    )
+
+
+def _with(scene: Scene, edit: Edit) -> Scene:
+    data = YAML(typ="safe", pure=True).load(write_scene(scene))
+    data["objects"] = [*data["objects"], edit.add]
+    try:
+        return scene_from_dict(data, "the edited scene")
+    except SceneError as error:
+        raise SceneError(f"{edit}: {error}") from None
+
+
+def _check_solid(before: Scene, after: Scene, edits: Sequence[Edit]) -> None:
+    """Raise SceneError where edits put a body into another one, or into the ground."""
+    was = _depths(before)
+    for (one, other), depth in _depths(after).items():
+        extents = [half_extents(o).min() for o in after.objects if o.name in (one, other)]
+        allowed = SOLID * float(min(extents))
+        if depth > max(allowed, was.get((one, other), 0.0) + 0.2 * allowed):
+            raise SceneError(
+                f"{'; '.join(map(str, edits))}: {one} would be {1000 * depth:.0f} mm inside {other}; valid: places "
+                "that are free"
+            )
+
+
+def _depths(scene: Scene) -> dict[tuple[str, str], float]:
+    """How deep bodies are in each other, or in ground and fixed bodies, m, by name."""
+    names = [o.name for o in scene.objects]
+    found = {}
+    for o in overlaps(scene):
+        second = names[o.second] if o.second >= 0 else scene.fixed[FIRST_FIXED - o.second].name
+        found[names[o.first], second] = o.depth
+    deep = ground_penetration(scene)
+    return found | {(name, "the ground"): float(d) for name, d in zip(names, deep, strict=True) if d > 0}
+
+
+def _entry(bodies: Sequence[SceneObject], obj: SceneObject) -> int | None:
+    """The entry of a body that looks the same: its name, shape and sizes."""
+    for m, known in enumerate(bodies):
+        if (known.name, known.shape, known.size) == (obj.name, obj.shape, obj.size):
+            return m
+    return None

@@ -1,0 +1,50 @@
+"""The frames of a clip and the masks of its bodies, as a file beside the scene that was found in it."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.errors import VideoError
+
+CLIP = "clip.npz"
+_KEYS = ("frames", "masks", "fps")
+
+
+@dataclass(frozen=True)
+class FilmedClip:
+    """What was filmed.
+
+    Attributes:
+        frames: (T, H, W, 3) uint8 RGB.
+        masks: (T, H, W) uint8: 0 background, i + 1 object i of the scene; greater numbers are bodies that the scene
+            lacks.
+        fps: Frames a second.
+    """
+
+    frames: np.ndarray
+    masks: np.ndarray
+    fps: float
+
+
+def write_clip(path: Path, clip: FilmedClip) -> None:
+    """Write a clip as compressed NPZ."""
+    np.savez_compressed(path, frames=clip.frames, masks=clip.masks, fps=np.float64(clip.fps))
+
+
+def read_clip(path: Path) -> FilmedClip:
+    """The clip that `write_clip` wrote. Raises VideoError where the file is missing, damaged or another one."""
+    if not path.is_file():
+        raise VideoError(f"{path}: there is no such file; valid: a folder that `dynamics infer` wrote, which has it")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            frames, masks, fps = (file[key] for key in _KEYS)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise VideoError(f"{path} is damaged, or no clip of `dynamics infer` ({error})") from None
+    fit = frames.ndim == 4 and frames.shape[-1] == 3 and masks.shape == frames.shape[:3] and len(frames) >= 2
+    if not fit or frames.dtype != np.uint8 or masks.dtype != np.uint8 or fps.shape != () or not 0 < fps < np.inf:
+        raise VideoError(f"{path}: frames {frames.shape} {frames.dtype} and masks {masks.shape} are no clip")
+    return FilmedClip(frames, masks, float(fps))

@@ -1,0 +1,134 @@
+"""The lights of a clip, from the shadows that its bodies cast on the ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.editing.camera_rays import cast_shadow
+from pipeline.editing.plate import grown
+from pipeline.editing.view import BodyMotion, View
+
+MOST_LIGHTS = 2
+AZIMUTHS, ELEVATIONS_DEG = 20, (20, 32, 44, 56, 68, 80)
+RADII = (0.0, 0.06, 0.15, 0.35)  # of a light's disc at a distance of 1: sharp to soft shadows
+FRAMES = 6  # that are compared
+STEP = 4  # px between the pixels that are compared
+LEAST_GAIN = 0.1  # share of the squared darkening that a light has to explain
+LEAST_DARKNESS = 0.04
+DARKEST = 0.9
+ROUNDS = 3  # of the refinement, which halves its steps each time
+
+
+@dataclass(frozen=True)
+class Lights:
+    """Directional lights.
+
+    Attributes:
+        light: (L, 8), as in `pipeline.vision.rendering.shading_tables`.
+        darkness: (L,) the share of the light on open ground that is each light's: how dark its shadow is.
+    """
+
+    light: np.ndarray
+    darkness: np.ndarray
+
+
+NO_LIGHTS = Lights(np.zeros((0, 8)), np.zeros(0))
+
+
+def light_table(azimuth: float, elevation: float, radius: float) -> np.ndarray:
+    """(8,) of a directional light. azimuth, elevation: rad. radius: of its disc at a distance of 1."""
+    towards = np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)
+    return np.array([*towards, 1.0, 1.0, 1.0, radius, 0.0])
+
+
+def visible_shares(
+    motion: BodyMotion, view: View, corrections: np.ndarray, frame: int, light: np.ndarray, step: int = 1
+) -> np.ndarray:
+    """(L, H / step, W / step) share of each light that the bodies leave on what does not move, in one frame."""
+    out = np.ones((len(light), view.height // step, view.width // step))
+    for i in np.flatnonzero(motion.shown[frame]):
+        body = motion.tables[frame, i : i + 1]
+        cast_shadow(body, corrections[frame, i], *view.ray_arguments, light, step, out)
+    return out
+
+
+def ground_light(
+    motion: BodyMotion, view: View, corrections: np.ndarray, frame: int, lights: Lights, step: int = 1
+) -> np.ndarray:
+    """(H / step, W / step) light on what does not move, as a share of that without bodies, in one frame."""
+    visible = visible_shares(motion, view, corrections, frame, lights.light, step)
+    return 1 - np.tensordot(lights.darkness, 1 - visible, axes=1)
+
+
+def find_lights(
+    motion: BodyMotion, view: View, corrections: np.ndarray, frames: np.ndarray, masks: np.ndarray, plate: np.ndarray
+) -> Lights:
+    """The lights whose shadows explain where a clip is darker than its plate.
+
+    Args:
+        motion: T frames, N bodies.
+        view: The camera.
+        corrections: (T, N, 5).
+        frames: (T, H, W, 3) uint8.
+        masks: (T, H, W) uint8.
+        plate: (H, W, 3) float32.
+
+    Returns:
+        Up to `MOST_LIGHTS`; none where shadows of no light explain enough.
+    """
+    chosen = np.unique(np.linspace(0, len(frames) - 1, FRAMES).astype(int))
+    height, width = view.height // STEP, view.width // STEP
+    at = np.ix_((np.arange(height) * STEP + STEP // 2), (np.arange(width) * STEP + STEP // 2))
+    bright = plate.mean(-1)[at]
+    missing, weight = [], []
+    for t in chosen:
+        missing.append(1 - (frames[t].astype(np.float32).mean(-1)[at] + 1) / (bright + 1))
+        weight.append(~grown(masks[t : t + 1])[0][at] & (view.inverse_depth[at] > 0) & (bright > 20))
+    rest, use = np.stack(missing), np.stack(weight)
+    rest = np.where(use, np.clip(rest, -0.5, 1), 0.0)
+    whole = float((np.maximum(rest, 0) ** 2).sum())
+    found = NO_LIGHTS
+    if whole <= 0:
+        return found
+
+    def shadows(parameters: np.ndarray) -> np.ndarray:
+        """(L, K, H, W) share of each light that is hidden, of lights (L, 3)."""
+        light = np.stack([light_table(*p) for p in parameters])
+        hidden = [1 - visible_shares(motion, view, corrections, t, light, STEP) for t in chosen]
+        return np.stack(hidden, axis=1) * use
+
+    def gains(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How much of the squared darkening each light explains, and its darkness."""
+        hidden = shadows(parameters)
+        energy = np.maximum((hidden**2).sum((1, 2, 3)), 1e-9)
+        darkness = np.clip((hidden * rest).sum((1, 2, 3)) / energy, 0, DARKEST)
+        return (2 * darkness * (hidden * rest).sum((1, 2, 3)) - darkness**2 * energy), darkness
+
+    grid = np.array(
+        [(a, np.radians(e), RADII[1]) for a in np.arange(AZIMUTHS) * 2 * np.pi / AZIMUTHS for e in ELEVATIONS_DEG]
+    )
+    for _ in range(MOST_LIGHTS):
+        gain, _ = gains(grid)
+        best = grid[gain.argmax()]
+        step = np.array([np.pi / AZIMUTHS, np.radians(6)])
+        for _ in range(ROUNDS):
+            moves = [(i * step[0], j * step[1], 0) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+            tried = best + np.array(moves)
+            tried[:, 1] = np.clip(tried[:, 1], np.radians(10), np.radians(89))
+            best = tried[gains(tried)[0].argmax()]
+            step /= 2
+        tried = np.stack([[best[0], best[1], r] for r in RADII])
+        gain, darkness = gains(tried)
+        k = int(gain.argmax())
+        if gain[k] < LEAST_GAIN * whole or darkness[k] < LEAST_DARKNESS:
+            break
+        room = DARKEST - found.darkness.sum()
+        dark = min(float(darkness[k]), room)
+        rest = rest - dark * shadows(tried[k : k + 1])[0]
+        light = np.concatenate([found.light, light_table(*tried[k])[None]])
+        found = Lights(light, np.append(found.darkness, dark))
+        if room - dark < LEAST_DARKNESS:
+            break
+    return found

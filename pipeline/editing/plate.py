@@ -1,0 +1,111 @@
+"""The background plate: what the camera sees where no body and no shadow is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from pipeline import compiled
+
+kernel = compiled.kernel
+MEASURED, REPAIRED, INVENTED = range(3)
+LEAST_CLEAR = 3  # frames in which a pixel has to be clear to count as measured
+MARGIN_PX = 2  # around a body, which is not clear: half-covered pixels, contact shadows
+IN_SHADOW = 0.97  # least share of its light that a clear pixel has
+REACH_PX = 4  # around a pixel that is invented
+_CLIPPED = 0.831  # variance of a standard normal number whose size is clipped at its 90 % quantile
+
+
+@dataclass(frozen=True)
+class Plate:
+    """The background.
+
+    Attributes:
+        colour: (H, W, 3) float32, 0 to 255.
+        kind: (H, W) uint8: MEASURED, the median of the frames in which it is clear; REPAIRED, clear in few frames, or
+            seen in shadow only, from which the shadow was taken; INVENTED, never seen and painted from around it.
+        noise: Standard deviation of a pixel over time, 0 to 255.
+    """
+
+    colour: np.ndarray
+    kind: np.ndarray
+    noise: float
+
+
+def grown(masks: np.ndarray, margin: int = MARGIN_PX) -> np.ndarray:
+    """(T, H, W) bool: where masks (T, H, W) have a body, or have one within `margin` px."""
+    square = np.ones((2 * margin + 1,) * 2, np.uint8)
+    return np.stack([cv2.dilate((m > 0).astype(np.uint8), square) for m in masks]) > 0
+
+
+def find_plate(frames: np.ndarray, covered: np.ndarray, ratio: np.ndarray) -> Plate:
+    """The plate of a clip.
+
+    Args:
+        frames: (T, H, W, 3) uint8.
+        covered: (T, H, W) bool, where bodies are in front of it.
+        ratio: (T, H, W) float32, the light there as a share of that without the bodies' shadows.
+    """
+    height, width = covered.shape[1:]
+    colour = np.zeros((height, width, 3), np.float32)
+    clear, lit = np.zeros((height, width), np.int64), np.zeros((height, width), np.int64)
+    _median(frames, covered, np.ascontiguousarray(ratio, np.float32), IN_SHADOW, colour, clear, lit)
+    kind = np.full((height, width), MEASURED, np.uint8)
+    kind[(clear < LEAST_CLEAR) | (lit == 0)] = REPAIRED
+    kind[clear == 0] = INVENTED
+    never = (kind == INVENTED).astype(np.uint8)
+    if never.all():
+        colour[:] = np.median(frames, axis=0)
+    elif never.any():
+        seen = np.clip(colour + 0.5, 0, 255).astype(np.uint8)
+        painted = cv2.inpaint(seen, never, REACH_PX, cv2.INPAINT_TELEA)
+        colour[never > 0] = painted[never > 0]
+    return Plate(colour, kind, _noise(frames, covered))
+
+
+@kernel
+def _median(
+    frames: np.ndarray,
+    covered: np.ndarray,
+    ratio: np.ndarray,
+    least: float,
+    colour: np.ndarray,
+    clear: np.ndarray,
+    lit: np.ndarray,
+) -> None:
+    """Median over the clear frames with the light there above `least`, else over all clear ones."""
+    count, height, width = covered.shape
+    values = np.empty((3, count), np.float32)
+    for row in range(height):
+        for col in range(width):
+            seen, open_ = 0, 0
+            for t in range(count):
+                if not covered[t, row, col]:
+                    seen += 1
+                    open_ += ratio[t, row, col] >= least
+            clear[row, col], lit[row, col] = seen, open_
+            if seen == 0:
+                continue
+            k = 0
+            for t in range(count):
+                if covered[t, row, col] or (open_ >= 1 and ratio[t, row, col] < least):
+                    continue
+                for channel in range(3):
+                    values[channel, k] = frames[t, row, col, channel] / ratio[t, row, col]
+                k += 1
+            for channel in range(3):
+                ordered = np.sort(values[channel, :k])
+                colour[row, col, channel] = 0.5 * (ordered[k // 2] + ordered[(k - 1) // 2])
+
+
+def _noise(frames: np.ndarray, covered: np.ndarray) -> float:
+    """Standard deviation of clear pixels from frame to frame, from their changes without the largest tenth."""
+    step = (slice(None), slice(None, None, 3), slice(None, None, 3))
+    values, clear = frames[step].astype(np.int16), ~covered[step]
+    changes = np.abs(np.diff(values, axis=0))[clear[1:] & clear[:-1]].astype(float)
+    if not changes.size:
+        return 0.0
+    clipped = np.minimum(changes, np.quantile(changes, 0.9))
+    return float(np.sqrt(np.mean(clipped**2) / _CLIPPED / 2))

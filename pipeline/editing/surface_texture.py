@@ -1,0 +1,165 @@
+"""What the surface of each body looks like, collected over the frames of a clip as a cube map.
+
+A texel's place is a direction from the body's centre, in units of the half extents; so a box has its six faces. What
+was never seen is taken from where the shape's symmetry puts it, and else filled in from around it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pipeline import compiled
+from pipeline.editing.camera_rays import gather
+from pipeline.editing.light import Lights
+from pipeline.editing.view import BodyMotion, View
+from pipeline.scene.scene import SceneObject, half_extents
+from pipeline.vision.rendering.appearance import object_colour
+from pipeline.vision.rendering.surface import KINDS, intersect
+
+kernel = compiled.kernel
+MEASURED, MIRRORED, INVENTED = range(3)
+SIZE = 64  # texels along the side of a face
+LEAST_WEIGHT = 1e-3
+NEIGHBOURS = 8  # from which a texel is filled in
+ERODED_PX = 1  # of a mask, whose rim is mixed with the background
+#: Reflections along the body's axes, in the order in which they are tried.
+MIRRORS = ((-1, 1, 1), (1, -1, 1), (1, 1, -1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1), (-1, -1, -1))
+
+
+@dataclass(frozen=True)
+class Textures:
+    """The surfaces of N bodies.
+
+    Attributes:
+        colour: (N, 6, S, S, 3) float32, 0 to 255, in the light of open ground.
+        kind: (N, 6, S, S) uint8: MEASURED, MIRRORED or INVENTED.
+    """
+
+    colour: np.ndarray
+    kind: np.ndarray
+
+
+def cube_directions(size: int = SIZE) -> np.ndarray:
+    """(6, S, S, 3) on the cube [-1, 1]³: faces +x, -x, +y, -y, +z, -z; as `camera_rays` finds texels."""
+    centres = (np.arange(size) + 0.5) / size * 2 - 1
+    out = np.empty((6, size, size, 3))
+    for face in range(6):
+        axis = face // 2
+        col, row = (k for k in range(3) if k != axis)
+        out[face, :, :, axis] = 1 - 2 * (face % 2)
+        out[face, :, :, col] = centres[None, :]
+        out[face, :, :, row] = centres[:, None]
+    return out
+
+
+@kernel
+def _on_surface(kind: int, half: np.ndarray, direction: np.ndarray, out: np.ndarray) -> None:
+    for m in range(direction.shape[0]):
+        x, y, z = direction[m, 0] * half[0], direction[m, 1] * half[1], direction[m, 2] * half[2]
+        t = intersect(kind, half[0], half[1], half[2], 0.0, 0.0, 0.0, x, y, z)
+        out[m, 0], out[m, 1], out[m, 2] = t * x, t * y, t * z
+
+
+def surface_points(obj: SceneObject, size: int = SIZE) -> np.ndarray:
+    """(6, S, S, 3) m, the texels of an object in its body frame."""
+    directions = cube_directions(size).reshape(-1, 3)
+    out = np.empty_like(directions)
+    _on_surface(KINDS[obj.shape], half_extents(obj), directions, out)
+    return out.reshape(6, size, size, 3)
+
+
+def find_textures(
+    motion: BodyMotion,
+    view: View,
+    corrections: np.ndarray,
+    frames: np.ndarray,
+    masks: np.ndarray,
+    lights: Lights,
+) -> Textures:
+    """The textures of a clip's bodies.
+
+    Args:
+        motion: T frames, N bodies.
+        view: The camera.
+        corrections: (T, N, 5).
+        frames: (T, H, W, 3) uint8.
+        masks: (T, H, W) uint8, i + 1 where body i is seen.
+        lights: By which shading is taken off.
+    """
+    count = len(motion.objects)
+    colour = np.empty((count, 6, SIZE, SIZE, 3), np.float32)
+    kind = np.empty((count, 6, SIZE, SIZE), np.uint8)
+    eye, rotation, focal, _ = view.ray_arguments
+    square = np.ones((2 * ERODED_PX + 1,) * 2, np.uint8)
+    for i, obj in enumerate(motion.objects):
+        points = surface_points(obj).reshape(-1, 3)
+        total, weight = np.zeros((len(points), 3)), np.zeros(len(points))
+        for t in np.flatnonzero(motion.shown[:, i]):
+            clear = cv2.erode((masks[t] == i + 1).astype(np.uint8), square) > 0
+            if clear.any():
+                gather(
+                    motion.tables[t],
+                    i,
+                    points,
+                    corrections[t, i],
+                    eye,
+                    rotation,
+                    focal,
+                    frames[t],
+                    clear,
+                    lights.light,
+                    lights.darkness,
+                    total,
+                    weight,
+                )
+        seen = (weight > LEAST_WEIGHT).reshape(6, SIZE, SIZE)
+        mean = (total / np.maximum(weight, LEAST_WEIGHT)[:, None]).reshape(6, SIZE, SIZE, 3)
+        colour[i], kind[i] = completed(mean, seen) if seen.any() else plain_texture(i)
+    return Textures(colour, kind)
+
+
+def completed(colour: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A texture whose texels are all there: mirrored from what was seen, else a smooth mean of what is nearest.
+
+    Args:
+        colour: (6, S, S, 3).
+        seen: (6, S, S) bool, at least one of them.
+
+    Returns:
+        Colours (6, S, S, 3) float32 and kinds (6, S, S) uint8.
+    """
+    out, known = colour.copy(), seen.copy()
+    kind = np.where(seen, MEASURED, INVENTED).astype(np.uint8)
+    for signs in MIRRORS:
+        source = tuple(_mirrored(values, signs) for values in (colour, seen))
+        use = source[1] & ~known
+        out[use], kind[use], known[use] = source[0][use], MIRRORED, True
+    if not known.all():
+        directions = cube_directions(seen.shape[1])
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        apart, nearest = cKDTree(directions[known]).query(directions[~known], k=min(NEIGHBOURS, int(known.sum())))
+        apart, nearest = apart.reshape(len(apart), -1), nearest.reshape(len(nearest), -1)
+        weight = 1 / (apart + 1e-3) ** 2
+        out[~known] = (out[known][nearest] * weight[..., None]).sum(1) / weight.sum(1)[:, None]
+    return out.astype(np.float32), kind
+
+
+def plain_texture(index: int) -> tuple[np.ndarray, np.ndarray]:
+    """The texture of a body that was never seen: the colour in which object `index` is drawn everywhere, invented."""
+    colour = np.broadcast_to(np.array(object_colour(index), np.float32), (6, SIZE, SIZE, 3))
+    return colour.copy(), np.full((6, SIZE, SIZE), INVENTED, np.uint8)
+
+
+def _mirrored(values: np.ndarray, signs: tuple[int, ...]) -> np.ndarray:
+    """A cube map (6, S, S, ...) reflected along the axes with sign -1."""
+    out = np.empty_like(values)
+    for face in range(6):
+        axis = face // 2
+        col, row = (k for k in range(3) if k != axis)
+        source = values[face if signs[axis] > 0 else face ^ 1]
+        out[face] = source[:: signs[row], :: signs[col]]
+    return out
