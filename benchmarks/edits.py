@@ -1,10 +1,11 @@
 """How well edited clips look: the round trip, in which every pixel is made anew though nothing was changed.
 
-    python -m benchmarks.edits --sampled 4                    # sampled clips with their true scenes
-    python -m benchmarks.edits --found OUT...                 # folders that `dynamics infer` wrote
+    python -m benchmarks.edits --suite id                     # the graph's clips with their true scenes
+    python -m benchmarks.edits --suite real --scenes found    # with the scenes of the stage `fit`
+    python -m benchmarks.edits --folders OUT...               # folders that `dynamics infer` wrote
 
-Prints the PSNR (dB) of whole frames, inside of the bodies' masks and outside of them; --pictures FOLDER keeps a picture
-of each clip: as filmed, made anew, and the plate.
+Prints the PSNR (dB) of whole frames, inside of the bodies' masks and outside of them, the number of lights, and the
+seconds of processor time. --pictures FOLDER keeps a picture of each clip: filmed, made anew, the plate and its kinds.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -24,35 +26,26 @@ from pipeline.editing.filmed_clip import CLIP, FilmedClip, read_clip
 from pipeline.editing.layers import take_apart
 from pipeline.editing.view import view_of
 from pipeline.scene.scene import Scene
-from pipeline.scene.text import load_scene
-from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
-from pipeline.vision.rendering.camera import pinhole
-from pipeline.vision.rendering.rasteriser import rasterise
-from pipeline.vision.rendering.render import render_rgb
-from stages.graph.params import PARAMS_FILE, Params
-from stages.graph.params_file import read_params_file
-from training.drawn_scenes import drawn_scenes
+from pipeline.scene.text import load_scene, read_scene
+from pipeline.shards.dataset import open_shards
 
-SIZE = (480, 320)
-OBJECTS = {1: 1.0, 2: 1.0, 3: 1.0}
-SUITE = "edits"
+STAGES = {"true": "sample", "found": "fit"}
+KIND_COLOURS = np.array([(0, 0, 0), (255, 200, 0), (255, 0, 0)], np.uint8)  # of the plate: measured, repaired, invented
 
 
-def sampled_clips(seed: int, count: int, backend: str) -> Iterator[tuple[str, Scene, FilmedClip]]:
-    """Clips as the suites draw them, with their true scenes and masks."""
-    params = read_params_file(PARAMS_FILE, Params)
-    schedule = Schedule(**params.clip.model_dump())
-    for index in range(count):
-        (scene,) = drawn_scenes(params, seed, SUITE, range(index, index + 1), OBJECTS)
-        motion, _ = filmed_motion(scene, schedule.frames, schedule.fps)
-        rng = clip_rng(seed, SUITE, index, "appearance")
-        look, sensor = sample_appearance(rng, len(scene.objects)), sample_sensor(rng)
-        frames = render_rgb(scene, motion.position, motion.quaternion, look, *SIZE, backend)
-        assert scene.camera is not None
-        camera = pinhole(scene.camera)
-        masks = rasterise(scene.objects, motion.position, motion.quaternion, camera, *SIZE, scene.ground).mask
-        yield f"sampled_{index:02d}", scene, FilmedClip(apply_sensor(frames, sensor, rng), masks, schedule.fps)
+def suite_clips(data: Path, suite: str, scenes: str) -> Iterator[tuple[str, Scene, FilmedClip]]:
+    """The clips of a suite of the graph, with true or found scenes."""
+    pictures, texts = open_shards(data / "render" / suite), open_shards(data / STAGES[scenes] / suite)
+    for clip in pictures:
+        row, masks = texts[clip.index].row(), clip.array("mask")
+        scene = read_scene(row["scene"])
+        instances = row.get("instance", range(len(scene.objects)))
+        table = np.full(256, 255, np.uint8)
+        table[0] = 0
+        for i, instance in enumerate(instances):
+            if instance >= 0:
+                table[instance + 1] = i + 1
+        yield f"{suite}_{clip.index:03d}", scene, FilmedClip(clip.array("rgb"), table[masks], Schedule().fps)
 
 
 def found_clips(folders: list[Path]) -> Iterator[tuple[str, Scene, FilmedClip]]:
@@ -69,22 +62,24 @@ def psnr(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sampled", type=int, default=0, metavar="N", help="how many sampled clips")
-    parser.add_argument("--found", type=Path, nargs="*", default=[], metavar="OUT", help="folders of `dynamics infer`")
-    parser.add_argument("--seed", type=int, default=21)
-    parser.add_argument("--backend", default="mujoco", choices=("mujoco", "raycast"))
+    parser.add_argument("--data", type=Path, default=Path("data"), help="outputs of the graph (data)")
+    parser.add_argument("--suite", help="whose clips")
+    parser.add_argument("--scenes", choices=tuple(STAGES), default="true")
+    parser.add_argument("--clips", type=int, metavar="N", help="the first N of them")
+    parser.add_argument("--folders", type=Path, nargs="*", default=[], metavar="OUT")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER")
     a = parser.parse_args()
     print(f"{'clip':<14}{'frame':>8}{'bodies':>8}{'outside':>8}{'lights':>8}{'seconds':>9}  composition")
     rows = []
-    for name, scene, clip in [*sampled_clips(a.seed, a.sampled, a.backend), *found_clips(a.found)]:
-        began = time.perf_counter()
+    clips = found_clips(a.folders) if a.suite is None else suite_clips(a.data, a.suite, a.scenes)
+    for name, scene, clip in islice(clips, a.clips):
+        began = time.process_time()
         motion, _ = filmed_motion(scene, len(clip.frames), clip.fps)
         height, width = clip.masks.shape[1:]
         layers = take_apart(clip, motion, view_of(scene, width, height))
         origin = tuple(range(len(scene.objects)))
         made = compose(clip, layers, motion, origin, 0, np.random.default_rng(0), redraw=True)
-        seconds = time.perf_counter() - began
+        seconds = time.process_time() - began
         inside = clip.masks > 0
         row = [psnr(made.frames, clip.frames, w) for w in (np.ones_like(inside), inside, ~inside)]
         rows.append(row)
@@ -94,9 +89,8 @@ def main() -> None:
             a.pictures.mkdir(parents=True, exist_ok=True)
             chosen = [0, len(clip.frames) // 2, len(clip.frames) - 1]
             columns = [np.concatenate([clip.frames[t], made.frames[t]]) for t in chosen]
-            marked = layers.plate.colour.astype(np.uint8).copy()
-            kinds = np.array([(0, 0, 0), (255, 200, 0), (255, 0, 0)], np.uint8)[layers.plate.kind]
-            columns.append(np.concatenate([marked, kinds]))
+            plate = np.clip(layers.plate.colour, 0, 255).astype(np.uint8)
+            columns.append(np.concatenate([plate, KIND_COLOURS[layers.plate.kind]]))
             picture = np.concatenate(columns, axis=1)
             cv2.imwrite(str(a.pictures / f"{name}.png"), picture[..., ::-1])
     if rows:

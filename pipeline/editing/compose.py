@@ -78,14 +78,16 @@ def compose(
     shown_bodies, shown_plate = np.zeros(3), np.zeros(3)
     rectangles = edited.rectangles(layers.view)
     for t in range(len(frames)):
+        if t < start and not redraw:
+            ids[t] = np.where(clip.masks[t] <= len(layers.motion.objects), clip.masks[t], 0)
+            shown_bodies[0] += (ids[t] > 0).sum()
+            shown_plate[0] += (ids[t] == 0).sum()
+            continue
         drawn = _draw(layers, edited, corrections[t], rectangles[t], t, texture, kind)
-        if redraw:
-            touched = np.ones(clip.masks.shape[1:], bool)
-        elif t < start:
-            touched = np.zeros(clip.masks.shape[1:], bool)
-        else:
-            touched = _touched(clip, layers, edited, origin, as_filmed[t], corrections, drawn, t)
         light = ground_light(edited, layers.view, corrections, t, layers.lights)
+        touched = np.ones(clip.masks.shape[1:], bool)
+        if not redraw:
+            touched = _touched(clip, layers, edited, origin, as_filmed[t], light, drawn, t)
         picture = layers.plate.colour * light[..., None] * (1 - drawn.alpha[..., None]) + drawn.colour
         picture += layers.plate.noise * rng.standard_normal(picture.shape, dtype=np.float32)
         own = drawn.front != NOBODY
@@ -199,7 +201,7 @@ def _touched(
     edited: BodyMotion,
     origin: tuple[int | None, ...],
     as_filmed: np.ndarray,
-    corrections: np.ndarray,
+    light: np.ndarray,
     drawn: Drawn,
     t: int,
 ) -> np.ndarray:
@@ -219,8 +221,7 @@ def _touched(
         size = int(np.sqrt(mask.sum() / np.pi) * 2 * NEAR) + RIM_PX
         out |= plates.grown(mask[None], RIM_PX)[0] | (plates.grown(mask[None], size)[0] & differs)
     before = ground_light(layers.motion, layers.view, layers.corrections, t, layers.lights)
-    after = ground_light(edited, layers.view, corrections, t, layers.lights)
-    changed = np.abs(after - before) > SHADOW_CHANGE
+    changed = np.abs(light - before) > SHADOW_CHANGE
     out |= plates.grown(changed[None], 2)[0]
     return out
 

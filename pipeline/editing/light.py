@@ -14,7 +14,7 @@ MOST_LIGHTS = 2
 AZIMUTHS, ELEVATIONS_DEG = 20, (20, 32, 44, 56, 68, 80)
 RADII = (0.0, 0.06, 0.15, 0.35)  # of a light's disc at a distance of 1: sharp to soft shadows
 FRAMES = 6  # that are compared
-STEP = 4  # px between the pixels that are compared
+COLUMNS = 120  # of the pixels that are compared
 LEAST_GAIN = 0.1  # share of the squared darkening that a light has to explain
 LEAST_DARKNESS = 0.04
 DARKEST = 0.9
@@ -79,8 +79,9 @@ def find_lights(
         Up to `MOST_LIGHTS`; none where shadows of no light explain enough.
     """
     chosen = np.unique(np.linspace(0, len(frames) - 1, FRAMES).astype(int))
-    height, width = view.height // STEP, view.width // STEP
-    at = np.ix_((np.arange(height) * STEP + STEP // 2), (np.arange(width) * STEP + STEP // 2))
+    step = max(1, view.width // COLUMNS)
+    height, width = view.height // step, view.width // step
+    at = np.ix_((np.arange(height) * step + step // 2), (np.arange(width) * step + step // 2))
     bright = plate.mean(-1)[at]
     missing, weight = [], []
     for t in chosen:
@@ -96,7 +97,7 @@ def find_lights(
     def shadows(parameters: np.ndarray) -> np.ndarray:
         """(L, K, H, W) share of each light that is hidden, of lights (L, 3)."""
         light = np.stack([light_table(*p) for p in parameters])
-        hidden = [1 - visible_shares(motion, view, corrections, t, light, STEP) for t in chosen]
+        hidden = [1 - visible_shares(motion, view, corrections, t, light, step) for t in chosen]
         return np.stack(hidden, axis=1) * use
 
     def gains(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -112,13 +113,13 @@ def find_lights(
     for _ in range(MOST_LIGHTS):
         gain, _ = gains(grid)
         best = grid[gain.argmax()]
-        step = np.array([np.pi / AZIMUTHS, np.radians(6)])
+        turn = np.array([np.pi / AZIMUTHS, np.radians(6)])
         for _ in range(ROUNDS):
-            moves = [(i * step[0], j * step[1], 0) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+            moves = [(i * turn[0], j * turn[1], 0) for i in (-1, 0, 1) for j in (-1, 0, 1)]
             tried = best + np.array(moves)
             tried[:, 1] = np.clip(tried[:, 1], np.radians(10), np.radians(89))
             best = tried[gains(tried)[0].argmax()]
-            step /= 2
+            turn /= 2
         tried = np.stack([[best[0], best[1], r] for r in RADII])
         gain, darkness = gains(tried)
         k = int(gain.argmax())

@@ -20,12 +20,14 @@ def identity(motion: BodyMotion, view: View) -> np.ndarray:
     return np.concatenate([centres, np.zeros_like(centres), np.ones((*centres.shape[:2], 1))], axis=-1)
 
 
-def silhouettes(motion: BodyMotion, view: View, corrections: np.ndarray, frame: int, shown: np.ndarray) -> np.ndarray:
+def _silhouette(
+    motion: BodyMotion, view: View, corrections: np.ndarray, rectangles: np.ndarray, frame: int, shown: np.ndarray
+) -> np.ndarray:
     """(H, W) uint8 of one frame: the index of the body that is seen, or `camera_rays.NOBODY`."""
     size = view.height, view.width
     ids, depth, point = np.empty(size, np.uint8), np.empty(size, np.float32), np.empty((*size, 3), np.float32)
-    rectangle = motion.rectangles(view)[frame]
-    cast_bodies(motion.tables[frame], corrections[frame], rectangle, shown, *view.ray_arguments, ids, depth, point)
+    pose = motion.tables[frame], corrections[frame], rectangles[frame]
+    cast_bodies(*pose, shown, *view.ray_arguments, ids, depth, point)
     return ids
 
 
@@ -44,15 +46,16 @@ def register(motion: BodyMotion, view: View, masks: np.ndarray) -> tuple[np.ndar
     """
     frames, count = motion.shown.shape
     plain, out = identity(motion, view), identity(motion, view)
+    rectangles = motion.rectangles(view)
+    together = [_silhouette(motion, view, plain, rectangles, t, motion.shown[t]) for t in range(frames)]
     measured = np.zeros((frames, count), bool)
     for i in range(count):
         alone = np.arange(count) == i
         found = np.full((frames, 3), np.nan)
         for t in range(frames):
             if motion.shown[t, i]:
-                body = silhouettes(motion, view, plain, t, alone) == i
-                seen = silhouettes(motion, view, plain, t, motion.shown[t]) == i
-                correction = _match(body, seen, masks[t] == i + 1, plain[t, i])
+                body = _silhouette(motion, view, plain, rectangles, t, alone) == i
+                correction = _match(body, together[t] == i, masks[t] == i + 1, plain[t, i])
                 if correction is not None:
                     found[t] = correction
         known = np.flatnonzero(np.isfinite(found[:, 0]))

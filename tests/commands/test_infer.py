@@ -34,6 +34,7 @@ from pipeline.vision.flow.raft import RAFT
 from pipeline.vision.recordings.video import read_clip
 
 FILES = [
+    "clip.npz",
     "masks.png",
     "motion.png",
     "overlay.png",
