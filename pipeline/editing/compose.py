@@ -6,6 +6,7 @@ another one is, the picture is made of the plate, of shadows and of the bodies' 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -13,14 +14,14 @@ import numpy as np
 
 from pipeline.editing import plate as plates
 from pipeline.editing import surface_texture
-from pipeline.editing.camera_rays import NOBODY, cast_bodies, paint
+from pipeline.editing.camera_rays import NOBODY
+from pipeline.editing.drawing import Drawn, blurred, draw
 from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.layers import Layers
 from pipeline.editing.light import ground_light
-from pipeline.editing.surface_texture import SIZE, plain_texture
+from pipeline.editing.surface_texture import SIZE, Textures, plain_texture
 from pipeline.editing.view import BodyMotion, within_px
 
-SAMPLES = 2  # along each side of a pixel
 SAME_PX = 0.1  # a body that is shown this close to where it was filmed is left as it was filmed
 SHADOW_CHANGE = 0.004  # of the light on the ground, from which on a pixel is touched
 RIM_PX = 3  # around bodies that are no longer there
@@ -83,12 +84,15 @@ def compose(
             shown_bodies[0] += (ids[t] > 0).sum()
             shown_plate[0] += (ids[t] == 0).sum()
             continue
-        drawn = _draw(layers, edited, corrections[t], rectangles[t], t, texture, kind)
+        pose = edited.tables[t], corrections[t], rectangles[t], edited.shown[t]
+        drawn = draw(layers.view, *pose, Textures(texture, kind), layers.lights)
         light = ground_light(edited, layers.view, corrections, t, layers.lights)
         touched = np.ones(clip.masks.shape[1:], bool)
         if not redraw:
             touched = _touched(clip, layers, edited, origin, as_filmed[t], light, drawn, t)
-        picture = layers.plate.colour * light[..., None] * (1 - drawn.alpha[..., None]) + drawn.colour
+        colour, alpha = blurred(drawn, layers.blur)
+        picture = layers.plate.colour * light[..., None]
+        picture += alpha[..., None] * (colour - picture)
         picture += layers.plate.noise * rng.standard_normal(picture.shape, dtype=np.float32)
         own = drawn.front != NOBODY
         kept = np.zeros_like(touched)
@@ -142,59 +146,6 @@ def follow(
     return same & (not redraw), corrections
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """The bodies of one frame.
-
-    Attributes:
-        colour: (H, W, 3) float32, times alpha.
-        alpha: (H, W) float32.
-        front: (H, W) uint8, the body that fills most of a pixel, or `NOBODY`.
-        cover: (M, H, W) bool, where each body has a part of a pixel.
-        kinds: (H, W) uint8, kind of the texel that most of a pixel shows.
-    """
-
-    colour: np.ndarray
-    alpha: np.ndarray
-    front: np.ndarray
-    cover: np.ndarray
-    kinds: np.ndarray
-
-
-def _draw(
-    layers: Layers,
-    edited: BodyMotion,
-    corrections: np.ndarray,
-    rectangles: np.ndarray,
-    frame: int,
-    texture: np.ndarray,
-    kind: np.ndarray,
-) -> Drawn:
-    height, width, count = layers.view.height, layers.view.width, len(edited.objects)
-    size = SAMPLES * height, SAMPLES * width
-    ids, depth, point = np.empty(size, np.uint8), np.empty(size, np.float32), np.empty((*size, 3), np.float32)
-    colour, kinds = np.zeros((*size, 3), np.float32), np.zeros(size, np.uint8)
-    shown, body = edited.shown[frame], edited.tables[frame]
-    cast_bodies(body, corrections, rectangles, shown, *layers.view.ray_arguments, ids, depth, point)
-    lights = layers.lights
-    paint(body, ids, point, texture, kind, lights.light, lights.darkness, colour, kinds)
-    blocks = ids.reshape(height, SAMPLES, width, SAMPLES)
-    counts = np.stack([(blocks == m).sum((1, 3)) for m in range(count)]) if count else np.zeros((0, height, width))
-    alpha = counts.sum(0).astype(np.float32) / SAMPLES**2
-    mean = colour.reshape(height, SAMPLES, width, SAMPLES, 3).mean((1, 3))
-    front = np.full((height, width), NOBODY, np.uint8)
-    if count:
-        front = np.where(alpha > 0.5, counts.argmax(0), NOBODY).astype(np.uint8)
-    # The kind of a pixel is that of its last sample that the front body fills.
-    kind_px = np.zeros((height, width), np.uint8)
-    own = kinds.reshape(height, SAMPLES, width, SAMPLES)
-    for j in range(SAMPLES):
-        for k in range(SAMPLES):
-            hit = blocks[:, j, :, k] == front
-            kind_px[hit] = own[:, j, :, k][hit]
-    return Drawn(mean, alpha, front, counts > 0, kind_px)
-
-
 def _touched(
     clip: FilmedClip,
     layers: Layers,
@@ -212,8 +163,9 @@ def _touched(
     out = np.zeros(clip.masks.shape[1:], bool)
     if not gone and not moved:
         return out
+    rim = 1 + math.ceil(2 * layers.blur)
     for m in moved:
-        out |= plates.grown(drawn.cover[m][None], 1)[0]
+        out |= plates.grown(drawn.cover[m][None], rim)[0]
     differs = np.abs(clip.frames[t].astype(np.float32) - layers.plate.colour).max(-1)
     differs = cv2.blur(differs, (3, 3)) > max(LEAST_CHANGE, DARKER * layers.plate.noise)
     for i in gone:

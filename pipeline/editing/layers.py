@@ -6,12 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.editing.drawing import find_blur
 from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.light import NO_LIGHTS, Lights, find_lights, ground_light
 from pipeline.editing.plate import Plate, find_plate, grown
 from pipeline.editing.registration import register
 from pipeline.editing.surface_texture import Textures, find_textures
 from pipeline.editing.view import BodyMotion, View
+
+
+ROUNDS = 2  # of lights and plate: shadows that hardly move are in the first plate
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,7 @@ class Layers:
         plate: Its background.
         lights: Its lights.
         textures: Its bodies' surfaces.
+        blur: Of its bodies' edges, px: the standard deviation of a Gaussian.
     """
 
     view: View
@@ -35,17 +40,20 @@ class Layers:
     plate: Plate
     lights: Lights
     textures: Textures
+    blur: float
 
 
 def take_apart(clip: FilmedClip, motion: BodyMotion, view: View) -> Layers:
     """The layers of a clip whose bodies move as `motion` says, (T, N)."""
     corrections, registered = register(motion, view, clip.masks)
-    covered = grown(clip.masks)
-    open_ground = np.ones(clip.masks.shape, np.float32)
-    plate = find_plate(clip.frames, covered, open_ground)
-    lights = find_lights(motion, view, corrections, clip.frames, clip.masks, plate.colour)
-    if lights is not NO_LIGHTS:
+    covered, lights = grown(clip.masks), NO_LIGHTS
+    plate = find_plate(clip.frames, covered, np.ones(clip.masks.shape, np.float32))
+    for _ in range(ROUNDS):
+        lights = find_lights(motion, view, corrections, clip.frames, clip.masks, plate.colour)
+        if not len(lights.light):
+            break
         ratio = [ground_light(motion, view, corrections, t, lights) for t in range(len(clip.frames))]
         plate = find_plate(clip.frames, covered, np.stack(ratio).astype(np.float32))
     textures = find_textures(motion, view, corrections, clip.frames, clip.masks, lights)
-    return Layers(view, motion, corrections, registered, plate, lights, textures)
+    blur = find_blur(clip, view, motion, corrections, plate.colour, textures, lights)
+    return Layers(view, motion, corrections, registered, plate, lights, textures, blur)
