@@ -147,6 +147,10 @@ def write_files(folder: Path, run: EditedClip, progress: Progress) -> None:
         ],
         "registered": {o.name: round(float(share), 4) for o, share in zip(run.original.objects, measured, strict=True)},
         "noise": round(run.layers.plate.noise, 4),
+        "shading": run.layers.lights.shading,
+        "same_all_around": [
+            o.name for o, same in zip(run.original.objects, run.layers.same_all_around, strict=True) if same
+        ],
         "blur_px": run.layers.blur,
         "seconds": run.seconds | progress.seconds,
         "versions": {name: version(name) for name in ("dynamics-pipeline", "mujoco", "numpy")},

@@ -11,12 +11,11 @@ import math
 
 import numpy as np
 
-from pipeline import compiled
+from pipeline.compiled import inlined_kernel, kernel
 from pipeline.vision.rendering.ray_queries import intersect_body, visible_share
 from pipeline.vision.rendering.shading_tables import AXES, CENTRE, HALF, KIND, TOWARDS
 from pipeline.vision.rendering.surface import normal
 
-kernel, inlined_kernel = compiled.kernel, compiled.inlined_kernel
 NOBODY = 255
 _LEAST_HEIGHT = 0.3  # of a light's direction above the ground, in the ratio of a surface's light to the ground's
 _LEAST_LIGHT = 0.25  # of the ground's, by which a colour is divided
@@ -251,6 +250,7 @@ def gather(
     light: np.ndarray,
     darkness: np.ndarray,
     total: np.ndarray,
+    square: np.ndarray,
     weight: np.ndarray,
 ) -> None:
     """Add what one frame shows of the texels of body i, each weighted by the fourth power of the facing cosine.
@@ -268,6 +268,7 @@ def gather(
         light: (L, 8).
         darkness: (L,).
         total: (M, 3), changed: weighted sum of colours in the light of open ground.
+        square: (M,), changed: weighted sum of the squared lengths of these colours.
         weight: (M,), changed.
     """
     height, width = clear.shape
@@ -293,5 +294,7 @@ def gather(
         for channel in range(3):
             above = (1 - a) * frame[row, col, channel] + a * frame[row, col + 1, channel]
             below = (1 - a) * frame[row + 1, col, channel] + a * frame[row + 1, col + 1, channel]
-            total[m, channel] += power * ((1 - b) * above + b * below) / bright
+            value = ((1 - b) * above + b * below) / bright
+            total[m, channel] += power * value
+            square[m] += power * value * value
         weight[m] += power

@@ -19,7 +19,7 @@ from pipeline.editing.drawing import Drawn, blurred, draw
 from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.layers import Layers
 from pipeline.editing.light import ground_light
-from pipeline.editing.surface_texture import SIZE, Textures, plain_texture
+from pipeline.editing.surface_texture import SIZE, Textures, plain_texture, unturned
 from pipeline.editing.view import BodyMotion, within_px
 
 SAME_PX = 0.1  # a body that is shown this close to where it was filmed is left as it was filmed
@@ -75,6 +75,7 @@ def compose(
     kinds = [layers.textures.kind[o] if o is not None else plain_texture(m)[1] for m, o in enumerate(origin)]
     texture = np.stack(parts) if parts else np.zeros((0, 6, SIZE, SIZE, 3), np.float32)
     kind = np.stack(kinds) if kinds else np.zeros((0, 6, SIZE, SIZE), np.uint8)
+    turned = unturned(edited, [o is not None and layers.same_all_around[o] for o in origin])
     frames, ids = clip.frames.copy(), np.zeros(clip.masks.shape, np.uint8)
     shown_bodies, shown_plate = np.zeros(3), np.zeros(3)
     rectangles = edited.rectangles(layers.view)
@@ -84,7 +85,7 @@ def compose(
             shown_bodies[0] += (ids[t] > 0).sum()
             shown_plate[0] += (ids[t] == 0).sum()
             continue
-        pose = edited.tables[t], corrections[t], rectangles[t], edited.shown[t]
+        pose = turned.tables[t], corrections[t], rectangles[t], edited.shown[t]
         drawn = draw(layers.view, *pose, Textures(texture, kind), layers.lights)
         light = ground_light(edited, layers.view, corrections, t, layers.lights)
         touched = np.ones(clip.masks.shape[1:], bool)

@@ -64,7 +64,7 @@ def draw(
     ids, depth, point = np.empty(size, np.uint8), np.empty(size, np.float32), np.empty((*size, 3), np.float32)
     colour, kinds = np.zeros((*size, 3), np.float32), np.zeros(size, np.uint8)
     cast_bodies(body, corrections, rectangles, shown, *view.ray_arguments, ids, depth, point)
-    paint(body, ids, point, textures.colour, textures.kind, lights.light, lights.darkness, colour, kinds)
+    paint(body, ids, point, textures.colour, textures.kind, lights.light, lights.on_bodies, colour, kinds)
     blocks = ids.reshape(height, SAMPLES, width, SAMPLES)
     counts = np.stack([(blocks == m).sum((1, 3)) for m in range(count)]) if count else np.zeros((0, height, width))
     alpha = counts.sum(0).astype(np.float32) / SAMPLES**2

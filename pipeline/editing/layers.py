@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,9 +11,8 @@ from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.light import NO_LIGHTS, Lights, find_lights, ground_light
 from pipeline.editing.plate import Plate, find_plate, grown
 from pipeline.editing.registration import register
-from pipeline.editing.surface_texture import Textures, find_textures
+from pipeline.editing.surface_texture import Textures, find_gloss, find_textures, unturned
 from pipeline.editing.view import BodyMotion, View
-
 
 ROUNDS = 2  # of lights and plate: shadows that hardly move are in the first plate
 
@@ -30,6 +29,7 @@ class Layers:
         plate: Its background.
         lights: Its lights.
         textures: Its bodies' surfaces.
+        same_all_around: (N,) which of them look the same however they turn: the texture does not turn with them.
         blur: Of its bodies' edges, px: the standard deviation of a Gaussian.
     """
 
@@ -40,6 +40,7 @@ class Layers:
     plate: Plate
     lights: Lights
     textures: Textures
+    same_all_around: tuple[bool, ...]
     blur: float
 
 
@@ -54,6 +55,8 @@ def take_apart(clip: FilmedClip, motion: BodyMotion, view: View) -> Layers:
             break
         ratio = [ground_light(motion, view, corrections, t, lights) for t in range(len(clip.frames))]
         plate = find_plate(clip.frames, covered, np.stack(ratio).astype(np.float32))
-    textures = find_textures(motion, view, corrections, clip.frames, clip.masks, lights)
-    blur = find_blur(clip, view, motion, corrections, plate.colour, textures, lights)
-    return Layers(view, motion, corrections, registered, plate, lights, textures, blur)
+    shading, same = find_gloss(motion, view, corrections, clip, lights)
+    lights, drawn = replace(lights, shading=shading), unturned(motion, same)
+    textures = find_textures(drawn, view, corrections, clip, lights)
+    blur = find_blur(clip, view, drawn, corrections, plate.colour, textures, lights)
+    return Layers(view, motion, corrections, registered, plate, lights, textures, same, blur)

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from pipeline.editing.camera_rays import cast_shadow
 from pipeline.editing.plate import grown
 from pipeline.editing.view import BodyMotion, View
+from pipeline.vision.rendering.shading_tables import DISC
 
 MOST_LIGHTS = 2
 AZIMUTHS, ELEVATIONS_DEG = 20, (20, 32, 44, 56, 68, 80)
 RADII = (0.0, 0.06, 0.15, 0.35)  # of a light's disc at a distance of 1: sharp to soft shadows
 FRAMES = 6  # that are compared
 COLUMNS = 120  # of the pixels that are compared
-LEAST_GAIN = 0.1  # share of the squared darkening that a light has to explain
+LEAST_GAIN = 0.1  # share of the squared darkening that is left, which a light has to explain
+SOFTEN = 0.05  # standard deviation of a blur of shadows, as a share of the picture's width and of the light's radius
 LEAST_DARKNESS = 0.04
 DARKEST = 0.9
 ROUNDS = 3  # of the refinement, which halves its steps each time
@@ -28,10 +31,17 @@ class Lights:
     Attributes:
         light: (L, 8), as in `pipeline.vision.rendering.shading_tables`.
         darkness: (L,) the share of the light on open ground that is each light's: how dark its shadow is.
+        shading: How much of that shows on the bodies: 1 for matt ones, 0 for bodies that look the same all around.
     """
 
     light: np.ndarray
     darkness: np.ndarray
+    shading: float = 1.0
+
+    @property
+    def on_bodies(self) -> np.ndarray:
+        """(L,) `darkness` on the bodies."""
+        return self.shading * self.darkness
 
 
 NO_LIGHTS = Lights(np.zeros((0, 8)), np.zeros(0))
@@ -51,6 +61,9 @@ def visible_shares(
     for i in np.flatnonzero(motion.shown[frame]):
         body = motion.tables[frame, i : i + 1]
         cast_shadow(body, corrections[frame, i], *view.ray_arguments, light, step, out)
+    for visible, softness in zip(out, SOFTEN * light[:, DISC] * out.shape[2], strict=True):
+        if softness > 0:  # the few rays towards a disc leave steps
+            visible[:] = cv2.GaussianBlur(visible, (0, 0), softness)
     return out
 
 
@@ -89,10 +102,7 @@ def find_lights(
         weight.append(~grown(masks[t : t + 1])[0][at] & (view.inverse_depth[at] > 0) & (bright > 20))
     rest, use = np.stack(missing), np.stack(weight)
     rest = np.where(use, np.clip(rest, -0.5, 1), 0.0)
-    whole = float((np.maximum(rest, 0) ** 2).sum())
     found = NO_LIGHTS
-    if whole <= 0:
-        return found
 
     def shadows(parameters: np.ndarray) -> np.ndarray:
         """(L, K, H, W) share of each light that is hidden, of lights (L, 3)."""
@@ -123,7 +133,7 @@ def find_lights(
         tried = np.stack([[best[0], best[1], r] for r in RADII])
         gain, darkness = gains(tried)
         k = int(gain.argmax())
-        if gain[k] < LEAST_GAIN * whole or darkness[k] < LEAST_DARKNESS:
+        if gain[k] <= LEAST_GAIN * (np.maximum(rest, 0) ** 2).sum() or darkness[k] < LEAST_DARKNESS:
             break
         room = DARKEST - found.darkness.sum()
         dark = min(float(darkness[k]), room)

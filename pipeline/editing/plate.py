@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pipeline import compiled
+from pipeline.compiled import kernel
 
-kernel = compiled.kernel
 MEASURED, REPAIRED, INVENTED = range(3)
 LEAST_CLEAR = 3  # frames in which a pixel has to be clear to count as measured
 MARGIN_PX = 2  # around a body, which is not clear: half-covered pixels, contact shadows

@@ -6,26 +6,30 @@ was never seen is taken from where the shape's symmetry puts it, and else filled
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pipeline import compiled
+from pipeline.compiled import kernel
 from pipeline.editing.camera_rays import gather
+from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.light import Lights
 from pipeline.editing.view import BodyMotion, View
 from pipeline.scene.scene import SceneObject, half_extents
 from pipeline.vision.rendering.appearance import object_colour
 from pipeline.vision.rendering.surface import KINDS, intersect
 
-kernel = compiled.kernel
 MEASURED, MIRRORED, INVENTED = range(3)
 SIZE = 64  # texels along the side of a face
 LEAST_WEIGHT = 1e-3
 NEIGHBOURS = 8  # from which a texel is filled in
 ERODED_PX = 1  # of a mask, whose rim is mixed with the background
+SHADINGS = (0.0, 0.5, 1.0)  # that are tried
+TRIED_SIZE, TRIED_EVERY = 24, 3  # texels and frames that they are tried with
+STILL_BETTER = 0.7  # of the spread of a body that turns: at most so much has one that looks the same all around
 #: Reflections along the body's axes, in the order in which they are tried.
 MIRRORS = ((-1, 1, 1), (1, -1, 1), (1, 1, -1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1), (-1, -1, -1))
 
@@ -72,54 +76,98 @@ def surface_points(obj: SceneObject, size: int = SIZE) -> np.ndarray:
     return out.reshape(6, size, size, 3)
 
 
-def find_textures(
+@dataclass(frozen=True)
+class Gathered:
+    """What a clip shows of one body's texels.
+
+    Attributes:
+        colour: (M, 3), the weighted mean of each texel.
+        weight: (M,).
+        spread: Squared deviation from these means, as a share of their squares: how much the frames contradict.
+    """
+
+    colour: np.ndarray
+    weight: np.ndarray
+    spread: float
+
+
+def gathered(
     motion: BodyMotion,
+    i: int,
     view: View,
     corrections: np.ndarray,
-    frames: np.ndarray,
-    masks: np.ndarray,
+    clip: FilmedClip,
     lights: Lights,
-) -> Textures:
-    """The textures of a clip's bodies.
+    size: int = SIZE,
+    every: int = 1,
+) -> Gathered:
+    """Collect the texels of body i.
 
     Args:
         motion: T frames, N bodies.
+        i: Which body.
         view: The camera.
         corrections: (T, N, 5).
-        frames: (T, H, W, 3) uint8.
-        masks: (T, H, W) uint8, i + 1 where body i is seen.
+        clip: T frames.
         lights: By which shading is taken off.
+        size: Texels along the side of a face.
+        every: Only each such frame is used.
     """
+    eye, rotation, focal, _ = view.ray_arguments
+    square = np.ones((2 * ERODED_PX + 1,) * 2, np.uint8)
+    points = surface_points(motion.objects[i], size).reshape(-1, 3)
+    total, squares, weight = np.zeros((len(points), 3)), np.zeros(len(points)), np.zeros(len(points))
+    for t in np.flatnonzero(motion.shown[:, i])[::every]:
+        clear = cv2.erode((clip.masks[t] == i + 1).astype(np.uint8), square) > 0
+        if clear.any():
+            pose = motion.tables[t], i, points, corrections[t, i]
+            light = lights.light, lights.on_bodies
+            gather(*pose, eye, rotation, focal, clip.frames[t], clear, *light, total, squares, weight)
+    mean = total / np.maximum(weight, LEAST_WEIGHT)[:, None]
+    explained = float((mean**2).sum(1) @ weight)
+    return Gathered(mean, weight, (float(squares.sum()) - explained) / max(explained, 1e-9))
+
+
+def find_textures(
+    motion: BodyMotion, view: View, corrections: np.ndarray, clip: FilmedClip, lights: Lights
+) -> Textures:
+    """The textures of a clip's bodies, of which `motion` has N."""
     count = len(motion.objects)
     colour = np.empty((count, 6, SIZE, SIZE, 3), np.float32)
     kind = np.empty((count, 6, SIZE, SIZE), np.uint8)
-    eye, rotation, focal, _ = view.ray_arguments
-    square = np.ones((2 * ERODED_PX + 1,) * 2, np.uint8)
-    for i, obj in enumerate(motion.objects):
-        points = surface_points(obj).reshape(-1, 3)
-        total, weight = np.zeros((len(points), 3)), np.zeros(len(points))
-        for t in np.flatnonzero(motion.shown[:, i]):
-            clear = cv2.erode((masks[t] == i + 1).astype(np.uint8), square) > 0
-            if clear.any():
-                gather(
-                    motion.tables[t],
-                    i,
-                    points,
-                    corrections[t, i],
-                    eye,
-                    rotation,
-                    focal,
-                    frames[t],
-                    clear,
-                    lights.light,
-                    lights.darkness,
-                    total,
-                    weight,
-                )
-        seen = (weight > LEAST_WEIGHT).reshape(6, SIZE, SIZE)
-        mean = (total / np.maximum(weight, LEAST_WEIGHT)[:, None]).reshape(6, SIZE, SIZE, 3)
+    for i in range(count):
+        found = gathered(motion, i, view, corrections, clip, lights)
+        seen = (found.weight > LEAST_WEIGHT).reshape(6, SIZE, SIZE)
+        mean = found.colour.reshape(6, SIZE, SIZE, 3)
         colour[i], kind[i] = completed(mean, seen) if seen.any() else plain_texture(i)
     return Textures(colour, kind)
+
+
+def find_gloss(
+    motion: BodyMotion, view: View, corrections: np.ndarray, clip: FilmedClip, lights: Lights
+) -> tuple[float, tuple[bool, ...]]:
+    """How strongly the lights shade the bodies, and which of them look the same however they turn.
+
+    A plain or shiny sphere shows highlights that stay where they are while it turns. Both answers are those with which
+    the frames of the clip contradict each other least.
+    """
+    spreads = np.full((len(SHADINGS), len(motion.objects), 2), np.inf)
+    still = unturned(motion, tuple(o.shape == "sphere" for o in motion.objects))
+    for s, shading in enumerate(SHADINGS):
+        shaded = replace(lights, shading=shading)
+        for i, obj in enumerate(motion.objects):
+            for k, tried in enumerate((motion, still) if obj.shape == "sphere" else (motion,)):
+                spreads[s, i, k] = gathered(tried, i, view, corrections, clip, shaded, TRIED_SIZE, TRIED_EVERY).spread
+    spreads[..., 1] /= STILL_BETTER
+    best = int(spreads.min(-1).sum(-1).argmin()) if len(lights.light) else 0
+    return SHADINGS[best], tuple(bool(k) for k in spreads[best].argmin(-1))
+
+
+def unturned(motion: BodyMotion, same: Sequence[bool]) -> BodyMotion:
+    """A motion in which the bodies that look the same however they turn do not turn."""
+    quaternion = motion.quaternion.copy()
+    quaternion[:, np.flatnonzero(same)] = (1.0, 0.0, 0.0, 0.0)
+    return replace(motion, quaternion=quaternion)
 
 
 def completed(colour: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline import compiled
+from pipeline.compiled import kernel
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import Scene, SceneObject
 from pipeline.scene.solid import bounding_radii
@@ -15,8 +15,6 @@ from pipeline.vision.rendering.camera import Pinhole, focal_px, pinhole, project
 from pipeline.vision.rendering.rasteriser import background_depth, bounds, camera_frame
 from pipeline.vision.rendering.shading_tables import AXES, CENTRE, HALF, KIND, RADIUS
 from pipeline.vision.rendering.surface import shape_arrays
-
-kernel = compiled.kernel
 
 
 @dataclass(frozen=True)
