@@ -83,7 +83,9 @@ def read_edits(path: Path) -> list[Edit]:
     try:
         parsed = EditsText.model_validate(data)
     except ValidationError as error:
-        fault = error.errors()[0]
+        faults = error.errors()
+        # A misspelt key is reported first: it is also the cause of a missing one.
+        fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])
         place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in fault["loc"]).removeprefix(".")
         hint = ""
         if fault["type"] == "extra_forbidden":
