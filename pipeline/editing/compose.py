@@ -98,7 +98,7 @@ def compose(
         own = drawn.front != NOBODY
         kept = np.zeros_like(touched)
         for m in np.flatnonzero(as_filmed[t]):
-            kept |= (drawn.front == m) & (drawn.alpha >= 1) & (clip.masks[t] == _origin(origin, m) + 1)
+            kept |= (drawn.front == m) & (drawn.alpha >= 1) & (clip.masks[t] == _origin(origin, int(m)) + 1)
         use = touched & ~(kept & (not redraw))
         frames[t][use] = np.clip(picture[use] + 0.5, 0, 255).astype(np.uint8)
         ids[t][own] = drawn.front[own] + 1
@@ -158,7 +158,7 @@ def _touched(
     t: int,
 ) -> np.ndarray:
     """(H, W) bool: where the clip no longer shows what is there."""
-    kept = {_origin(origin, m) for m in np.flatnonzero(as_filmed)}
+    kept = {_origin(origin, int(m)) for m in np.flatnonzero(as_filmed)}
     gone = [i for i in range(len(layers.motion.objects)) if i not in kept and layers.motion.shown[t, i]]
     moved = [m for m in range(len(origin)) if not as_filmed[m] and edited.shown[t, m]]
     out = np.zeros(clip.masks.shape[1:], bool)

@@ -26,8 +26,8 @@ def _silhouette(
     """(H, W) uint8 of one frame: the index of the body that is seen, or `camera_rays.NOBODY`."""
     size = view.height, view.width
     ids, depth, point = np.empty(size, np.uint8), np.empty(size, np.float32), np.empty((*size, 3), np.float32)
-    pose = motion.tables[frame], corrections[frame], rectangles[frame]
-    cast_bodies(*pose, shown, *view.ray_arguments, ids, depth, point)
+    body, correction, rectangle = motion.tables[frame], corrections[frame], rectangles[frame]
+    cast_bodies(body, correction, rectangle, shown, *view.ray_arguments, ids, depth, point)
     return ids
 
 
