@@ -35,6 +35,7 @@ from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import UserClip
 from pipeline.scene.scene import Scene
 from pipeline.search.certainty import Certainty, weakly_identified
+from pipeline.vision.recordings.corrections import Correction
 
 if TYPE_CHECKING:
     from pipeline.model.base import Base
@@ -49,6 +50,7 @@ class Settings:
     seconds: float
     fps: float | None
     prompts: Prompts
+    correction: Correction
     world: World
     flow: FlowSource
     question: Question
@@ -101,7 +103,7 @@ class Inference:
 
     @property
     def metric(self) -> str:
-        """What fixed the scale: "gravity", "length", "size" or "none"."""
+        """What fixed the scale: "gravity", "length", "size", "board" or "none"."""
         answer = self.scenes.filmed.answer
         scale = answer.scale if answer and self.best.name == TRACKS else None
         return "none" if scale is None else scale.by
@@ -139,6 +141,7 @@ def infer(
     fps: float | None = None,
     masks: str | Path | None = None,
     prompts: Prompts | None = None,
+    correction: Correction | None = None,
     model: str | Base | ObjectsModel | LoadingModel = "models/tiny",
     samples: int = 8,
     temperature: float = 1.0,
@@ -164,6 +167,7 @@ def infer(
         masks: A file or folder of instance masks; `sam2:PATH` or `edgetam:PATH` for a published segmenter; None for
             masks beside the video, or those that our network finds.
         prompts: What is known of the bodies in the video: points, boxes, their number, what to ignore.
+        correction: Of the frames: lens distortion, a camera that shakes a little.
         model: A folder or hub name, or a model that is loaded, or is being loaded. It is shown what its checkpoint says
             that it was trained with (model_input.json).
         samples: Answers sampled beside the greedy one.
@@ -191,6 +195,7 @@ def infer(
     progress = progress or Progress()
     if 0 < search < LEAST_SEARCH:
         raise ParamsError(f"search: {search} simulations are too few; valid: 0 for none, or at least {LEAST_SEARCH}")
+    correction = correction or Correction()
     prompts, name = prompts or Prompts(), str(clip) if isinstance(clip, (str, Path)) else "clip"
     loading = _loading(model)
     source = FlowSource(flow_source(loading.shown, flow, loading.name), shipped(raft))
@@ -200,7 +205,15 @@ def infer(
         seen = (
             clip
             if isinstance(clip, UserClip)
-            else VideoStretch(place=Path(clip), start=start, seconds=seconds, fps=fps, masks=masks, prompts=prompts)
+            else VideoStretch(
+                place=Path(clip),
+                start=start,
+                seconds=seconds,
+                fps=fps,
+                masks=masks,
+                prompts=prompts,
+                correction=correction,
+            )
         )
         measured = measure_clip(seen, loading.shown, source, progress=progress, when_seen=when_seen)
     settings = Settings(
@@ -208,6 +221,7 @@ def infer(
         seconds=seconds,
         fps=fps,
         prompts=prompts,
+        correction=correction,
         world=world or World(),
         flow=source,
         question=Question(samples, temperature, top_p, middle, seed),

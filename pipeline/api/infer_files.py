@@ -36,6 +36,7 @@ SCALE = {
     "gravity": "gravity fixes it: the acceleration of what falls or rolls",
     "length": "the length that was given",
     "size": "the size that was given",
+    "board": "the board that was given",
 }
 TABLE_CAMERA = "at rest, at (0, -2, h) m, looking along +y; square pixels, no distortion"
 PLANAR_CAMERA = f"at rest, its picture parallel to the plane of motion, {FOV_DEG:g} degrees along its longer side"

@@ -15,6 +15,7 @@ from pipeline.perception.found_bodies import FoundBodies
 from pipeline.perception.mask_source import FAMILIES, mask_source
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import UserClip, read_frames, with_masks
+from pipeline.vision.recordings.corrections import Correction
 from pipeline.vision.recordings.video import FPS
 
 
@@ -75,6 +76,7 @@ def masks(
     fps: float | None = None,
     masks: str | None = None,
     prompts: Prompts | None = None,
+    correction: Correction | None = None,
     progress: Progress | None = None,
 ) -> Masks:
     """Find the bodies that move in a clip.
@@ -86,6 +88,7 @@ def masks(
         fps: Frames a second at which it was shot, where the file's header lies.
         masks: `sam2:PATH` or `edgetam:PATH` for a published segmenter that follows what is found; None: our network.
         prompts: What is known of the bodies: points, boxes, their number, what to ignore.
+        correction: Of the frames: lens distortion, a camera that shakes a little.
         progress: Told of each step; None: nothing is printed.
 
     Raises:
@@ -99,7 +102,15 @@ def masks(
     if source.given is not None:
         raise ParamsError(f"masks: {masks} is no segmenter; valid: {', '.join(f'{name}:PATH' for name in FAMILIES)}")
     with progress.step("masks"):
-        read = read_frames(Path(clip), start=start, seconds=seconds, fps=FPS, assume_fps=fps, source=source)
+        read = read_frames(
+            Path(clip),
+            start=start,
+            seconds=seconds,
+            fps=FPS,
+            assume_fps=fps,
+            source=source,
+            correction=correction or Correction(),
+        )
         taken = with_masks(read, prompts)
     found = Masks(
         name=str(clip),

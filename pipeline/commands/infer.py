@@ -6,7 +6,7 @@ import argparse
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from pipeline.commands.arguments import add_prompts, add_world, count, positive, share
+from pipeline.commands.arguments import add_corrections, add_prompts, add_world, count, positive, share
 
 SUMMARY = "find the scene that a clip shows: shapes, sizes, masses, frictions, motion, camera"
 DESCRIPTION = """\
@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     masks += "; sam2:PATH or edgetam:PATH: a published segmenter follows what it finds"
     add("--masks", metavar="PATH", help=masks)
     add_prompts(parser)
+    add_corrections(parser)
     add_world(parser)
     add("--samples", type=count, default=8, metavar="K", help="answers sampled beside the greedy one (8)")
     add("--search", type=count, default=0, metavar="N", help="refine the best answers with N simulations (0: do not)")
@@ -83,10 +84,12 @@ def run(arguments: argparse.Namespace) -> None:
     from pipeline.inference.progress import Progress
     from pipeline.perception.prompts import Prompts
     from pipeline.vision.recordings.clip_folder import video_of
+    from pipeline.vision.recordings.corrections import Correction
     from pipeline.vision.recordings.video import check_file
 
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
+    correction = Correction(a.distortion, a.steady)
     steps = 7 + bool(a.search)
     with (
         result_folder(a.out, a.force) as folder,
@@ -111,6 +114,7 @@ def run(arguments: argparse.Namespace) -> None:
             fps=a.fps,
             masks=a.masks,
             prompts=prompts,
+            correction=correction,
             model=loading,
             samples=a.samples,
             temperature=a.temperature,
@@ -118,7 +122,7 @@ def run(arguments: argparse.Namespace) -> None:
             middle=a.middle,
             search=a.search,
             incline=a.incline,
-            world=World.of(a.view, a.gravity, a.length, a.size),
+            world=World.of(a.view, a.gravity, length=a.length, size=a.size, board=a.board, fixed=a.fixed),
             flow=a.flow,
             raft=a.raft,
             seed=a.seed,

@@ -13,6 +13,7 @@ from pipeline.inference.progress import Progress
 from pipeline.model.model_input import ModelInput
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import UserClip, open_clip, with_masks
+from pipeline.vision.recordings.corrections import Correction
 from pipeline.vision.recordings.video import FPS
 
 
@@ -27,6 +28,7 @@ class VideoStretch:
         fps: Frames a second at which it was shot; None for what the file says.
         masks: A file or folder of masks, or a published segmenter; None for masks beside the video, else our network.
         prompts: What is known of the bodies.
+        correction: Of the frames.
     """
 
     place: Path
@@ -35,6 +37,7 @@ class VideoStretch:
     fps: float | None
     masks: str | Path | None
     prompts: Prompts
+    correction: Correction
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,7 @@ def measure_clip(
                 assume_fps=clip.fps,
                 masks=clip.masks,
                 prompts=clip.prompts,
+                correction=clip.correction,
             )
         frames = read.clip
     else:

@@ -227,6 +227,8 @@ def broken(shelf: Path, tmp_path: Path) -> Path:
         ("../clip.mp4", ("--flow", "raft", "--raft", "broken/none"), "no RAFT weights"),
         ("../clip.mp4", ("--flow", "raft", "--raft", "broken/weights"), "has no model.safetensors"),
         ("../clip.mp4", ("--search", 7), "at least 200"),
+        ("../clip.mp4", ("--distortion", 0.9), "--distortion 0.9: valid: -0.3 to 0.3"),
+        ("../clip.mp4", ("--steady", "--masks", "broken/few.npz"), "are those of frames that are not corrected"),
         ("../clip.mp4", ("--model", "broken/unrecorded"), "has no model_input.json"),
         (
             "../clip.mp4",
