@@ -117,15 +117,15 @@ class FilmedWorld:
     doubts: tuple[str, ...]
 
 
-def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
-    """The world that the tracks of a clip tell of.
+def filmed_world(taken: UserClip, world: World, threads: int = 1) -> FilmedWorld:
+    """The world that the tracks of a clip tell of. threads: for simulations.
 
     Raises:
         ParamsError: The tracks do not fit what the user knows.
     """
     frames, masks, times = filmed_frames(taken)
     pictured, doubts = _pictured(taken, world, frames)
-    told = tracked_world(masks, frames, times, world, pictured)
+    told = tracked_world(masks, frames, times, world, pictured, threads)
     seen = None
     if told.answer is not None:
         scene = told.answer.scene
@@ -195,7 +195,12 @@ class TrackedWorld:
 
 
 def tracked_world(
-    masks: np.ndarray, frames: np.ndarray, times: np.ndarray, world: World, pictured: Pictured = NOTHING
+    masks: np.ndarray,
+    frames: np.ndarray,
+    times: np.ndarray,
+    world: World,
+    pictured: Pictured = NOTHING,
+    threads: int = 1,
 ) -> TrackedWorld:
     """The world that bodies tell of.
 
@@ -205,6 +210,7 @@ def tracked_world(
         times: (T,) s, from 0.
         world: What is known of it.
         pictured: What is known of the picture; the world's own length, board and fixed bodies are not looked at.
+        threads: For simulations.
 
     Raises:
         ParamsError: The tracks do not fit what is known.
@@ -212,13 +218,13 @@ def tracked_world(
     motion = _measured(masks, frames, times, world, pictured)
     if not motion.tracks or (motion.view.kind == "table" and motion.table is None):
         return TrackedWorld(motion, None, None)
-    answer = find_planar_scene(motion, world.gravity)
+    answer = find_planar_scene(motion, world.gravity, threads)
     kept = renumbered_by_track(masks, motion)
 
     def first_part(count: int) -> Scene | None:
         same_view = replace(world, view=motion.view.kind)
         early = _measured(masks[:count], frames[:count], times[:count], same_view, pictured)
-        return find_planar_scene(early, world.gravity).scene if early.tracks else None
+        return find_planar_scene(early, world.gravity, threads).scene if early.tracks else None
 
     def tried(count: int) -> Scene | None:
         try:

@@ -129,7 +129,7 @@ def find_scenes(
             top = int(ranking.order[0])
             methods.append(answer_method("best of K", answers, ranking.rewards, top, clip, len(answers)))
     with progress.step("tracks"):
-        filmed = filmed_world(taken, world)
+        filmed = filmed_world(taken, world, cores())
     progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
     if filmed.answer is not None and filmed.scene is not None:
         methods.append(tracks_method(filmed.answer, filmed.scene, evaluator, clip))

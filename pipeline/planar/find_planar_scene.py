@@ -212,11 +212,11 @@ def background(frames: np.ndarray) -> np.ndarray:
     return np.median(some, axis=0).astype(np.uint8)
 
 
-def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAnswer:
+def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY, threads: int = 1) -> PlanarAnswer:
     """The planar scene whose simulation follows the tracks.
 
     Where gravity fixes the scale, the fit's gravity, in the metres that were assumed first, tells how long a metre is.
-    Where a length is known, gravity is what the fit finds.
+    Where a length is known, gravity is what the fit finds. threads: for simulations.
     """
     start = planar_scene(
         motion.view,
@@ -237,7 +237,7 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAns
         start = replace(start, objects=tuple(_half_hollow(o) for o in start.objects))
     gravity_shows = not motion.plane.level and not rolls
     parameters = planar_parameters(start, motion.plane, gravity=gravity_shows, hollow=rolls)
-    fit = fit_planar(start, motion.flat, motion.plane, parameters, impacts(motion))
+    fit = fit_planar(start, motion.flat, motion.plane, parameters, impacts(motion), threads)
     if motion.table is not None:
         return PlanarAnswer(motion, fit, replace(fit.scene, camera=motion.table.camera()), motion.scale)
     if motion.scale.by != "gravity":
