@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 class Settings:
     """What `infer` was asked for; see there."""
 
-    start: float
-    seconds: float
+    start: float | None
+    seconds: float | None
     fps: float | None
     prompts: Prompts
     correction: Correction
@@ -136,8 +136,8 @@ class Inference:
 def infer(
     clip: str | Path | UserClip | MeasuredClip,
     *,
-    start: float = 0.0,
-    seconds: float = 1.0,
+    start: float | None = None,
+    seconds: float | None = None,
     fps: float | None = None,
     masks: str | Path | None = None,
     prompts: Prompts | None = None,
@@ -161,8 +161,9 @@ def infer(
     Args:
         clip: A video, or a folder with one and masks; or what `pipeline.masks` found in one (`Masks.taken`), or a clip
             that was measured (`Inference.clip`), with which `fps`, `masks` and `prompts` count no more.
-        start: s, where the clip begins in the video.
-        seconds: Its length; the models learned from 1 s.
+        start: s, where the clip begins in the video; None: of a long one, where bodies move freely.
+        seconds: Its length; None: as long as they move, at most 12 s, or 1 s from `start` on. The models learned from
+            1 s.
         fps: Frames a second at which it was shot, where the file's header lies.
         masks: A file or folder of instance masks; `sam2:PATH` or `edgetam:PATH` for a published segmenter; None for
             masks beside the video, or those that our network finds.

@@ -160,8 +160,9 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "px_per_m": _number(found.scenes.filmed.answer.scale.px_per_m) if found.scenes.filmed.answer else None,
         },
         "assumed": {
-            "start_s": settings.start,
-            "seconds": settings.seconds,
+            "start_s": round(float(taken.source_times[0]), 4),
+            "start_from": "the motion" if settings.start is None else "--start",
+            "seconds": round(found.clip.schedule.seconds, 4),
             "recorded_fps": round(taken.source_fps, 4),
             "fps_from": "the file" if settings.fps is None else "--fps",
             "resampled_fps": found.clip.schedule.fps,

@@ -14,7 +14,7 @@ from pipeline.inference.progress import Progress
 from pipeline.perception.found_bodies import FoundBodies
 from pipeline.perception.mask_source import FAMILIES, mask_source
 from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import UserClip, read_frames, with_masks
+from pipeline.perception.user_clip import UserClip, chosen_stretch, read_frames, with_masks
 from pipeline.vision.recordings.corrections import Correction
 from pipeline.vision.recordings.video import FPS
 
@@ -71,8 +71,8 @@ class Masks:
 def masks(
     clip: str | Path,
     *,
-    start: float = 0.0,
-    seconds: float = 1.0,
+    start: float | None = None,
+    seconds: float | None = None,
     fps: float | None = None,
     masks: str | None = None,
     prompts: Prompts | None = None,
@@ -83,8 +83,8 @@ def masks(
 
     Args:
         clip: A video, or a folder with one; masks that lie beside it are not used.
-        start: s, where the clip begins in the video.
-        seconds: Its length.
+        start: s, where the clip begins in the video; None: of a long one, where bodies move freely.
+        seconds: Its length; None: as long as they move, at most 12 s, or 1 s from `start` on.
         fps: Frames a second at which it was shot, where the file's header lies.
         masks: `sam2:PATH` or `edgetam:PATH` for a published segmenter that follows what is found; None: our network.
         prompts: What is known of the bodies: points, boxes, their number, what to ignore.
@@ -102,10 +102,11 @@ def masks(
     if source.given is not None:
         raise ParamsError(f"masks: {masks} is no segmenter; valid: {', '.join(f'{name}:PATH' for name in FAMILIES)}")
     with progress.step("masks"):
+        part = chosen_stretch(Path(clip), start=start, seconds=seconds, assume_fps=fps, source=source)
         read = read_frames(
             Path(clip),
-            start=start,
-            seconds=seconds,
+            start=part.start,
+            seconds=part.seconds,
             fps=FPS,
             assume_fps=fps,
             source=source,
@@ -114,12 +115,13 @@ def masks(
         taken = with_masks(read, prompts)
     found = Masks(
         name=str(clip),
-        start=start,
-        seconds=seconds,
+        start=part.start,
+        seconds=part.seconds,
         fps=fps,
         prompts=prompts,
         taken=taken,
         times=dict(progress.seconds),
     )
-    say_bodies(progress, found.name, start, taken, found.found.clip.file_notes)
+    notes = [*([part.note] if part.note else []), *found.found.clip.file_notes]
+    say_bodies(progress, found.name, part.start, taken, notes)
     return found

@@ -59,6 +59,29 @@ def add_prompts(parser: argparse.ArgumentParser) -> None:
     add("--objects", type=count, metavar="N", help="keep the N most likely bodies (default: those that are likely)")
 
 
+def start(text: str) -> float | None:
+    """auto, or a number of seconds."""
+    return None if text == "auto" else number(text)
+
+
+def add_stretch(parser: argparse.ArgumentParser) -> None:
+    """The arguments that say which part of a video is the clip."""
+    add = parser.add_argument
+    add(
+        "--start",
+        type=start,
+        metavar="S",
+        help="where the clip begins in the video, s (auto: of a video of more than 1.2 s, where bodies move freely and "
+        "no hand holds one; of masks, where they begin)",
+    )
+    add(
+        "--seconds",
+        type=positive,
+        metavar="S",
+        help="its length, s (as long as bodies move freely, at most 12; 1 where --start is given)",
+    )
+
+
 def add_corrections(parser: argparse.ArgumentParser) -> None:
     """The arguments that ask for corrections of frames."""
     add = parser.add_argument

@@ -6,7 +6,7 @@ import argparse
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from pipeline.commands.arguments import add_corrections, add_prompts, add_world, count, positive, share
+from pipeline.commands.arguments import add_corrections, add_prompts, add_stretch, add_world, count, positive, share
 
 SUMMARY = "find the scene that a clip shows: shapes, sizes, masses, frictions, motion, camera"
 DESCRIPTION = """\
@@ -43,8 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("clip", type=Path, metavar="CLIP", help="a video, or a folder with one and masks (masks.npz or masks/*.png)")
     add("-o", "--out", type=Path, required=True, metavar="OUT", help="folder for the results; it must not exist yet")
-    add("--start", type=float, default=0.0, metavar="S", help="where the clip begins in the video, s (0)")
-    add("--seconds", type=positive, default=1.0, metavar="S", help="its length, s (1: what the models learned from)")
+    add_stretch(parser)
     add("--fps", type=positive, metavar="F", help="frames a second at which it was shot, where the file's header lies")
     masks = (
         "instance masks: masks.npz of `dynamics masks`, or one for each frame of the recording, or of the clip at 30 "
@@ -90,7 +89,7 @@ def run(arguments: argparse.Namespace) -> None:
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
     correction = Correction(a.distortion, a.steady)
-    steps = 7 + bool(a.search)
+    steps = 8 + bool(a.search)
     with (
         result_folder(a.out, a.force) as folder,
         Progress(steps, shown=True) as progress,

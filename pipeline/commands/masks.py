@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pipeline.commands.arguments import add_corrections, add_prompts, positive
+from pipeline.commands.arguments import add_corrections, add_prompts, add_stretch, positive
 
 SUMMARY = "find the bodies that move in a clip: their masks, to look at and for `dynamics infer --masks`"
 DESCRIPTION = """\
@@ -34,8 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("clip", type=Path, metavar="CLIP", help="a video, or a folder with one")
     add("-o", "--out", type=Path, required=True, metavar="OUT", help="folder for the results; it must not exist yet")
-    add("--start", type=float, default=0.0, metavar="S", help="where the clip begins in the video, s (0)")
-    add("--seconds", type=positive, default=1.0, metavar="S", help="its length, s (1)")
+    add_stretch(parser)
     add("--fps", type=positive, metavar="F", help="frames a second at which it was shot, where the file's header lies")
     add(
         "--masks", metavar="SEGMENTER", help="sam2:PATH or edgetam:PATH: follow what is found by it (our network alone)"

@@ -12,7 +12,8 @@ import numpy as np
 from pipeline.errors import ParamsError, VideoError, naming
 from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.found_bodies import FoundBodies, find_in_clip
-from pipeline.perception.mask_source import MaskSource, mask_source
+from pipeline.perception.free_motion import Stretch, stretch_of
+from pipeline.perception.mask_source import MaskSource
 from pipeline.perception.prompts import Prompts
 from pipeline.segmentation.network import SegmentationNetwork, load_network
 from pipeline.vision.recordings.clip_folder import video_of
@@ -125,43 +126,28 @@ def read_frames(
     return ReadClip(place, resampled(own, every), source, filmed, assume_fps)
 
 
-def open_clip(
+def chosen_stretch(
     place: Path,
     *,
-    start: float,
-    seconds: float,
-    fps: float,
+    start: float | None,
+    seconds: float | None,
     assume_fps: float | None,
-    masks: str | Path | None,
-    prompts: Prompts,
-    correction: Correction = UNCORRECTED,
-) -> ReadClip:
-    """Check what the user said of masks, then read the clip.
+    source: MaskSource,
+) -> Stretch:
+    """The stretch of a clip that is inferred from, as `stretch_of` chooses it.
 
     Args:
-        place: A video, or a folder with one and masks.
-        start: Start of the clip, s.
-        seconds: Length of the clip, s.
-        fps: Frame rate of the clip.
+        place: A video, or a folder with one.
+        start: s; None: the motion chooses.
+        seconds: Its length; None: as long as the motion lasts, or 1 s where the start is given.
         assume_fps: Frame rate of the recording where its time stamps are wrong; None: they are used.
-        masks: As `mask_source` takes it.
-        prompts: What is known of the bodies.
-        correction: Of the frames.
+        source: Where its masks come from.
 
     Raises:
         VideoError: The video cannot be used.
-        ParamsError: For a file of masks with prompts or corrections at once.
-        ModelError: For a segmenter without a path.
     """
-    source = mask_source(place, masks, prompts)
-    return read_frames(
-        place,
-        start=start,
-        seconds=seconds,
-        fps=fps,
-        assume_fps=assume_fps,
-        source=source,
-        correction=correction,
+    return stretch_of(
+        video_of(place), mask_network, start=start, seconds=seconds, assume_fps=assume_fps, masks=source.given
     )
 
 
