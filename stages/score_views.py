@@ -1,4 +1,4 @@
-"""Tables of the scenes that were found from tracks alone.
+"""Tables of the scenes that were found in clips as people film them.
 
 Reads data/tracks/views. Writes reports/views.md (a row per kind of view, a row per clip) and reports/views.json
 (metrics). Run: python -m stages.score_views

@@ -1,8 +1,8 @@
-"""Scenes from tracks alone, of clips as people film them: no model answers, and nothing searches.
+"""Scenes of clips as people film them, without a model: from tracks, and by the search where these do not explain one.
 
-Reads data/sample/<suite> (true scenes) and data/render/<suite> (true masks, RGB). Writes data/tracks/<suite>: a row per
-clip with the true and the found view, sequence IoU, errors of the camera's roll and of the ramp's slope, and the grade.
-Parameters: clip. Run: python -m stages.tracks SUITE
+Reads data/sample/<suite> (true scenes) and data/render/<suite> (true masks, RGB, exact flow). Writes
+data/tracks/<suite>: a row per clip with the true and the found view, sequence IoU, errors of the camera's roll and of
+the ramp's slope, and the grade. Parameters: clip, search, tracks. Run: python -m stages.tracks SUITE
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,8 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.clips.draw_views import view_kind
-from pipeline.evaluation.view_scores import as_row, view_score
+from pipeline.clips.schedule import Schedule
+from pipeline.evaluation.view_scores import SeenClip, as_row, view_score
 from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -29,6 +30,7 @@ SCHEMA = pa.schema(
         "iou": pa.float64(),
         "roll_error": pa.float64(),
         "slope_error": pa.float64(),
+        "by": pa.string(),
         "grade": pa.string(),
         "beats_constant_velocity": pa.bool_(),
     }
@@ -37,24 +39,28 @@ SCHEMA = pa.schema(
 
 @dataclass(frozen=True)
 class Parameters:
-    """fps: frames a second."""
+    """size: px, width and height, of masks and flow in the search; simulations: of the search."""
 
-    fps: float
+    schedule: Schedule
+    size: tuple[int, int]
+    simulations: int
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
-    sample, rendered = inputs
+    (sample, rendered), p = inputs, parameters
     rows = []
     for row in sample.table().to_pylist():
         clip = row["clip"]
-        masks, frames = (np.asarray(rendered.array(clip, name)) for name in ("mask", "rgb"))
-        score = view_score(clip, view_kind(clip), read_scene(row["scene"]), masks, frames, parameters.fps)
-        rows.append(as_row(score))
+        masks, frames, flow = (np.asarray(rendered.array(clip, name)) for name in ("mask", "rgb", "flow"))
+        seen = SeenClip(masks, frames, flow, p.schedule)
+        truth = read_scene(row["scene"])
+        rows.append(as_row(view_score(clip, view_kind(clip), truth, seen, size=p.size, simulations=p.simulations)))
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
 
 
 def main(suite: str) -> None:
-    parameters = Parameters(load("tracks", suite).clip.fps)
+    params = load("tracks", suite)
+    parameters = Parameters(params.clip.schedule, params.search.size, params.tracks.simulations)
     run_shards("tracks", suite, compute, parameters, ["sample", "render"], versions=["mujoco", "numba"])
 
 

@@ -25,11 +25,12 @@ from pipeline.inference.asking import (
     shipped,
 )
 from pipeline.inference.filmed_world import World
-from pipeline.inference.find_scenes import LEAST_SEARCH, FoundScenes, SearchBudget, find_scenes
+from pipeline.inference.find_scenes import FoundScenes, SearchBudget, find_scenes
 from pipeline.inference.measure_clip import FlowSource, VideoStretch, measure_clip
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.method import TRACKS, Method
 from pipeline.inference.progress import Progress
+from pipeline.inference.scene_search import LEAST_SEARCH
 from pipeline.inference.trust import Grade, grade
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import UserClip

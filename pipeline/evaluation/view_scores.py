@@ -1,4 +1,4 @@
-"""Scores of scenes that were found from tracks alone, in clips as people film them."""
+"""Scores of scenes that were found without a model, by tracks or by the search, in clips as people film them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.clips.replay import masks_at
+from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
 from pipeline.inference.filmed_world import TrackedWorld, World, tracked_world
+from pipeline.inference.method import TRACKS
+from pipeline.inference.scene_search import TRACKS_IOU, clip_evaluator, search_clip, search_forecast
 from pipeline.inference.trust import GOOD_IOU, grade
 from pipeline.metrics.overlap import overlap
 from pipeline.scene.scene import Scene
@@ -32,6 +35,7 @@ class ViewScore:
         iou: Sequence IoU of the replay; 0 where no scene was found.
         roll_error: Of the camera.
         slope_error: Of the ramp.
+        by: What found the scene: "tracks" or "search".
         grade: Of the answer.
         beats_constant_velocity: Its forecast is better than that.
     """
@@ -43,6 +47,7 @@ class ViewScore:
     iou: float
     roll_error: float
     slope_error: float
+    by: str
     grade: str
     beats_constant_velocity: bool
 
@@ -72,29 +77,66 @@ def steepest(scene: Scene) -> float:
     return max((abs(float(s)) for s in slopes if abs(s) < STEEPEST_DEG), default=0.0)
 
 
-def view_score(clip: int, kind: str, truth: Scene, masks: np.ndarray, frames: np.ndarray, fps: float) -> ViewScore:
-    """Find the scene of a clip from its tracks, and score it.
+@dataclass(frozen=True)
+class SeenClip:
+    """A clip whose scene is looked for.
+
+    Attributes:
+        masks: (T, H, W) true ids.
+        frames: (T, H, W, 3) uint8 RGB.
+        flow: (P, H, W, 2) px, of the model's pairs of frames.
+        schedule: Of the frames.
+    """
+
+    masks: np.ndarray
+    frames: np.ndarray
+    flow: np.ndarray
+    schedule: Schedule
+
+    def iou(self, scene: Scene) -> float:
+        """Sequence IoU of a scene's replay; 0 where that becomes unstable."""
+        height, width = self.masks.shape[1:]
+        try:
+            own = masks_at(scene, np.arange(len(self.masks)) / self.schedule.fps, width, height)
+        except SimulationError:
+            return 0.0
+        return overlap(own, self.masks, len(scene.objects), int(self.masks.max())).sequence
+
+
+def view_score(
+    clip: int, kind: str, truth: Scene, seen: SeenClip, *, size: tuple[int, int], simulations: int
+) -> ViewScore:
+    """Find the scene of a clip from its tracks, where they do not explain it by the search, and score it.
 
     Args:
         clip: Its number.
         kind: True view.
         truth: True scene.
-        masks: (T, H, W) true ids.
-        frames: (T, H, W, 3) uint8 RGB.
-        fps: Frames a second.
+        seen: What is known of the clip.
+        size: px, width and height, of masks and flow in the search.
+        simulations: Of the search; 0: there is none.
     """
-    times = np.arange(len(masks)) / fps
-    told: TrackedWorld = tracked_world(masks, frames, times, World())
-    iou, slope = 0.0, np.nan
-    if told.answer is not None:
-        scene, (height, width) = told.answer.scene, masks.shape[1:]
-        try:
-            own = masks_at(scene, times, width, height)
-            iou = overlap(own, masks, len(scene.objects), len(truth.objects)).sequence
-        except SimulationError:
-            pass
-        if kind == "incline":
-            slope = steepest(scene) - steepest(truth)
+    times = np.arange(len(seen.masks)) / seen.schedule.fps
+    told: TrackedWorld = tracked_world(seen.masks, seen.frames, times, World())
+    scene = None if told.answer is None else told.answer.scene
+    iou, ahead, by = 0.0 if scene is None else seen.iou(scene), told.forecast, TRACKS
+    if simulations and iou < TRACKS_IOU:
+        evaluator = clip_evaluator(seen.masks, seen.flow, seen.schedule, size, 1, seen.frames)
+        searched = search_clip(evaluator, [], simulations, np.random.default_rng(clip)).result.scene
+        if seen.iou(searched) > iou:
+            scene, iou, by = searched, seen.iou(searched), "search"
+            ahead = search_forecast(
+                seen.masks,
+                seen.flow,
+                seen.schedule,
+                [],
+                size=size,
+                simulations=simulations,
+                seed=clip,
+                incline=False,
+                threads=1,
+            )
+    slope = steepest(scene) - steepest(truth) if scene is not None and kind == "incline" else np.nan
     view = told.motion.view
     return ViewScore(
         clip=clip,
@@ -104,8 +146,9 @@ def view_score(clip: int, kind: str, truth: Scene, masks: np.ndarray, frames: np
         iou=iou,
         roll_error=view.roll_deg - true_roll(truth) if kind in UPRIGHT else np.nan,
         slope_error=slope,
-        grade=grade(iou, told.forecast).name,
-        beats_constant_velocity=told.forecast is not None and told.forecast.iou > told.forecast.constant_velocity_iou,
+        by=by,
+        grade=grade(iou, ahead).name,
+        beats_constant_velocity=ahead is not None and ahead.iou > ahead.constant_velocity_iou,
     )
 
 
@@ -114,11 +157,11 @@ def clip_line(score: ViewScore) -> str:
     s = score
     return (
         f"| {s.clip} | {s.kind} | {s.shapes} | {s.found} | {s.iou:.2f} | {s.roll_error:.1f} | {s.slope_error:.1f} | "
-        f"{s.grade} |"
+        f"{s.by} | {s.grade} |"
     )
 
 
-CLIP_HEADING = "| clip | kind | shapes | found | IoU | roll error | slope error | grade |\n" + "| --- " * 8 + "|"
+CLIP_HEADING = "| clip | kind | shapes | found | IoU | roll error | slope error | by | grade |\n" + "| --- " * 9 + "|"
 KIND_HEADING = "| kind | clips | view right | IoU | roll error, median | slope error, median |\n" + "| --- " * 6 + "|"
 
 

@@ -25,6 +25,7 @@ SMALLEST = {
     "cmaes": {"population": 4, "iterations": 1},
     "fit": {"simulations": 200},
     "predict": {"simulations": 200},
+    "tracks": {"simulations": 200},
     "hide": {"worlds": 1, "clips": 2},
     "executor": {"workers": 1},
 }
