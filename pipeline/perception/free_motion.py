@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 
 from pipeline.errors import VideoError
-from pipeline.segmentation.bodies import LEAST_SCORE, Candidates, glance, working_size
-from pipeline.segmentation.chosen_bodies import candidate_scores
+from pipeline.segmentation.bodies import LEAST_SCORE, Candidates, candidate_scores, glance, working_size
 from pipeline.segmentation.grouping import Track
 from pipeline.segmentation.network import SegmentationNetwork
 from pipeline.vision.recordings.mask_file import read_times

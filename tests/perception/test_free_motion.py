@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.errors import VideoError
 from pipeline.perception.free_motion import fitted, free_way, longest_motion, stretch_of
-from pipeline.perception.user_clip import mask_network
+from pipeline.perception.user_clip import mask_networks
 from pipeline.segmentation.grouping import Piece, Track
 from pipeline.vision.recordings.video import write_video
 
@@ -100,10 +100,11 @@ def test_a_disc_that_rests_and_then_moves_is_looked_at_while_it_moves(tmp_path: 
     still = np.concatenate([drawn_clips.still(rng)] * 2)[:1].repeat(len(path), 0)
     frames = drawn_clips.with_disc(still, path, 12, (230, 60, 40))
     write_video(tmp_path / "clip.mp4", drawn_clips.recorded(rng, frames), 30)
-    part = stretch_of(tmp_path / "clip.mp4", mask_network, start=None, seconds=None, assume_fps=None, masks=None)
+    asked = {"start": None, "seconds": None, "assume_fps": None, "masks": None}
+    part = stretch_of(tmp_path / "clip.mp4", lambda: mask_networks().moving, **asked)
     assert part.start == pytest.approx(1.0, abs=0.15)
     assert part.start + part.seconds == pytest.approx(2.0, abs=0.1)
     assert "bodies move freely" in (part.note or "")
     write_video(tmp_path / "still.mp4", drawn_clips.recorded(rng, still), 30)
     with pytest.raises(VideoError, match="no body moves freely in it"):
-        stretch_of(tmp_path / "still.mp4", mask_network, start=None, seconds=None, assume_fps=None, masks=None)
+        stretch_of(tmp_path / "still.mp4", lambda: mask_networks().moving, **asked)
