@@ -25,7 +25,7 @@ SHORT_FILE = 1.2  # s: a file so long is taken from its beginning
 MOST_FRAMES = 120  # looked at
 LEAST_SECONDS, MOST_SECONDS = 0.4, 12.0  # of a stretch
 SLOW = 0.2  # share of a body's usual speed, below which it rests
-CHORD = 3  # samples on either side, between which a speed is measured
+CHORD = 3  # samples before and after, over which a speed is measured
 LEAST_WAY = 1.0  # radii that a body must go in the recording
 GAP = 0.25  # s, of a rest between two motions of one stretch: at the top of a way
 HAND, TOUCHED = 0.5, 0.3  # probability of a hand; area of hands near a body, over the body's, from which they hold it
@@ -167,15 +167,26 @@ def free_way(body: Track, found: Candidates, times: np.ndarray) -> np.ndarray:
     if len(seen) < 3:
         return out
     place = np.array([body.pieces[k].centre for k in seen]) / radius
-    near = np.clip(np.arange(1, len(seen))[:, None] + [-CHORD, CHORD - 1], 0, len(seen) - 1)
-    speed = np.linalg.norm(place[near[:, 1]] - place[near[:, 0]], axis=1) / np.diff(times[seen[near]], axis=1)[:, 0]
-    steps = speed * np.diff(times[seen])
+    speed = steady_speed(place, times[seen])
+    steps = speed * np.diff(times[seen], prepend=times[seen[0]])
     if steps.sum() < LEAST_WAY:
         return out
     held = np.array([touched(body, found, int(k)) for k in seen])
-    free = (speed > SLOW * usual_speed(steps, speed)) & ~held[1:] & ~held[:-1]
-    out[seen[1:][free]] = steps[free]
+    free = (speed > SLOW * usual_speed(steps, speed)) & ~held
+    out[seen[free]] = steps[free]
     return out
+
+
+def steady_speed(place: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """(T,) speeds at times (T,) of places (T, 2): the lower of those before and after, since a hand lets go first."""
+    index = np.arange(len(times))
+
+    def chord(other: np.ndarray) -> np.ndarray:
+        span = np.abs(times[other] - times)
+        way = np.linalg.norm(place[other] - place, axis=1)
+        return np.where(span > 0, way / np.where(span > 0, span, 1), np.inf)
+
+    return np.minimum(chord(np.minimum(index + CHORD, len(times) - 1)), chord(np.maximum(index - CHORD, 0)))
 
 
 def usual_speed(steps: np.ndarray, speed: np.ndarray) -> float:
