@@ -47,8 +47,17 @@ def _said(report: Mapping[str, Any]) -> str:
     alike = f" These measurements cannot tell it from {equivalent}." if equivalent else ""
     return (
         f"The simulation lacks {' and '.join(verdict['effects'])} {sure}.{alike} {numbers} without and "
-        f"{after:.3g} mm with it; the noise floor is {floor:.3g} mm."
+        f"{after:.3g} mm with it; the noise floor is {floor:.3g} mm.{_remaining(verdict['remainder'])}"
     )
+
+
+def _remaining(left: Mapping[str, Any] | None) -> str:
+    """What the named effects leave, in words."""
+    if left is None:
+        return ""
+    where = f" in {' and '.join(left['regimes'])}" if left["regimes"] else ""
+    maybe = f" It may be {' or '.join(left['candidates'])}." if left["candidates"] else ""
+    return f" {left['share']:.0%} of the gap beyond noise remains{where}: {left['form']}.{maybe}"
 
 
 def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, facts: Mapping[str, str]) -> str:

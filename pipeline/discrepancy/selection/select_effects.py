@@ -14,6 +14,7 @@ from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, refitted
 from pipeline.discrepancy.selection.comparison import likeliest, other_evidence
 from pipeline.discrepancy.selection.equivalence import absorbed_laws, alike_each, alike_single
+from pipeline.discrepancy.selection.established import is_established
 from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE, ForwardSelection, forward_selection
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.testable import testable_kinds
@@ -36,8 +37,9 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     """The selection for a problem, with nuisances where the clips disagree.
 
     If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
-    counts if it explains the rest. One or two fitted clips may have slow tracking errors: if their residuals still
-    exceed the noise, these residuals count as noise, and the selection is repeated once more.
+    counts if it explains the rest. Else the residuals of the best model count as noise, and the selection is repeated
+    once more: effects then have to stand out from what no listed effect explains. With one or two fitted clips, which
+    may have slow tracking errors, this selection counts; with more, if its effects are established.
 
     Args:
         problem: What is fitted.
@@ -49,11 +51,21 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
         return found
     scaled = select_once(with_length_scale_nuisance(problem), effects, progress)
     if has_few_clips(problem) and scaled.excess_z > UNEXPLAINED_Z:
-        noisy = inflate_noise(scaled.problem, independent_share(scaled.chosen))
-        return replace(select_once(noisy, effects, progress), baseline=found.none)
+        return _select_beside_remainder(scaled, found.none, effects, progress)
     if not scaled.unknown and scaled.chosen.score < found.chosen.score - CLAIM_MORE:
         return replace(scaled, baseline=found.none)
+    if found.unknown:
+        beside = _select_beside_remainder(found, found.none, effects, progress)
+        return beside if is_established(beside) else found
     return found
+
+
+def _select_beside_remainder(
+    first: Selection, baseline: Candidate, effects: Sequence[str], progress: Progress
+) -> Selection:
+    """The selection in which the residuals of the best model of another one count as noise."""
+    noisy = inflate_noise(first.problem, independent_share(first.chosen))
+    return replace(select_once(noisy, effects, progress), baseline=baseline, first=first)
 
 
 def select_once(problem: Problem, effects: Sequence[str], progress: Progress = lambda _: None) -> Selection:
@@ -91,6 +103,7 @@ def select_once(problem: Problem, effects: Sequence[str], progress: Progress = l
         untestable=tuple(name for name in effects if name not in testable),
         ruled_out=tuple(c.name for c in singles if other_evidence(c) < 0),
         baseline=calibration.none,
+        tried=found.tried,
     )
 
 
