@@ -14,7 +14,7 @@ from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, refitted
 from pipeline.discrepancy.selection.comparison import likeliest, other_evidence
 from pipeline.discrepancy.selection.equivalence import absorbed_laws, alike_each, alike_single
-from pipeline.discrepancy.selection.established import is_established
+from pipeline.discrepancy.selection.established import with_established
 from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE, ForwardSelection, forward_selection
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.testable import testable_kinds
@@ -37,9 +37,9 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     """The selection for a problem, with nuisances where the clips disagree.
 
     If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
-    counts if it explains the rest. Else the residuals of the best model count as noise, and the selection is repeated
-    once more: effects then have to stand out from what no listed effect explains. With one or two fitted clips, which
-    may have slow tracking errors, this selection counts; with more, if its effects are established.
+    counts if it explains the rest. Else the residuals of the best single effect count as noise, and the selection is
+    repeated once more. With one or two fitted clips, which may have slow tracking errors, this selection counts; with
+    more, those of its effects that are established.
 
     Args:
         problem: What is fitted.
@@ -55,16 +55,19 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     if not scaled.unknown and scaled.chosen.score < found.chosen.score - CLAIM_MORE:
         return replace(scaled, baseline=found.none)
     if found.unknown:
-        beside = _select_beside_remainder(found, found.none, effects, progress)
-        return beside if is_established(beside) else found
+        return with_established(_select_beside_remainder(found, found.none, effects, progress)) or found
     return found
 
 
 def _select_beside_remainder(
     first: Selection, baseline: Candidate, effects: Sequence[str], progress: Progress
 ) -> Selection:
-    """The selection in which the residuals of the best model of another one count as noise."""
-    noisy = inflate_noise(first.problem, independent_share(first.chosen))
+    """The selection in which the residuals of another one's best model of at most one effect count as noise.
+
+    Models of several effects would make up for each other's errors and leave too little for the noise.
+    """
+    best = min((first.none, *first.singles), key=lambda c: c.score)
+    noisy = inflate_noise(first.problem, independent_share(best))
     return replace(select_once(noisy, effects, progress), baseline=baseline, first=first)
 
 
