@@ -8,7 +8,9 @@ Asks one model about the clips of a finished graph. In a clone, on fresh clips:
 
 The name is that of a row in the tables; the pairs of rows in COMPARED are compared clip by clip. `--numbers tokens`
 chooses numbers token by token, `--without-reasoning` asks for the scene only, `--input noisy` shows exact flow with the
-noise of the training instead of RAFT's flow, `--input rgb` the frames. Each answer is appended to
+noise of the training instead of RAFT's flow, `--input rgb` the frames. A model of objects (`--model
+models/objects`) sees RAFT's flow with masks that the network for masks finds in the frames, with `--input true` the
+true ones. Each answer is appended to
 benchmarks/results/learned/answers.jsonl, so that a stopped run can be continued; learned.csv, differences.csv and
 learned.md beside it sum them up, and the report shows them. Without a name it only sums up.
 """
@@ -29,6 +31,7 @@ from tqdm import tqdm
 from transformers.utils import logging
 
 from benchmarks.kept_answers import kept_answers
+from benchmarks.measured_objects import MEASURED, kept, measure
 from benchmarks.starts import shapes_of
 from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
@@ -44,11 +47,15 @@ from pipeline.evaluation.tables import (
     metrics_table,
     samples_table,
 )
+from pipeline.inference.loading import load_answering
 from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
-from pipeline.model.base import Base, load_base
+from pipeline.model.base import Base
 from pipeline.model.generate import Sampling, generate
 from pipeline.model.patches import resize_frames
+from pipeline.objects.answering import ObjectsModel, write_answers
+from pipeline.objects.instances import Instances
+from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator
@@ -74,17 +81,34 @@ COMPARED = (  # first minus second, by clip
 RESAMPLES = 10_000
 
 
-def answers(base: Base, shown: np.ndarray, sampling: Sampling, seed: int) -> tuple[list[Scene], float]:
+def answers(
+    base: Base | ObjectsModel, shown: np.ndarray | Instances, sampling: Sampling, seed: int
+) -> tuple[list[Scene], float]:
     """The scenes that the model answers to one clip, and the seconds that it took."""
     began = time.perf_counter()
-    (each,) = generate(base, shown[None], sampling, [seed])
+    if isinstance(shown, Instances):
+        assert isinstance(base, ObjectsModel)
+        each = write_answers(base, shown, sampling, seed)
+    else:
+        assert isinstance(base, Base)
+        (each,) = generate(base, shown[None], sampling, [seed])
     seconds = time.perf_counter() - began
     return [read_completion(answer.text).scene for answer in each], seconds
 
 
-def picture_of_clip(suite: Suite, label: str, clip: int, kind: str, params: Params, base: Base) -> np.ndarray:
-    """What the model sees of a clip, (T, H, W, 3) uint8; kind: flow, noisy or rgb."""
+def shown_of_clip(
+    suite: Suite, label: str, clip: int, kind: str, params: Params, base: Base | ObjectsModel
+) -> np.ndarray | Instances:
+    """What the model sees of a clip: pictures (T, H, W, 3) uint8, or instances; kind: flow, noisy or rgb; of objects,
+    `found` or `true` masks."""
     schedule = params.clip.schedule
+    if isinstance(base, ObjectsModel):
+        rendered = suite["render"][clip]
+        times = rendered.row()["recorded"] if label == "real" else schedule.frame_steps / STEPS_PER_SECOND
+        frames, masks = rendered.array("rgb"), rendered.array("mask")
+        file = MEASURED / f"{params.seed}" / label / f"{clip:04d}.npz"
+        measured = kept(file, lambda: measure(frames, masks, np.asarray(times), schedule, params))
+        return measured.instances("true" if kind == "true" else "found")
     if kind == "noisy":
         view, rng = suite["render"][clip], clip_rng(params.seed, label, clip, "flow noise")
         masks = view.array("mask")[schedule.pairs[:, 0]]
@@ -96,11 +120,11 @@ def picture_of_clip(suite: Suite, label: str, clip: int, kind: str, params: Para
 
 
 def rows_of(
-    asked: argparse.Namespace, base: Base, suite: Suite, label: str, clip: int, params: Params
+    asked: argparse.Namespace, base: Base | ObjectsModel, suite: Suite, label: str, clip: int, params: Params
 ) -> Iterator[dict[str, Any]]:
     """The scores of the greedy answer to a clip, and of the best of the samples."""
     schedule = Schedule(**params.clip.model_dump())
-    shown = picture_of_clip(suite, label, clip, asked.input, params, base)
+    shown = shown_of_clip(suite, label, clip, asked.input, params, base)
     truth, shapes = reference(suite, clip, schedule), shapes_of(suite, clip, params)
 
     def scored(scene: Scene) -> dict[str, float]:
@@ -115,8 +139,14 @@ def rows_of(
         "numbers": asked.numbers,
         "middle": params.infer.middle,
     }
-    (scene,), seconds = answers(base, shown, Sampling(**how), 0)
     head = {"suite": label, "clip": clip}
+    if isinstance(shown, Instances) and not len(shown):  # the network for masks found nothing: no answer
+        nothing = {"seconds": 0.0, **dict.fromkeys(("composition", "iou_initial", "iou", "valid"), 0.0)}
+        yield {**head, "method": asked.name, "simulations": 0, **nothing}
+        if asked.samples:
+            yield {**head, "method": f"{asked.name}, best of {asked.samples}", "simulations": asked.samples, **nothing}
+        return
+    (scene,), seconds = answers(base, shown, Sampling(**how), 0)
     yield {**head, "method": asked.name, "simulations": 0, "seconds": seconds, **scored(scene)}
     if not asked.samples:
         return
@@ -140,7 +170,7 @@ def rows_of(
 def ask(asked: argparse.Namespace) -> None:
     """Ask the model about all clips that it has not answered yet."""
     params = read_params_file(PARAMS_FILE, Params)
-    base = load_base(asked.model, params.model.width, params.model.height, params.clip.model_frames)
+    base = load_answering(asked.model, params.model.width, params.model.height, params.clip.model_frames)
     done = {(a["suite"], a["clip"], a["method"].split(",")[0]) for a in kept_answers(ANSWERS)}
     RESULTS.mkdir(parents=True, exist_ok=True)
     for label in asked.suites.split(","):
@@ -205,7 +235,7 @@ def main() -> None:
     parser.add_argument("--temperature", type=float, default=read_params_file(PARAMS_FILE, Params).infer.temperature)
     parser.add_argument("--without-reasoning", action="store_true", help="without reasoning")
     parser.add_argument("--numbers", default="quantiles", choices=("quantiles", "tokens"), help="how they are chosen")
-    parser.add_argument("--input", default="flow", choices=("flow", "noisy", "rgb"))
+    parser.add_argument("--input", default="flow", choices=("flow", "noisy", "rgb", "found", "true"))
     parser.add_argument("--threads", type=int, default=2)
     asked = parser.parse_args()
     logging.set_verbosity_error()

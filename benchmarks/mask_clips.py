@@ -77,7 +77,14 @@ def another_engine(folder: Path) -> Iterator[MaskClip]:
         local = position @ view[:3, :3].T + view[:3, 3]
         centre = local[..., :2] / local[..., 2:] * camera["fx"]
         moving = moving_ids(centre, quaternion, truth["width"], masks)
-        yield MaskClip(place.name, frames, truth["fps"], masks, np.arange(len(frames)), moving)
+        yield MaskClip(
+            name=place.name,
+            frames=frames,
+            fps=truth["fps"],
+            masks=masks,
+            labelled=np.arange(len(frames)),
+            moving=moving,
+        )
 
 
 def sampled_by_mujoco(seed: int, count: int) -> Iterator[MaskClip]:
@@ -98,7 +105,14 @@ def sampled_by_mujoco(seed: int, count: int) -> Iterator[MaskClip]:
         masks = rasterise(scene.objects, position, quaternion, camera, *SIZE, scene.ground).mask
         centre, _ = project(position, camera, *SIZE)
         moving = moving_ids(centre, quaternion, SIZE[0], masks)
-        yield MaskClip(f"sampled_{index:03d}", frames, schedule.fps, masks, np.arange(len(frames)), moving)
+        yield MaskClip(
+            name=f"sampled_{index:03d}",
+            frames=frames,
+            fps=schedule.fps,
+            masks=masks,
+            labelled=np.arange(len(frames)),
+            moving=moving,
+        )
 
 
 def outlined(folder: Path, videos: Path) -> Iterator[MaskClip]:
@@ -131,4 +145,11 @@ def outlined(folder: Path, videos: Path) -> Iterator[MaskClip]:
                 cv2.fillPoly(mask, [points], names.index(outline.object) + 1, cv2.LINE_8, 4)
         frames = np.stack([cv2.resize(pictures[k], size, interpolation=cv2.INTER_AREA) for k in kept])
         labelled = np.searchsorted(kept, wanted - first)
-        yield MaskClip(video.stem, frames, fps, masks, labelled, tuple(range(1, len(names) + 1)))
+        yield MaskClip(
+            name=video.stem,
+            frames=frames,
+            fps=fps,
+            masks=masks,
+            labelled=labelled,
+            moving=tuple(range(1, len(names) + 1)),
+        )

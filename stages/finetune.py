@@ -1,6 +1,7 @@
 """Fine-tune the base model on the training clips.
 
-Reads data/tokenize and data/flow (data/render with model.input=rgb) of train and val, model.base. Writes data/finetune:
+Reads data/tokenize and data/flow (data/render with model.input=rgb; with model.input=objects data/sample,
+data/simulate, data/render and data/flow) of train and val, model.base. Writes data/finetune:
 model (a checkpoint, whose model_input.json records how its input is made), loss.csv and eval_loss.csv (plots). An
 interrupted run goes on from its last checkpoint. With infer.shots the base answers as it is: nothing is trained, and
 there is no model.
@@ -15,14 +16,22 @@ import numpy as np
 from transformers.utils import logging
 
 from pipeline.clips.schedule import Schedule
+from pipeline.clips.view import trace_pairs
 from pipeline.csv_rows import write_rows
 from pipeline.errors import naming
+from pipeline.inference.loading import load_answering
 from pipeline.language.codec import Tokens
-from pipeline.model.base import load_base
+from pipeline.model.base import Base
 from pipeline.model.finetune import finetune
 from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import fit_layout
 from pipeline.model.trainer import ClipDataset, TrainingPlan
+from pipeline.objects.answering import ObjectsModel
+from pipeline.objects.example import Example, example_of
+from pipeline.objects.finetune import finetune_objects
+from pipeline.physics.trace_shards import read_trace
+from pipeline.scene.text import read_scene
+from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
 from stages.graph.clip_pictures import picture_stage, pictures
@@ -53,28 +62,15 @@ class Parameters:
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Parameters) -> dict[str, float]:
     m, schedule = parameters.model, parameters.schedule
     with naming("model.base"):
-        base = load_base(m.base, m.width, m.height, schedule.model_frames, m.dtype)
-
-    def dataset(tokens: ShardedDataset, source: ShardedDataset) -> ClipDataset:
-        def read(index: int) -> tuple[Tokens, np.ndarray]:
-            row = tokens[index].row()
-            free, numeric = np.array(row["free"]), np.array(row["numeric"])
-            shown = fit_layout(pictures(source[index], m.input, schedule), base.layout)
-            return Tokens(np.array(row["ids"], np.int32), row["prompt_length"], free, numeric), shown
-
-        return ClipDataset(len(tokens), read)
-
-    train_tokens, train_pictures, val_tokens, val_pictures = inputs
+        base = load_answering(m.base, m.width, m.height, schedule.model_frames, m.dtype)
     rows: list[dict] = []
     logging.set_verbosity_error()
-    finetune(
-        base,
-        dataset(train_tokens, train_pictures),
-        dataset(val_tokens, val_pictures),
-        parameters.plan,
-        scratch,
-        rows.append,
-    )
+    if isinstance(base, ObjectsModel):
+        clips, val = (objects_dataset(part, parameters) for part in (inputs[:4], inputs[4:]))
+        finetune_objects(base, clips, val, parameters.plan, scratch, rows.append)
+    else:
+        clips, val = (text_dataset(part[0], part[1], base, parameters) for part in (inputs[:2], inputs[2:]))
+        finetune(base, clips, val, parameters.plan, scratch, rows.append)
     base.input = parameters.shown
     base.save(output / "model")
     for column in CURVES:
@@ -82,6 +78,37 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
     losses = [row["eval_loss"] for row in rows if "eval_loss" in row]
     before, after = round(losses[0], 4), round(losses[-1], 4)
     return {"steps": rows[-1]["step"], "validation loss before": before, "validation loss after": after}
+
+
+def text_dataset(tokens: ShardedDataset, source: ShardedDataset, base: Base, parameters: Parameters) -> ClipDataset:
+    """Clips as tokens and pictures."""
+
+    def read(index: int) -> tuple[Tokens, np.ndarray]:
+        row = tokens[index].row()
+        free, numeric = np.array(row["free"]), np.array(row["numeric"])
+        shown = fit_layout(pictures(source[index], parameters.model.input, parameters.schedule), base.layout)
+        return Tokens(np.array(row["ids"], np.int32), row["prompt_length"], free, numeric), shown
+
+    return ClipDataset(len(tokens), read)
+
+
+def objects_dataset(inputs: Sequence[ShardedDataset], parameters: Parameters) -> ClipDataset:
+    """Clips as instances, with masks as a network for masks finds them, and what their scenes say of them.
+
+    inputs: sample, simulate, render and flow.
+    """
+    sample, simulated, rendered, flow = inputs
+    schedule, seed = parameters.schedule, parameters.plan.seed
+
+    def read(index: int) -> Example:
+        scene = read_scene(sample[index].row()["scene"])
+        clip = simulated[index]
+        poses = trace_pairs(read_trace(clip.shard, clip.index), schedule)
+        masks = rendered[index].array("mask")[schedule.pairs[:, 0]]
+        rng = clip_rng(seed, sample.folder.name, index, "masks")
+        return example_of(scene, masks, flow[index].array("flow"), poses, schedule, rng)
+
+    return ClipDataset(len(sample), read)
 
 
 def skip(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: None) -> dict[str, float]:
@@ -100,7 +127,8 @@ def main() -> None:
     shown = ModelInput.of(m.input, f.picture, f.train_source, (f.width, f.height), f.iterations, m.reasoning)
     plan = TrainingPlan(**params.finetune.model_dump(), seed=params.seed)
     parameters = Parameters(params.clip.schedule, m, shown, plan)
-    inputs = [folder(stage, suite) for suite in ("train", "val") for stage in ("tokenize", picture_stage(m.input))]
+    read = ["sample", "simulate", "render", "flow"] if m.input == "objects" else ["tokenize", picture_stage(m.input)]
+    inputs = [folder(stage, suite) for suite in ("train", "val") for stage in read]
     files = {"base": Path(m.base)} if Path(m.base).is_dir() else {}
     keep_folder(
         "finetune",

@@ -1,8 +1,9 @@
 """Completions of clips: one greedy and K sampled, under the grammar, so that every answer parses.
 
-Reads the model that answers (data/finetune/model, or with prefer.enabled data/prefer/model) and data/flow/<suite> (or
-data/render/<suite> with model.input=rgb). With infer.shots=N the model is model.base as it is, prompted with
-pipeline/language/few_shot.jinja and N worked examples (data/tokenize/train and data/flow/train or data/render/train).
+Reads the model that answers (data/finetune/model, or with prefer.enabled data/prefer/model) and data/flow/<suite> (with
+model.input=rgb data/render/<suite>, with model.input=objects both). With infer.shots=N the model is model.base as it
+is, prompted with pipeline/language/few_shot.jinja and N worked examples (data/tokenize/train and data/flow/train or
+data/render/train).
 Writes data/infer/<suite>: clip, sample (-1 greedy, 0 … K-1), text, scene (canonical YAML), log_probability.
 Parameters: seed, clip, flow (but noise and train_source), model, infer. Run: python -m stages.infer SUITE
 """
@@ -16,13 +17,16 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.clips.schedule import Schedule
-from pipeline.errors import naming
+from pipeline.errors import ParamsError, naming
 from pipeline.inference.answers import answer_seed, ask
+from pipeline.inference.loading import load_answering
 from pipeline.language.few_shot import TEMPLATE, instructions
-from pipeline.model.base import Base, load_base
+from pipeline.model.base import Base
 from pipeline.model.generate import Prompt, Sampling, bare_prompt, few_shot_prompt
 from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import fit_layout
+from pipeline.objects.answering import ObjectsModel
+from pipeline.objects.instances import Instances
 from pipeline.scene.text import write_scene
 from pipeline.shards.dataset import Clip
 from pipeline.shards.opened_shard import OpenShard
@@ -30,7 +34,7 @@ from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from pipeline.vision.flow.flow_picture import scaled_max_px
 from stages.graph.answering_model import answering_model
-from stages.graph.clip_pictures import check_input, picture_stage, pictures
+from stages.graph.clip_pictures import check_input, clip_instances, pictures, shown_stages
 from stages.graph.examples import Example, choose_examples, example_clip
 from stages.graph.params import InferSettings, ModelSettings
 from stages.graph.run import run, run_shards
@@ -69,16 +73,21 @@ class Parameters:
 
 
 @lru_cache(maxsize=1)
-def model(folder: str, width: int, height: int, frames: int, dtype: str) -> Base:
+def model(folder: str, width: int, height: int, frames: int, dtype: str) -> Base | ObjectsModel:
     with naming("model.base"):
-        return load_base(folder, width, height, frames, dtype)
+        return load_answering(folder, width, height, frames, dtype)
 
 
-def shown(clip: Clip, base: Base, p: Parameters) -> np.ndarray:
-    return fit_layout(pictures(clip, p.model.input, p.schedule), base.layout)
+def shown(clips: Sequence[Clip], base: Base | ObjectsModel, p: Parameters) -> np.ndarray | Instances:
+    """What the model sees of a clip, which is in the shards of `shown_stages`."""
+    if isinstance(base, ObjectsModel):
+        return clip_instances(clips[0], clips[1], p.schedule)
+    return fit_layout(pictures(clips[0], p.model.input, p.schedule), base.layout)
 
 
-def prompt(base: Base, p: Parameters) -> Prompt:
+def prompt(base: Base | ObjectsModel, p: Parameters) -> Prompt | None:
+    if isinstance(base, ObjectsModel):
+        return None
     if not p.examples:
         return bare_prompt(base)
     schedule, width, reasoning = p.schedule, base.layout.width, p.model.reasoning
@@ -92,12 +101,12 @@ def prompt(base: Base, p: Parameters) -> Prompt:
         scaled_max_px(width, 1 / schedule.fps),
         width,
     )
-    videos = np.stack([shown(example_clip(e, p.model.input), base, p) for e in p.examples])
+    shown_examples = [pictures(example_clip(e, p.model.input), p.model.input, schedule) for e in p.examples]
+    videos = np.stack([fit_layout(one, base.layout) for one in shown_examples])
     return few_shot_prompt(base, text, videos, [e.completion for e in p.examples], reasoning, schedule.seconds)
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
-    (source,) = inputs
     p, m, own = parameters, parameters.model, parameters.settings
     base = model(m.base, m.width, m.height, p.schedule.model_frames, m.dtype)
     sampling = Sampling(
@@ -112,7 +121,12 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     clips = list(shard.clips)
     seeds = [answer_seed(p.seed, shard.suite, c) for c in clips]
     answers = ask(
-        base, lambda i: shown(Clip(clips[i], source), base, p), seeds, sampling, own.decode_batch_size, prompt(base, p)
+        base,
+        lambda i: shown([Clip(clips[i], s) for s in inputs], base, p),
+        seeds,
+        sampling,
+        own.decode_batch_size,
+        prompt(base, p),
     )
     rows = [
         {
@@ -131,6 +145,10 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
 def main(suite: str) -> None:
     params = load("infer", suite)
     m, own, f = params.model, params.infer, params.flow
+    if own.shots and m.input == "objects":
+        raise ParamsError(
+            f"infer.shots: {own.shots} with model.input=objects, which takes no worked examples; valid: 0"
+        )
     examples = choose_examples(own.shots, suite, m.input)
     checkpoint = Path(m.base) if examples else answering_model().folder
     made = ModelInput.of(m.input, f.picture, f.source, (f.width, f.height), f.iterations, m.reasoning)
@@ -149,7 +167,7 @@ def main(suite: str) -> None:
         suite,
         compute,
         parameters,
-        [picture_stage(m.input)],
+        shown_stages(m.input),
         files={**files, "prompt": TEMPLATE},
         versions=["torch", "transformers"],
     )

@@ -141,6 +141,8 @@ def main() -> None:
             f"`prefer.enabled` is true and `infer.shots` is {params.infer.shots}; valid: one of the two, "
             "since with a prompt no model is fine-tuned that could be trained on"
         )
+    if m.input == "objects":
+        raise ParamsError("`prefer.enabled` is true with model.input=objects; valid: model.input flow or rgb")
     shown = ModelInput.of(m.input, f.picture, f.source, (f.width, f.height), f.iterations, m.reasoning)
     check_input(str(FINETUNED), shown, required=True)
     inputs = [folder("render", own.suite), folder("flow", own.suite)]

@@ -1,8 +1,8 @@
 """Prompts, <think> and <answer> as token ids of the base model's own tokenizer.
 
 Reads data/sample/<suite>, data/events/<suite>, model.base's tokenizer. Writes data/tokenize/<suite>: clip, completion
-(text), ids, prompt_length, free (the model's to choose), numeric. Parameters: clip, model.base, model.reasoning,
-model.width, model.height. Run: python -m stages.tokenize SUITE
+(text), ids, prompt_length, free (the model's to choose), numeric; no tokens where the base model reads objects.
+Parameters: clip, model.base, model.reasoning, model.width, model.height. Run: python -m stages.tokenize SUITE
 """
 
 from collections.abc import Sequence
@@ -10,13 +10,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import naming
-from pipeline.language.codec import Codec
+from pipeline.language.codec import Codec, Tokens
 from pipeline.language.completion import write_completion
 from pipeline.language.events import Event
 from pipeline.model.checkpoint import load_tokenizer, read_layout
+from pipeline.objects.checkpoint import is_objects
 from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -34,6 +36,7 @@ SCHEMA = pa.schema(
         "numeric": pa.list_(pa.bool_()),
     }
 )
+NO_TOKENS = Tokens(np.zeros(0, np.int32), 0, np.zeros(0, bool), np.zeros(0, bool))
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,9 @@ class Parameters:
 
 
 @lru_cache(maxsize=1)
-def codec(base: str, width: int, height: int, frames: int) -> Codec:
+def codec(base: str, width: int, height: int, frames: int) -> Codec | None:
+    if is_objects(base):
+        return None
     with naming("model.base"):
         return Codec(load_tokenizer(base), read_layout(base, width, height, frames).tokens)
 
@@ -73,7 +78,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
             for e in happened.rows(row["clip"], "events")
         ]
         completion = write_completion(read_scene(row["scene"]), events if reasoning else None, seconds)
-        tokens = writer.encode(completion, reasoning, seconds)
+        tokens = writer.encode(completion, reasoning, seconds) if writer else NO_TOKENS
         rows.append(
             {
                 "clip": row["clip"],

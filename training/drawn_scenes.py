@@ -12,7 +12,13 @@ from stages.graph.params import Params
 
 
 def drawn_scenes(
-    params: Params, seed: int, suite: str, indices: range, objects: Mapping[int, float], without: Sequence[str] = ()
+    params: Params,
+    seed: int,
+    suite: str,
+    indices: Sequence[int],
+    objects: Mapping[int, float],
+    without: Sequence[str] = (),
+    only: Sequence[str] = (),
 ) -> list[Scene]:
     """The scenes of some clips, with the distribution and the filters of the parameters.
 
@@ -23,6 +29,7 @@ def drawn_scenes(
         indices: Of the clips.
         objects: Number of objects -> weight.
         without: Compositions that are never drawn, as box+box+sphere.
+        only: Compositions to draw from instead; empty: any.
 
     Raises:
         DynamicsError: A clip used up its tries.
@@ -30,4 +37,4 @@ def drawn_scenes(
     distribution = Distribution(**params.sample.distribution.model_dump())
     filters = Filters(**params.sample.filters.model_dump())
     schedule = Schedule(**params.clip.model_dump())
-    return draw_clips(seed, suite, indices, distribution, filters, schedule, objects, (), without).scenes
+    return draw_clips(seed, suite, indices, distribution, filters, schedule, objects, only, without).scenes

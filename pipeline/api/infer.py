@@ -38,6 +38,7 @@ from pipeline.search.certainty import Certainty, weakly_identified
 
 if TYPE_CHECKING:
     from pipeline.model.base import Base
+    from pipeline.objects.answering import ObjectsModel
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Inference:
     name: str
     clip: MeasuredClip
     settings: Settings
-    base: Base
+    base: Base | ObjectsModel
     scenes: FoundScenes
     seconds: dict[str, float]
 
@@ -108,7 +109,7 @@ class Inference:
     @property
     def doubts(self) -> list[str]:
         """Why the answer should not be relied on."""
-        return list(self.clip.taken.doubts)
+        return [*self.clip.taken.doubts, *self.scenes.filmed.doubts]
 
     def replay(self) -> Replay:
         """The scene, run over the clip."""
@@ -138,7 +139,7 @@ def infer(
     fps: float | None = None,
     masks: str | Path | None = None,
     prompts: Prompts | None = None,
-    model: str | Base | LoadingModel = "models/tiny",
+    model: str | Base | ObjectsModel | LoadingModel = "models/tiny",
     samples: int = 8,
     temperature: float = 1.0,
     top_p: float = 0.9,
@@ -196,7 +197,11 @@ def infer(
     if isinstance(clip, MeasuredClip):
         measured = clip
     else:
-        seen = clip if isinstance(clip, UserClip) else VideoStretch(Path(clip), start, seconds, fps, masks, prompts)
+        seen = (
+            clip
+            if isinstance(clip, UserClip)
+            else VideoStretch(place=Path(clip), start=start, seconds=seconds, fps=fps, masks=masks, prompts=prompts)
+        )
         measured = measure_clip(seen, loading.shown, source, progress=progress, when_seen=when_seen)
     settings = Settings(
         start=start,
@@ -221,7 +226,7 @@ def infer(
     )
 
 
-def _loading(model: str | Base | LoadingModel) -> LoadingModel:
+def _loading(model: str | Base | ObjectsModel | LoadingModel) -> LoadingModel:
     """A model that is being loaded, or is there."""
     if isinstance(model, LoadingModel):
         return model

@@ -11,7 +11,9 @@ import numpy as np
 
 from pipeline.language.completion import Completion, read_completion
 from pipeline.model.base import Base
-from pipeline.model.generate import Prompt, Sampling, batches, generate
+from pipeline.model.generate import Completed, Prompt, Sampling, batches, generate
+from pipeline.objects.answering import ObjectsModel, write_answers
+from pipeline.objects.instances import Instances
 from pipeline.scene.scene import Scene
 
 GREEDY = -1  # the number of the greedy answer among the samples
@@ -47,8 +49,8 @@ def answer_seed(*labels: object) -> int:
 
 
 def ask(
-    base: Base,
-    show: Callable[[int], np.ndarray],
+    base: Base | ObjectsModel,
+    show: Callable[[int], np.ndarray | Instances],
     seeds: Sequence[int],
     sampling: Sampling,
     batch_size: int,
@@ -58,7 +60,8 @@ def ask(
 
     Args:
         base: The model.
-        show: The pictures (T, H, W, 3) uint8 of clip i, in the model's layout; called when they are needed.
+        show: What the model is shown of clip i: pictures (T, H, W, 3) uint8 in its layout, or instances; called when
+            it is needed.
         seeds: (B,) Of each clip's samples.
         sampling: Of the samples, K of each clip, which may be 0.
         batch_size: Sequences decoded at a time.
@@ -71,8 +74,23 @@ def ask(
     greedy = replace(sampling, samples=1, temperature=0.0)
     for first, asked in ((GREEDY, greedy), (0, sampling)):
         for part in batches(len(seeds), asked.samples, batch_size) if asked.samples else ():
-            shown = np.stack([show(i) for i in part])
-            written = generate(base, shown, asked, [seeds[i] for i in part], prompt)
+            written = _written(base, [show(i) for i in part], asked, [seeds[i] for i in part], prompt)
             for i, completions in zip(part, written, strict=True):
                 answers[i] += [Answer(first + k, c.text, c.log_probability) for k, c in enumerate(completions)]
     return answers
+
+
+def _written(
+    base: Base | ObjectsModel,
+    shown: list[np.ndarray | Instances],
+    sampling: Sampling,
+    seeds: list[int],
+    prompt: Prompt | None,
+) -> list[list[Completed]]:
+    """The completions of some clips, one list for each."""
+    if isinstance(base, ObjectsModel):
+        instances = [one for one in shown if isinstance(one, Instances)]
+        assert len(instances) == len(shown), "a model of objects is shown instances"
+        assert prompt is None, "a model of objects takes no worked examples"
+        return [write_answers(base, one, sampling, seed) for one, seed in zip(instances, seeds, strict=True)]
+    return generate(base, np.stack([one for one in shown if isinstance(one, np.ndarray)]), sampling, seeds, prompt)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
     from pipeline.model.base import Base
     from pipeline.model.generate import Sampling
+    from pipeline.objects.answering import ObjectsModel
     from pipeline.perception.user_clip import UserClip
     from pipeline.vision.recordings.video import Clip
 
@@ -60,7 +61,7 @@ class LoadingModel:
 
     name: str
     input: ModelInput | None
-    base: Future[Base]
+    base: Future[Base | ObjectsModel]
 
     @property
     def shown(self) -> ModelInput:
@@ -69,14 +70,14 @@ class LoadingModel:
 
 
 def ask_model(
-    loading: LoadingModel, clip: Clip, schedule: Schedule, flow: np.ndarray, question: Question
+    loading: LoadingModel, taken: UserClip, schedule: Schedule, flow: np.ndarray, question: Question
 ) -> tuple[list[Answer], Sampling]:
     """Wait for the model and ask it.
 
     Args:
         loading: The model.
-        clip: The frames.
-        schedule: Which pairs of them the model sees.
+        taken: Frames and masks.
+        schedule: Which pairs of frames the model sees.
         flow: (P, H, W, 2), px per frame interval, of these pairs.
         question: How it is asked.
 
@@ -87,14 +88,15 @@ def ask_model(
         ModelError: For a model that cannot be loaded.
     """
     from pipeline.inference.answers import answer_seed, ask
-    from pipeline.inference.model_pictures import model_pictures
+    from pipeline.inference.model_pictures import shown_clip
     from pipeline.model.generate import Sampling
 
     base = loading.base.result()
     shown, q = input_of(base), question
     sampling = Sampling(q.samples, q.temperature, q.top_p, shown.reasoning, schedule.seconds, middle=q.middle)
-    pictures = model_pictures(shown, base.layout, flow, clip.frames[schedule.pairs[:, 0]], 1 / schedule.fps)
-    (answers,) = ask(base, lambda _: pictures, [answer_seed(q.seed, 0)], sampling, DECODE_BATCH_SIZE)
+    first = schedule.pairs[:, 0]
+    clip = shown_clip(base, shown, flow, taken.clip.frames[first], taken.masks[first], 1 / schedule.fps)
+    (answers,) = ask(base, lambda _: clip, [answer_seed(q.seed, 0)], sampling, DECODE_BATCH_SIZE)
     return answers, sampling
 
 
@@ -150,14 +152,14 @@ def load_in_background(name: str, parameter: str = "model") -> LoadingModel:
         return LoadingModel(name, None, base)
 
 
-def loaded(base: Base) -> LoadingModel:
+def loaded(base: Base | ObjectsModel) -> LoadingModel:
     """A model that is there already."""
-    there: Future[Base] = Future()
+    there: Future[Base | ObjectsModel] = Future()
     there.set_result(base)
     return LoadingModel(base.name, input_of(base), there)
 
 
-def load_model(name: str, parameter: str = "model") -> Base:
+def load_model(name: str, parameter: str = "model") -> Base | ObjectsModel:
     """The model in a folder, or of that name in the local hub cache.
 
     Args:
@@ -168,15 +170,15 @@ def load_model(name: str, parameter: str = "model") -> Base:
         ModelError: Where it cannot be loaded, or has not recorded how its input is made.
     """
     from pipeline.clips.schedule import Schedule
-    from pipeline.model.base import load_base
+    from pipeline.inference.loading import load_answering
 
     with naming(parameter):
-        base = load_base(str(shipped(name)), frames=Schedule().model_frames)
+        base = load_answering(str(shipped(name)), frames=Schedule().model_frames)
         input_of(base)
         return base
 
 
-def input_of(base: Base) -> ModelInput:
+def input_of(base: Base | ObjectsModel) -> ModelInput:
     """How the model's input is made. Raises ModelError where the checkpoint has not recorded that."""
     if base.input is None:
         raise missing_input(base.name)
@@ -187,7 +189,7 @@ def flow_source(shown: ModelInput, flow: str | None, model: str) -> str:
     """How flow is measured: as asked for, else as in training. model: its name, for the message of an error."""
     if flow is not None and flow not in ("raft", "dis"):
         raise ParamsError(f"flow: {flow!r}; valid: raft, dis")
-    if flow is not None and shown.input == "flow":
+    if flow is not None and shown.input != "rgb":
         shown.check("flow_source", flow, "flow", model)
     trained = shown.flow_source if shown.flow_source in ("raft", "dis") else "raft"
     return flow or trained

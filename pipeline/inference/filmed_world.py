@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.errors import ParamsError
-from pipeline.inference.trust import Forecast, forecast
+from pipeline.inference.trust import Forecast, forecast, gravity_doubt
 from pipeline.perception.user_clip import UserClip
 from pipeline.planar.find_planar_scene import ClipMotion, KnownSize, PlanarAnswer, find_planar_scene, measure_motion
 from pipeline.planar.scale import GRAVITY
@@ -79,6 +79,7 @@ class FilmedWorld:
         answer: The planar scene; None where the view is a table, or no body can be measured.
         scene: That scene, with the camera of the clip's own frames.
         forecast: Of frames that were not fitted; None where it could not be tried.
+        doubts: What disagrees with what the user knows, a sentence each.
     """
 
     motion: ClipMotion
@@ -86,6 +87,7 @@ class FilmedWorld:
     answer: PlanarAnswer | None
     scene: Scene | None
     forecast: Forecast | None
+    doubts: tuple[str, ...]
 
 
 def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
@@ -95,9 +97,46 @@ def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
         ParamsError: The tracks do not fit what the user knows.
     """
     frames, masks, times = filmed_frames(taken)
+    told = tracked_world(masks, frames, times, world)
+    seen = None
+    if told.answer is not None:
+        scene = told.answer.scene
+        seen = scene if taken.found is None else clip_camera(scene, taken.clip.letterbox)
+    doubt = _gravity_doubt(told.motion, world, taken.clip.source_fps)
+    return FilmedWorld(
+        motion=told.motion,
+        masks=masks,
+        answer=told.answer,
+        scene=seen,
+        forecast=told.forecast,
+        doubts=() if doubt is None else (doubt,),
+    )
+
+
+@dataclass(frozen=True)
+class TrackedWorld:
+    """What tracks tell: the motion; a planar scene, where it can be found; and its forecast of the last part."""
+
+    motion: ClipMotion
+    answer: PlanarAnswer | None
+    forecast: Forecast | None
+
+
+def tracked_world(masks: np.ndarray, frames: np.ndarray, times: np.ndarray, world: World) -> TrackedWorld:
+    """The world that bodies tell of.
+
+    Args:
+        masks: (T, H, W) their ids, from 1.
+        frames: (T, H, W, 3) uint8 RGB.
+        times: (T,) s, from 0.
+        world: What is known of it.
+
+    Raises:
+        ParamsError: The tracks do not fit what is known.
+    """
     motion = _measured(masks, frames, times, world)
-    if motion.view.kind == "table" or not motion.tracks:
-        return FilmedWorld(motion, masks, None, None, None)
+    if not motion.tracks or (motion.view.kind == "table" and motion.table is None):
+        return TrackedWorld(motion, None, None)
     answer = find_planar_scene(motion, world.gravity)
     kept = renumbered_by_track(masks, motion)
 
@@ -111,8 +150,17 @@ def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
         except ParamsError:  # the first part does not show the view
             return None
 
-    seen = answer.scene if taken.found is None else clip_camera(answer.scene, taken.clip.letterbox)
-    return FilmedWorld(motion, masks, answer, seen, forecast(kept, times, tried))
+    return TrackedWorld(motion, answer, forecast(kept, times, tried))
+
+
+def _gravity_doubt(motion: ClipMotion, world: World, fps: float) -> str | None:
+    """A sentence on free fall that disagrees with gravity, where a length or a size is known."""
+    view, scale = motion.view, motion.scale
+    if view.gravity_px is None or scale.by not in ("length", "size"):
+        return None
+    found = float(np.linalg.norm(view.gravity_px))
+    errors = [m.arc.acceleration_sigma for m in view.arcs if m.kind == "free"]
+    return gravity_doubt(found / scale.px_per_m, world.gravity, min(errors) / found + scale.error, fps)
 
 
 def filmed_frames(taken: UserClip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

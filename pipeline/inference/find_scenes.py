@@ -115,7 +115,7 @@ def find_scenes(
     """
     taken = clip.taken
     with progress.step("answers"):
-        answers, sampling = ask_model(loading, taken.clip, clip.schedule, clip.flow, question)
+        answers, sampling = ask_model(loading, taken, clip.schedule, clip.flow, question)
     progress.say(
         "answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: {answers[0].scene.composition}"
     )

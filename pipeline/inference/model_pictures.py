@@ -1,11 +1,14 @@
-"""What the model is shown of a clip."""
+"""What the model is shown of a clip: pictures, or its bodies one by one."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from pipeline.model.base import Base
 from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout, fit_layout
+from pipeline.objects.answering import ObjectsModel
+from pipeline.objects.instances import Instances, instances_of
 from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
 
 
@@ -29,3 +32,26 @@ def model_pictures(
     assert model_input.picture is not None
     shown = flow_picture(flow, model_input.picture, scaled_max_px(flow.shape[2], interval))
     return fit_layout(shown, layout)
+
+
+def shown_clip(
+    base: Base | ObjectsModel,
+    model_input: ModelInput,
+    flow: np.ndarray,
+    frames: np.ndarray,
+    masks: np.ndarray,
+    interval: float,
+) -> np.ndarray | Instances:
+    """What a model takes of a clip.
+
+    Args:
+        base: The model.
+        model_input: How its input is made.
+        flow: (P, h, w, 2), px per interval, of the model's pairs of frames.
+        frames: (P, h, w, 3) uint8, the first frame of each pair.
+        masks: (P, h, w) uint8, its masks.
+        interval: s between the two frames of a pair.
+    """
+    if isinstance(base, ObjectsModel):
+        return instances_of(masks, flow)
+    return model_pictures(model_input, base.layout, flow, frames, interval)

@@ -16,6 +16,8 @@ from pipeline.scene.scene import Scene
 FITTED_SHARE = 0.7  # of a clip, from which the rest is forecast
 LEAST_FRAMES = 3  # that are forecast
 GOOD_IOU, POOR_IOU = 0.7, 0.4  # of the whole clip
+OFF_GRAVITY = 0.1  # share by which free fall may differ from gravity
+SLOW_MOTION = 1.5  # least factor between frame rates that explains such a difference
 GRADES = ("good", "doubtful", "poor")
 
 
@@ -84,6 +86,24 @@ def forecast(masks: np.ndarray, times: np.ndarray, find: Callable[[int], Scene |
         iou=float(sequence_iou(_part(counts, slice(seen, None)), pairs)),
         constant_velocity_iou=float(sequence_iou(count(moved, masks[seen:], instances, instances), same)),
     )
+
+
+def gravity_doubt(found: float, expected: float, error: float, fps: float) -> str | None:
+    """A sentence on free fall that disagrees with gravity at a known scale; None where it agrees.
+
+    Args:
+        found: m/s², of what falls, by the length or size that is known.
+        expected: m/s².
+        error: Standard error of `found`, as a share.
+        fps: Frames a second that were assumed.
+    """
+    if abs(found / expected - 1) <= max(OFF_GRAVITY, 3 * error):
+        return None
+    told = f"bodies fall with {found:.3g} m/s² at the length or size that was given, not {expected:.3g}"
+    slow = (expected / found) ** 0.5
+    if slow > SLOW_MOTION:
+        return f"{told}: it would fit if the film was shot at {fps * slow:.0f} frames a second (--fps)"
+    return f"{told}: the length may be wrong or not in the plane of motion, or the air brakes what falls"
 
 
 def _part(counts: Counts, which: slice) -> Counts:

@@ -17,8 +17,9 @@ class ModelInput:
     clip_layout.json.
 
     Attributes:
-        input: What the pictures show: "flow", or the frames themselves ("rgb").
-        picture: How flow becomes a picture: "channels" or "wheel"; None for "rgb".
+        input: What is shown: pictures of "flow", the frames themselves ("rgb"), or each body by itself ("objects"):
+            crops of its mask and flow, and its place as numbers.
+        picture: How flow becomes a picture: "channels" or "wheel"; None for "rgb" and "objects".
         flow_source: Where the flow in training came from: "exact" (with noise like RAFT's), "raft" or "dis"; None for
             "rgb". A model of exact flow may be shown measured flow; one of measured flow is shown that alone.
         flow_size: px, width and height, at which flow is estimated from frames; None for "rgb".
@@ -35,11 +36,11 @@ class ModelInput:
 
     def __post_init__(self) -> None:
         _check_value("input", self.input, tuple(_VALID["input"]))
-        shows_flow = self.input == "flow"
-        for name in ("picture", "flow_source"):
-            _check_value(name, getattr(self, name), _VALID[name] if shows_flow else (None,))
+        has_flow = self.input != "rgb"
+        _check_value("picture", self.picture, _VALID["picture"] if self.input == "flow" else (None,))
+        _check_value("flow_source", self.flow_source, _VALID["flow_source"] if has_flow else (None,))
         numbers = [*(self.flow_size or ()), self.flow_iterations]
-        if shows_flow and not (len(numbers) == 3 and all(isinstance(n, int) and n > 0 for n in numbers)):
+        if has_flow and not (len(numbers) == 3 and all(isinstance(n, int) and n > 0 for n in numbers)):
             raise ModelError(
                 f"`flow_size` is {self.flow_size} and `flow_iterations` {self.flow_iterations}; valid: [width, height] "
                 "in px and a number of iterations"
@@ -59,7 +60,8 @@ class ModelInput:
         """From settings in which those of flow are given whatever the input is."""
         if input == "rgb":
             return cls(input, None, None, None, None, reasoning)
-        return cls(input, picture, flow_source, flow_size, flow_iterations, reasoning)
+        shown = picture if input == "flow" else None
+        return cls(input, shown, flow_source, flow_size, flow_iterations, reasoning)
 
     def check(self, name: str, given: object, parameter: str, checkpoint: str) -> None:
         """Raise ModelError where a setting contradicts what the checkpoint was trained with.
@@ -81,7 +83,7 @@ class ModelInput:
 
 
 _VALID: dict[str, tuple[str, ...]] = {
-    "input": ("flow", "rgb"),
+    "input": ("flow", "rgb", "objects"),
     "picture": ("channels", "wheel"),
     "flow_source": ("exact", "raft", "dis"),
 }

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from peft import LoraConfig, PeftModel, get_peft_model
 from torch.utils.data import Dataset
-from transformers import Trainer, TrainerCallback, TrainingArguments
+from transformers import PreTrainedModel, Trainer, TrainerCallback, TrainingArguments
 
 STATE_FILE = "trainer_state.json"  # the Trainer writes it into a checkpoint last
 LORA_TARGETS = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj", "qkv", "proj")
@@ -90,7 +90,7 @@ class _Trainer(Trainer):
 
     def _load_from_checkpoint(self, resume_from_checkpoint: str, model: Any = None) -> None:
         """As the Trainer, but for whole models under the names of the file, which are not those of the module."""
-        if isinstance(self.model, PeftModel):
+        if not isinstance(self.model, PreTrainedModel) or isinstance(self.model, PeftModel):
             super()._load_from_checkpoint(resume_from_checkpoint, model)
             return
         stored = type(self.base.model).from_pretrained(
@@ -152,7 +152,7 @@ def train(
         data_seed=plan.seed,
         report_to=[],
         disable_tqdm=None,
-        bf16=base.model.dtype == torch.bfloat16 and torch.cuda.is_available(),
+        bf16=getattr(base.model, "dtype", None) == torch.bfloat16 and torch.cuda.is_available(),
         use_cpu=not torch.cuda.is_available(),
         dataloader_pin_memory=torch.cuda.is_available(),
     )

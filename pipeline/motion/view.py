@@ -25,8 +25,9 @@ OFF_DOWN_DEG = 25.0  # largest angle of free fall to the picture's vertical
 LEAST_PATH, SLOW = 0.6, 0.2  # radii, and share of the body's fastest arc: what goes less far and as slow rests
 LEAST_SHARE_FREE, LEAST_SHARE_SLOPE = 0.2, 0.5  # of the way of all bodies that must fall, or speed up on a slope
 ALIKE = 0.3  # largest mean deviation of the accelerations of free arcs, as a share
-ALIKE_DEG = 2.0  # largest mean deviation of slopes
+ALIKE_DEG = 3.0  # largest deviation of slopes of one incline from their median
 LEAST_ERROR = 0.05  # of an acceleration, as a share: outlines are blurred and shaded alike
+LEAST_SIZES = 6  # outlines of a body, from which its growth is measured
 LEAST_GROWTH = 0.12  # change of the logarithm of a body's radius over its way that perspective must explain
 
 
@@ -124,32 +125,53 @@ def describe_arc(arc: Arc, radius: float, fastest: float, roll_deg: float = 0.0)
     return ArcMotion(arc, "other" if bends and sagitta > STRAIGHT * path else "straight", path, slope)
 
 
-def growth(tracks: Sequence[ImageTrack]) -> float:
-    """How much larger bodies are lower in the picture: change of the logarithm of the radius over the largest way down
-    that one body makes; 0 where that is not more than its own error."""
+@dataclass(frozen=True)
+class Growth:
+    """How much larger bodies are lower in the picture.
+
+    Attributes:
+        slope: 1/px, of the logarithm of the radius against the way down.
+        error: 1/px, its standard error; infinite where bodies do not move down or up.
+        way: px, the largest way down or up that one body makes.
+    """
+
+    slope: float
+    error: float
+    way: float
+
+    @property
+    def over_way(self) -> float:
+        """Change of the logarithm of the radius over the way; 0 where that is not more than its own error."""
+        return self.slope * self.way if abs(self.slope) > SIGNIFICANT * self.error else 0.0
+
+
+def growth(tracks: Sequence[ImageTrack]) -> Growth:
+    """How much larger the bodies of tracks are lower in the picture."""
     x, y, ways = [], [], [0.0]
     for track in tracks:
         use = track.whole
-        if use.sum() < 6:
+        if use.sum() < LEAST_SIZES:
             continue
         height = track.centre[use, 1]
         log_radius = 0.5 * np.log(track.area[use])
         x.append(height - height.mean())
         y.append(log_radius - log_radius.mean())
         ways.append(float(np.ptp(height)))
-    if not x:
-        return 0.0
-    height, log_radius = np.concatenate(x), np.concatenate(y)
-    spread = float((height**2).sum())
+    spread = float(sum((h**2).sum() for h in x))
     if spread < 1e-6:
-        return 0.0
+        return Growth(0.0, np.inf, max(ways))
+    height, log_radius = np.concatenate(x), np.concatenate(y)
     slope = float((height * log_radius).sum()) / spread
-    error = float(np.std(log_radius - slope * height)) / np.sqrt(spread)
-    return slope * max(ways) if abs(slope) > SIGNIFICANT * error else 0.0
+    return Growth(slope, float(np.std(log_radius - slope * height)) / np.sqrt(spread), max(ways))
 
 
 def find_view(
-    tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]], roll_deg: float = 0.0, kind: str | None = None
+    tracks: Sequence[ImageTrack],
+    arcs: Sequence[Sequence[Arc]],
+    roll_deg: float = 0.0,
+    kind: str | None = None,
+    *,
+    oblique: bool = False,
 ) -> View:
     """The view that the tracks of a clip and their arcs tell of.
 
@@ -158,20 +180,19 @@ def find_view(
         arcs: Of each track.
         roll_deg: By which the world's vertical is turned in the picture, clockwise; free fall tells it better.
         kind: Of `VIEWS`, where it is known; None: the tracks decide.
+        oblique: What moves may be balls that are seen from aside.
 
     Raises:
         ValueError: The tracks show nothing of what a view of this kind needs.
     """
-    motions = tuple(
-        describe_arc(arc, track.radius, fastest_arc(own, track.radius), roll_deg)
-        for track, own in zip(tracks, arcs, strict=True)
-        for arc in own
-    )
+    motions, gravity, slope = _described(tracks, arcs, roll_deg)
+    if gravity is not None:
+        roll_deg = float(np.degrees(np.arctan2(-gravity[0], gravity[1])))
+        motions, _, slope = _described(tracks, arcs, roll_deg)
     moving = [m for m in motions if m.kind != "rest"]
     total = sum(m.path for m in moving)
-    gravity, slope = free_fall(_of_kind(moving, "free"), total), common_slope(_of_kind(moving, "slope"), total)
     if kind is None:
-        kind, reason = _likely_kind(tracks, motions, gravity, slope)
+        kind, reason = _likely_kind(tracks, motions, gravity, slope, oblique)
     else:
         reason = "as it was asked for"
         if kind == "flight" and gravity is None:
@@ -180,13 +201,23 @@ def find_view(
             slope = common_slope([m for m in moving if m.kind in ("slope", "straight")], total)
             if slope is None:
                 raise ValueError("no body moves along a line")
-    if kind not in ("side", "flight"):
-        gravity = None
-    if gravity is not None:
-        roll_deg = float(np.degrees(np.arctan2(-gravity[0], gravity[1])))
     if kind in ("table", "top"):
-        roll_deg = 0.0
+        gravity, roll_deg = None, 0.0
     return View(kind, motions, gravity, slope or 0.0 if kind == "incline" else 0.0, roll_deg, reason)
+
+
+def _described(
+    tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]], roll_deg: float
+) -> tuple[tuple[ArcMotion, ...], np.ndarray | None, float | None]:
+    """The motion of each arc, the acceleration (2,) px/s² of free fall and the slope, deg, of an incline, if any."""
+    motions = tuple(
+        describe_arc(arc, track.radius, fastest_arc(own, track.radius), roll_deg)
+        for track, own in zip(tracks, arcs, strict=True)
+        for arc in own
+    )
+    moving = [m for m in motions if m.kind != "rest"]
+    total = sum(m.path for m in moving)
+    return motions, free_fall(_of_kind(moving, "free"), total), common_slope(_of_kind(moving, "slope"), total)
 
 
 def _of_kind(motions: Sequence[ArcMotion], kind: str) -> list[ArcMotion]:
@@ -194,24 +225,30 @@ def _of_kind(motions: Sequence[ArcMotion], kind: str) -> list[ArcMotion]:
 
 
 def _likely_kind(
-    tracks: Sequence[ImageTrack], motions: Sequence[ArcMotion], gravity: np.ndarray | None, slope: float | None
+    tracks: Sequence[ImageTrack],
+    motions: Sequence[ArcMotion],
+    gravity: np.ndarray | None,
+    slope: float | None,
+    oblique: bool,
 ) -> tuple[str, str]:
     """The kind of view, and what told. gravity: px/s², slope: deg, where bodies show them."""
     moving = [m for m in motions if m.kind != "rest"]
     total = sum(m.path for m in moving)
-    larger = growth(tracks)
+    larger = growth(tracks).over_way
     if total == 0:
         return "table", "no body moves far enough to tell the view"
     if larger > LEAST_GROWTH:
         return "table", f"bodies are {np.expm1(larger):.0%} larger where they are lower in the picture"
+    if slope is not None:
+        return "incline", f"bodies speed up along a line of {abs(slope):.1f}°"
     if gravity is not None:
         kind = "flight" if all(m.kind in ("free", "rest") for m in motions) else "side"
         return kind, f"bodies fall with {np.linalg.norm(gravity):.0f} px/s²"
-    if slope is not None:
-        return "incline", f"bodies speed up along a line of {abs(slope):.1f}°"
     if sum(m.path for m in _of_kind(moving, "other")) > LEAST_SHARE_FREE * total:
         return "table", "paths bend, and not as free fall does"
-    if max(abs(m.slope_deg) for m in moving) > 3 * LEVEL_DEG and len(moving) > 1:
+    if max(abs(m.slope_deg) for m in moving) > 3 * LEVEL_DEG:
+        if oblique:
+            return "table", "balls move along straight lines in several directions, and may come nearer"
         return "top", "bodies move along straight lines in several directions and grow nowhere"
     return "side", "bodies move along level lines"
 
@@ -236,9 +273,13 @@ def common_slope(sloping: Sequence[ArcMotion], total: float) -> float | None:
 
     total: px, the way of all bodies.
     """
-    paths = np.array([m.path for m in sloping])
-    if paths.sum() <= LEAST_SHARE_SLOPE * total:
+    if not sloping:
         return None
+    paths = np.array([m.path for m in sloping])
     slopes = np.array([m.slope_deg for m in sloping])
-    middle = float(np.average(slopes, weights=paths))
-    return middle if np.average(np.abs(slopes - middle), weights=paths) < ALIKE_DEG else None
+    order = np.argsort(slopes)
+    median = slopes[order][np.searchsorted(np.cumsum(paths[order]), paths.sum() / 2)]
+    alike = np.abs(slopes - median) < ALIKE_DEG
+    if paths[alike].sum() <= LEAST_SHARE_SLOPE * total:
+        return None
+    return float(np.average(slopes[alike], weights=paths[alike]))

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import VideoError
+from pipeline.motion.exchanged_bodies import without_exchanges
+from pipeline.motion.rigid_pieces import joined_pieces
 from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.track_choice import TrackChoice
@@ -88,14 +90,24 @@ def find_in_clip(clip: Clip, network: SegmentationNetwork, prompts: Prompts) -> 
         raise VideoError(why_none(clip, found, float(likely.max(initial=0)), choice.notes))
     scores = np.array([1.0 if c.score is None else c.score for c in kept])
     drawn = bodies_of([c.track for c in kept], scores, found, clip.frames)
-    bodies = tuple(FoundBody(c.score, c.origin, float(r)) for c, r in zip(kept, drawn.radii, strict=True))
-    doubts = [
-        f"body {k} may be a hand, cloth or a mirror image (probability {c.like_other:.2f}); if it is, --ignore drops it"
-        for k, c in enumerate(kept, 1)
-        if c.like_other > LIKE_OTHER
+    masks, groups = joined_pieces(drawn.masks, clip.frames, clip.times, [c.marked for c in kept])
+    masks = without_exchanges(masks, clip.frames, clip.times)
+    notes = [
+        *choice.notes,
+        *(f"{len(g)} pieces that move as one rigid body are body {k}" for k, g in enumerate(groups, 1) if len(g) > 1),
     ]
-    doubts += clip_faults(clip.frames, drawn.masks)
-    return FoundBodies(clip, drawn.masks, bodies, tuple(choice.notes), tuple(doubts))
+    bodies, doubts = [], []
+    for number, group in enumerate(groups, 1):
+        first = max((kept[piece - 1] for piece in group), key=lambda c: c.rank)
+        radius = float(drawn.radii[group[0] - 1]) if len(group) == 1 else None
+        bodies.append(FoundBody(first.score, first.origin, radius))
+        if first.like_other > LIKE_OTHER:
+            doubts.append(
+                f"body {number} may be a hand, cloth or a mirror image (probability {first.like_other:.2f}); if it is, "
+                "--ignore drops it"
+            )
+    doubts += clip_faults(clip.frames, masks)
+    return FoundBodies(clip, masks, tuple(bodies), tuple(notes), tuple(doubts))
 
 
 def why_none(clip: Clip, found: Candidates, likeliest: float, notes: list[str]) -> str:

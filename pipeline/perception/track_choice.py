@@ -11,7 +11,7 @@ from pipeline.perception.prompts import Mark, Prompts, frame_of
 from pipeline.segmentation.bodies import LEAST_SCORE, Candidates
 from pipeline.segmentation.grouping import Piece, Track
 from pipeline.segmentation.grown_track import grown_track, region_at_point, region_in_box
-from pipeline.segmentation.resting import with_rests
+from pipeline.segmentation.resting import resting
 
 MOST_BODIES = 255
 NEAR_RADII, NEAR_PX = 0.5, 2.0  # a point so near to a track's pixels is on its body; px of the network's picture
@@ -74,8 +74,10 @@ class TrackChoice:
         self._frames, self._prompts, self._times = found.frames, prompts, times
         height, width = found.frames.shape[1:3]
         self._scale = np.array([width / source_size[0], height / source_size[1]])
+        probable = [t for t, s in zip(found.tracks, scores, strict=True) if prompts or s >= LEAST_SCORE]
+        rested = dict(zip(map(id, probable), resting(probable, found.frames), strict=True))
         self._all = [
-            ChosenTrack(with_rests(t, found.frames) if prompts or s >= LEAST_SCORE else t, float(s), float(o))
+            ChosenTrack(rested.get(id(t), t), float(s), float(o))
             for t, s, o in zip(found.tracks, scores, like_other, strict=True)
         ]
         self.notes: list[str] = []

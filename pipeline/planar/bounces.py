@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ SNAP_DEG = 30.0  # a surface that a body bounces off is level or upright if it i
 LEAST_JUMP = 0.15  # of the speed: change of velocity that is a bounce
 LEAST_NORMAL = 0.1  # of the speed, that is normal to the surface
 MOST_RESTITUTION = 1.1  # more is no bounce off a body at rest
+LEVEL_AND_UPRIGHT = ([0.0, -1.0], [0.0, 1.0], [1.0, 0.0], [-1.0, 0.0])
 SIGNIFICANT = 4.0  # standard errors
 
 
@@ -26,19 +28,22 @@ class Bounce:
     restitution: float
 
 
-def bounce_between(track: ImageTrack, a: Arc, b: Arc) -> Bounce | None:
-    """The bounce between two arcs of a track, one after the other; None where the velocity does not turn back."""
+def bounce_between(track: ImageTrack, a: Arc, b: Arc, likely: Sequence[np.ndarray] = ()) -> Bounce | None:
+    """The bounce between two arcs of a track, one after the other; None where the velocity does not turn back.
+
+    likely: Unit normals (2,) that a surface has if it is within SNAP_DEG of one; else level and upright ones count.
+    """
     if not changes_between(track, a, b):
         return None
-    time = _meeting(track, a, b)
+    time = meeting_time(track, a, b)
     before, after = a.velocity_at(time), b.velocity_at(time)
     jump = after - before
     speed = max(float(np.linalg.norm(before)), float(np.linalg.norm(after)))
     away = jump / np.linalg.norm(jump)
-    turn = np.degrees(np.arctan2(away[1], away[0]))
-    nearest = 90 * round(turn / 90)
-    if abs(turn - nearest) < SNAP_DEG:
-        away = np.round([np.cos(np.radians(nearest)), np.sin(np.radians(nearest))])
+    for normal in (*likely, *LEVEL_AND_UPRIGHT):
+        if away @ normal > np.cos(np.radians(SNAP_DEG)):
+            away = np.asarray(normal)
+            break
     incoming, outgoing = -float(before @ away), float(after @ away)
     if incoming <= LEAST_NORMAL * speed or not 0 <= outgoing <= incoming * MOST_RESTITUTION:
         return None
@@ -48,7 +53,7 @@ def bounce_between(track: ImageTrack, a: Arc, b: Arc) -> Bounce | None:
 
 def changes_between(track: ImageTrack, a: Arc, b: Arc) -> bool:
     """Whether the velocity jumps between two arcs of a track, one after the other."""
-    time = _meeting(track, a, b)
+    time = meeting_time(track, a, b)
     before, after = a.velocity_at(time), b.velocity_at(time)
     speed = max(float(np.linalg.norm(before)), float(np.linalg.norm(after)))
     error = SIGNIFICANT * float(np.hypot(_edge_sigma(a, time), _edge_sigma(b, time)))
@@ -62,7 +67,7 @@ def _edge_sigma(arc: Arc, time: float) -> float:
     return float(np.sqrt(max(c[1, 1] + 2 * t * c[1, 2] + t**2 * c[2, 2] * bool(arc.acceleration.any()), 0.0)))
 
 
-def _meeting(track: ImageTrack, a: Arc, b: Arc) -> float:
+def meeting_time(track: ImageTrack, a: Arc, b: Arc) -> float:
     """The time, s, at which two arcs are nearest to each other, near the gap between them."""
     low, high = track.times[a.stop - 1], track.times[b.start]
     extra = 0.5 * (high - low)

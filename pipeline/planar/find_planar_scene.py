@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -10,14 +11,18 @@ import numpy as np
 from pipeline.motion.arcs import Arc, cut_arcs
 from pipeline.motion.image_track import ImageTrack, image_tracks
 from pipeline.motion.upright import camera_roll
-from pipeline.motion.view import View, find_view
+from pipeline.motion.view import View, find_view, growth
+from pipeline.planar.apparent_size import with_apparent_sizes
+from pipeline.planar.bounces import changes_between, meeting_time
 from pipeline.planar.fit import PlanarFit, fit_planar
 from pipeline.planar.parameters import planar_parameters
 from pipeline.planar.planar_scene import planar_scene
 from pipeline.planar.plane import Plane
 from pipeline.planar.scale import GRAVITY, Scale, find_scale
 from pipeline.planar.silhouette import Silhouette, silhouette
-from pipeline.planar.supports import Support, find_supports
+from pipeline.planar.supports import Support, find_supports, find_walls
+from pipeline.planar.table_view import TableView, may_be_oblique, table_view
+from pipeline.planar.tumbling import Tumbling, tumbling
 from pipeline.scene.scene import HOLLOW_SHAPES, Scene, SceneObject
 
 START_HOLLOW = 0.6
@@ -37,6 +42,9 @@ class ClipMotion:
         scale: Of the plane in which they move.
         plane: That plane.
         supports: What carries bodies, and what they bounce off.
+        flat: The tracks in the picture of the plane: of a table that is seen from aside, as if from straight above.
+        table: How the camera sees a table from aside; None for other views.
+        solids: Of each body that turns freely in the air, its shape, orientation and spin; None of others.
     """
 
     tracks: tuple[ImageTrack, ...]
@@ -46,6 +54,9 @@ class ClipMotion:
     scale: Scale
     plane: Plane
     supports: tuple[Support, ...]
+    flat: tuple[ImageTrack, ...]
+    table: TableView | None
+    solids: tuple[Tumbling | None, ...]
 
 
 @dataclass(frozen=True)
@@ -110,19 +121,70 @@ def measure_motion(
         if own:
             tracks.append(track)
             arcs.append(tuple(own))
-    found = find_view(tracks, arcs, background_roll(frames), view)
     silhouettes = tuple(silhouette(t, masks, frames) for t in tracks)
+    level, sizes = Plane(masks.shape[2], masks.shape[1], 1.0, level=True), growth(tracks)
+    oblique = may_be_oblique(sizes, silhouettes, level.distance)
+    found = find_view(tracks, arcs, background_roll(frames), view, oblique=oblique)
     if px_per_m is not None:
         scale = Scale(px_per_m, "length", KNOWN_ERROR)
     elif size is not None:
         scale = Scale(size_px(silhouettes, size) / size.m, "size", KNOWN_ERROR)
     else:
         scale = find_scale(found, silhouettes, gravity)
-    plane = Plane(
-        masks.shape[2], masks.shape[1], scale.px_per_m, -float(np.radians(found.roll_deg)), found.kind == "top"
+    if found.kind in ("table", "top"):
+        plane = replace(level, px_per_m=scale.px_per_m)
+    else:
+        plane = replace(level, px_per_m=scale.px_per_m, roll=-float(np.radians(found.roll_deg)), level=False)
+    motion = ClipMotion(
+        tracks=tuple(tracks),
+        arcs=tuple(arcs),
+        view=found,
+        silhouettes=silhouettes,
+        scale=scale,
+        plane=plane,
+        supports=(),
+        flat=tuple(tracks),
+        table=None,
+        solids=(None,) * len(tracks),
     )
-    supports: Sequence[Support] = [] if found.kind in ("top", "table") else find_supports(found, tracks, masks)
-    return ClipMotion(tuple(tracks), tuple(arcs), found, silhouettes, scale, plane, tuple(supports))
+    if found.kind == "table":
+        balls = bool(tracks) and all(s.shape == "sphere" for s in silhouettes)
+        return seen_from_above(motion, table_view(plane, sizes, tracks)) if balls else motion
+    solids = tuple(
+        None if s.disc else tumbling(t, masks[: _in_the_air(t, own, found)], times, plane)
+        for t, own, s in zip(tracks, arcs, silhouettes, strict=True)
+    )
+    return replace(motion, supports=tuple(find_supports(found, tracks, masks)), solids=solids)
+
+
+def _in_the_air(track: ImageTrack, arcs: Sequence[Arc], view: View) -> int:
+    """How many of the clip's frames, from the first on, show a body before it touches anything."""
+    kinds = [m.kind for m in view.arcs if m.arc.body == track.body]
+    last = 0
+    if kinds[0] != "free":
+        return 0
+    while last + 1 < len(arcs) and kinds[last + 1] == "free" and not changes_between(track, arcs[last], arcs[last + 1]):
+        last += 1
+    return int(track.frames[arcs[last].stop - 1]) + 1
+
+
+def seen_from_above(motion: ClipMotion, table: TableView) -> ClipMotion:
+    """The motion of balls on a table, with arcs and sizes as if seen from straight above."""
+    flat = [table.from_above(t)[0] for t in motion.tracks]
+    arcs = [tuple(cut_arcs(t)) for t in flat]
+    view = replace(find_view(flat, arcs, kind="table"), reason=motion.view.reason)
+    silhouettes = tuple(
+        replace(s, width=2 * t.radius, height=2 * t.radius) for s, t in zip(motion.silhouettes, flat, strict=True)
+    )
+    return replace(
+        motion,
+        arcs=tuple(arcs),
+        view=view,
+        silhouettes=silhouettes,
+        supports=tuple(find_walls(view, flat)),
+        flat=tuple(flat),
+        table=table,
+    )
 
 
 def size_px(silhouettes: Sequence[Silhouette], size: KnownSize) -> float:
@@ -147,25 +209,40 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAns
     """
     start = planar_scene(
         motion.view,
-        motion.tracks,
+        motion.flat,
         motion.arcs,
         motion.silhouettes,
         motion.supports,
+        motion.solids,
         plane=motion.plane,
         gravity=gravity,
         start=0.0,
     )
+    if motion.table is None:
+        start = with_apparent_sizes(start, motion.flat, motion.plane, [s is None for s in motion.solids])
     rolls = motion.view.kind == "incline" and motion.scale.by in ("length", "size")
     if rolls:
         start = replace(start, objects=tuple(_half_hollow(o) for o in start.objects))
-    gravity_shows = motion.view.kind != "top" and not rolls
+    gravity_shows = not motion.plane.level and not rolls
     parameters = planar_parameters(start, motion.plane, gravity=gravity_shows, hollow=rolls)
-    fit = fit_planar(start, motion.tracks, motion.plane, parameters)
+    fit = fit_planar(start, motion.flat, motion.plane, parameters, impacts(motion))
+    if motion.table is not None:
+        return PlanarAnswer(motion, fit, replace(fit.scene, camera=motion.table.camera()), motion.scale)
     if motion.scale.by != "gravity":
         return PlanarAnswer(motion, fit, fit.scene, motion.scale)
     factor = gravity / float(np.linalg.norm(fit.scene.gravity))
     scale = replace(motion.scale, px_per_m=motion.scale.px_per_m / factor)
     return PlanarAnswer(motion, fit, scaled(fit.scene, factor), scale)
+
+
+def impacts(motion: ClipMotion) -> list[float]:
+    """Times, s, at which the velocity of a body jumps."""
+    out = []
+    for track, own in zip(motion.flat, motion.arcs, strict=True):
+        for a, b in itertools.pairwise(own):
+            if changes_between(track, a, b):
+                out.append(meeting_time(track, a, b))
+    return out
 
 
 def _half_hollow(body: SceneObject) -> SceneObject:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,8 @@ from pipeline.scene.scene import Scene
 
 SYSTEMATIC = 0.02  # radii: errors of outlines that are alike from frame to frame
 LEAST_SIGMA = 0.3  # px
+AFTER = 0.35  # of the time to the next impact, up to which the fit looks after one
+LEAST_PART = 0.1  # of the tracks' time, that a first fit needs
 LOST_PX = 1e3  # of a body whose simulation became unstable
 
 
@@ -44,7 +47,11 @@ class PlanarFit:
 
 
 def fit_planar(
-    scene: Scene, tracks: Sequence[ImageTrack], plane: Plane, parameters: Sequence[Parameter], threads: int = 1
+    scene: Scene,
+    tracks: Sequence[ImageTrack],
+    plane: Plane,
+    parameters: Sequence[Parameter],
+    impacts: Sequence[float] = (),
 ) -> PlanarFit:
     """Fit the parameters so that the simulated centres follow the tracks.
 
@@ -53,10 +60,10 @@ def fit_planar(
         tracks: Times from 0, s.
         plane: In which bodies move.
         parameters: Of `planar_parameters`.
-        threads: Of the simulation.
+        impacts: Times, s, at which velocities jump: the fit goes beyond one when it follows the tracks up to it.
     """
     size = max(len(parameters), len(DAMPINGS), POPULATION)
-    simulator = BatchSimulator(scene.shapes, scene.ground is not None, size, threads, fixed_kinds(scene))
+    simulator = BatchSimulator(scene.shapes, scene.ground is not None, size, 1, fixed_kinds(scene))
     weights = [t.whole[:, None] / np.sqrt(t.sigma**2 + LEAST_SIGMA**2 + (SYSTEMATIC * t.radius) ** 2) for t in tracks]
 
     def changed(x: np.ndarray) -> Scene:
@@ -71,7 +78,9 @@ def fit_planar(
         return np.concatenate([(w * e).reshape(len(x), -1) for w, e in zip(weights, off, strict=True)], 1)
 
     steps, prior = np.array([p.step for p in parameters]), np.array([p.prior for p in parameters])
-    found = robust_descent(residuals, steps, prior, rough=len(tracks) > 1)
+    times = np.concatenate([np.repeat(t.times, 2) for t in tracks])
+    parts = [times <= end for end in first_ends(impacts, float(times.max()))]
+    found = robust_descent(residuals, steps, prior, parts=parts, rough=len(tracks) > 1)
     best = changed(found.x)
     off = centre_errors(simulator, [best], tracks, plane)
     whole = [np.linalg.norm(e[0][t.whole], axis=1) for e, t in zip(off, tracks, strict=True)]
@@ -84,6 +93,14 @@ def fit_planar(
         residual_px=np.array([np.median(w) for w in whole]),
         simulations=found.evaluations,
     )
+
+
+def first_ends(impacts: Sequence[float], end: float) -> list[float]:
+    """Times, s, up to which a fit counts first: each impact, and a while after it. end: s, of the tracks."""
+    ends: list[float] = []
+    for now, after in itertools.pairwise([*sorted(impacts), end]):
+        ends += [now, now + AFTER * (after - now)]
+    return [e for k, e in enumerate(ends) if LEAST_PART * end < e < end and e not in ends[:k]]
 
 
 def centre_errors(

@@ -55,17 +55,22 @@ def planar_parameters(scene: Scene, plane: Plane, *, gravity: bool = True, hollo
         if touching:
             out.append(Parameter(f"log {name}.sliding_friction", 0.1, 1.0, _log("sliding_friction", i)))
             out.append(Parameter(f"log {name}.damping", 0.1, 0.7, _log("damping", i)))
+        if body.rolling_friction:
+            out.append(Parameter(f"log {name}.rolling_friction", 0.2, 1.0, _log("rolling_friction", i)))
         if hollow and body.shape in HOLLOW_SHAPES and any(body.angular_velocity):
             out.append(Parameter(f"{name}.hollow²", 0.05, 0.5, _hollow(i)))
         if len(scene.objects) > 1:
-            out.append(Parameter(f"log {name}.size", 0.02, 0.03, _size(i)))
+            out.append(Parameter(f"log {name}.size", 0.01, 0.015, _size(i)))
             if i:
                 out.append(Parameter(f"log {name}.mass", 0.1, 0.7, _log("mass", i)))
     for k, support in enumerate(scene.fixed):
         thickness, length = support.size[2], support.size[0]
-        out.append(Parameter(f"fixed[{k}].offset", 0.5 * px, 0.1 * thickness, _shift(k, 2)))
+        into, axis = (1, "z") if plane.level else (2, "y")
+        out.append(Parameter(f"fixed[{k}].offset", 0.5 * px, 0.1 * thickness, _shift(k, into)))
         out.append(Parameter(f"fixed[{k}].end", 2 * px, 0.05 * length, _shift(k, 0)))
-        out.append(Parameter(f"fixed[{k}].angle", 0.004, 0.03, _turn(k)))
+        out.append(Parameter(f"fixed[{k}].angle", 0.004, 0.2 if plane.level else 0.03, _turn(k, axis)))
+        if support.damping is not None:
+            out.append(Parameter(f"log fixed[{k}].damping", 0.1, 0.7, _bouncing(k)))
     return out
 
 
@@ -89,8 +94,11 @@ def _velocity(index: int, part: int) -> Change:
         velocity = _moved(body.velocity, part, difference)
         spin = body.angular_velocity
         if any(spin):
-            ratio = np.linalg.norm(velocity) / max(float(np.linalg.norm(body.velocity)), 1e-9)
-            spin = tuple(float(ratio) * w for w in spin)
+            before = np.array(body.velocity)
+            size = max(float(before @ before), 1e-18)
+            ratio = float(np.linalg.norm(velocity)) / np.sqrt(size)
+            turn = np.cross(before, velocity) / size
+            spin = tuple(ratio * np.array(spin) + np.cross(turn, spin))
         return replace(body, velocity=velocity, angular_velocity=spin)
 
     return _of_object(index, edit)
@@ -130,11 +138,19 @@ def _shift(index: int, part: int) -> Change:
     return _of_fixed(index, edit)
 
 
-def _turn(index: int) -> Change:
-    """About the y axis, through the support's centre."""
+def _bouncing(index: int) -> Change:
+    def edit(body: FixedBody, difference: float) -> FixedBody:
+        assert body.damping is not None
+        return replace(body, damping=float(body.damping * np.exp(difference)))
+
+    return _of_fixed(index, edit)
+
+
+def _turn(index: int, axis: str) -> Change:
+    """About an axis of the world, through the support's centre."""
 
     def edit(body: FixedBody, difference: float) -> FixedBody:
-        turn = Rotation.from_euler("y", difference) * Rotation.from_quat(body.orientation, scalar_first=True)
+        turn = Rotation.from_euler(axis, difference) * Rotation.from_quat(body.orientation, scalar_first=True)
         return replace(body, orientation=tuple(turn.as_quat(canonical=True, scalar_first=True)))
 
     return _of_fixed(index, edit)

@@ -16,15 +16,24 @@ from pipeline.planar.collisions import find_collisions
 from pipeline.planar.plane import Plane
 from pipeline.planar.silhouette import Silhouette
 from pipeline.planar.supports import Support
+from pipeline.planar.tumbling import Tumbling
+from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import FixedBody, Scene, SceneObject
 
 FRICTION = 0.4  # of bodies whose tracks tell nothing of it
 LEAST_FRICTION, MOST_FRICTION = 0.001, 1.0
 DAMPING = 0.6
-THICKNESS = 2.0  # of supports, in radii of the largest body
-FRONT, BACK = 0.5, 6.0  # from the plane to a support's near and far side, in radii: what is near would hide bodies
+DEPTH = 0.5  # of a box, which cannot be seen, over its shorter side that can
+THICKNESS, STEPS_INSIDE = 2.0, 8.0  # least thickness of supports: radii of the largest body, and steps at full speed
+NARROW, FRONT, BACK = 0.5, 1.5, 6.0  # from the plane to a support's near and far side, in radii of the largest body
 CYLINDER_LENGTH = 0.5  # of a cylinder that is seen along its axis, in radii: what cannot be seen
 SPRING = 2.36  # -log of the restitution over the damping ratio, of bodies of 10 cm that fall 50 cm (simulated)
+#: Of what is round in all frames: a cylinder in flight is seldom seen along its axis for long, a top view is of pucks.
+ROUND_SHAPES = {"flight": "sphere", "top": "cylinder"}
+ROLLING_SHARE = (
+    7 / 5
+)  # of a ball's deceleration over gravity: rolling friction over its radius, as a ball's inertia rolls, too
+WALL_DEPTH, WALL_HEIGHT = 0.5, 1.5  # of a wall on level ground: share of its length, and heights of the tallest body
 PUCK_HEIGHT = 0.6  # of a disc seen from above, in radii
 
 
@@ -34,6 +43,7 @@ def planar_scene(
     arcs: Sequence[Sequence[Arc]],
     silhouettes: Sequence[Silhouette],
     supports: Sequence[Support],
+    solids: Sequence[Tumbling | None],
     *,
     plane: Plane,
     gravity: float,
@@ -46,7 +56,8 @@ def planar_scene(
         tracks: Of its bodies.
         arcs: Of each track, at least one.
         silhouettes: Of each body.
-        supports: What carries bodies; none in a top view, where the ground does.
+        supports: What carries bodies, or what they bounce off.
+        solids: Of each body that turns freely in the air, its shape, orientation and spin at time 0; None of others.
         plane: In which they move.
         gravity: m/s².
         start: s, of the scene's initial state.
@@ -56,19 +67,22 @@ def planar_scene(
         planar_object(view, track, own, outline, plane=plane, gravity=gravity, start=start, carried=bool(supports))
         for track, own, outline in zip(tracks, arcs, silhouettes, strict=True)
     ]
+    objects = [o if s is None else _as_solid(o, s, plane) for o, s in zip(objects, solids, strict=True)]
     collisions = find_collisions(tracks, arcs)
-    bounces = [s.restitution for s in supports if s.restitution is not None] + [c.restitution for c in collisions]
+    bounces = [c.restitution for c in collisions]
     for hit in collisions[:1]:
         objects[hit.second] = replace(objects[hit.second], mass=objects[hit.first].mass * hit.mass_ratio)
     if bounces:
         objects = [replace(o, damping=damping_of(float(np.median(bounces)))) for o in objects]
-    fixed = tuple(support_body(s, plane, largest, f"support_{i}") for i, s in enumerate(supports))
+    fastest = max(_fastest(a) for own in arcs for a in own) / plane.px_per_m
+    fixed = tuple(support_body(s, plane, largest, fastest, f"support_{i}") for i, s in enumerate(supports))
     camera = plane.camera()
-    if view.kind == "top":
+    if plane.level:
         top = max(2 * o.position[2] for o in objects)
         x, y, z = camera.position
         camera = replace(camera, position=(x, y, z + top))
-        return Scene(tuple(objects), camera, (0.0, 0.0, -gravity), ground=0.0)
+        fixed = tuple(wall_body(s, plane, top, f"support_{i}") for i, s in enumerate(supports))
+        return Scene(tuple(objects), camera, (0.0, 0.0, -gravity), ground=0.0, fixed=fixed)
     return Scene(tuple(objects), camera, (0.0, 0.0, -gravity), ground=None, fixed=fixed)
 
 
@@ -90,31 +104,35 @@ def planar_object(
     position, velocity = plane.to_world(place_px), plane.directions(velocity_px)
     half = 0.5 * np.array([outline.width, outline.height]) / plane.px_per_m
     shape = outline.shape
-    if view.kind == "top" and outline.round:
-        shape = "cylinder"
+    if outline.round and view.kind in ROUND_SHAPES:
+        shape = ROUND_SHAPES[view.kind]
     off, spin = 0.0, np.zeros(3)
     orientation = np.array([1.0, 0.0, 0.0, 0.0])
     if shape == "sphere":
         size: tuple[float, ...] = (float(half[0]),)
-    elif shape == "cylinder" and view.kind == "top":
+    elif shape == "cylinder" and plane.level:
         size = (float(half[0]), PUCK_HEIGHT * float(half[0]))
         off = size[1] / 2
     elif shape == "cylinder":  # seen along its axis
         size = (float(half[0]), CYLINDER_LENGTH * float(half[0]))
         orientation = Rotation.from_euler("x", -90, degrees=True).as_quat(scalar_first=True)
     else:
-        depth = 2 * float(half.min())
+        depth = DEPTH * 2 * float(half.min())
         angle = float(track.angle[0]) - plane.roll
-        if view.kind == "top":
+        if plane.level:
             size = (2 * float(half[0]), 2 * float(half[1]), depth)
             orientation = Rotation.from_euler("z", -angle).as_quat(scalar_first=True)
             off = depth / 2
         else:
             size = (2 * float(half[0]), depth, 2 * float(half[1]))
             orientation = Rotation.from_euler("y", angle).as_quat(scalar_first=True)
-    friction = FRICTION
-    if view.kind == "top":
-        friction = _braking(first, plane, gravity)
+    friction, resistance = FRICTION, 0.0
+    if plane.level and shape == "sphere":
+        off = float(half[0])
+        spin = np.cross([0.0, 0.0, 1.0], plane.in_space(velocity)) / half[0]
+        resistance = ROLLING_SHARE * half[0] * _braking(longest_moving(view, track, arcs), plane, gravity)
+    elif plane.level:
+        friction = _braking(longest_moving(view, track, arcs), plane, gravity)
     elif carried and shape != "box" and kind != "free":
         spin = np.array([0.0, float(np.sign(velocity[0]) * np.linalg.norm(velocity) / half[0]), 0.0])
     elif carried and shape == "box" and kind in ("slope", "straight"):
@@ -124,6 +142,7 @@ def planar_object(
         size,
         1.0,
         sliding_friction=friction,
+        rolling_friction=resistance,
         damping=DAMPING,
         position=tuple(plane.in_space(position, off)),
         velocity=tuple(plane.in_space(velocity)),
@@ -159,18 +178,56 @@ def initial_motion(view: View, track: ImageTrack, arcs: Sequence[Arc], start: fl
     return found[0], found[1]
 
 
-def support_body(support: Support, plane: Plane, radius: float, name: str) -> FixedBody:
-    """The fixed box whose upper face is a support. radius: m, of the largest body."""
+def _as_solid(body: SceneObject, solid: Tumbling, plane: Plane) -> SceneObject:
+    return replace(
+        body,
+        shape=solid.shape,
+        size=tuple(s / plane.px_per_m for s in solid.size),
+        orientation=tuple(solid.orientation),
+        angular_velocity=tuple(solid.spin),
+    )
+
+
+def longest_moving(view: View, track: ImageTrack, arcs: Sequence[Arc]) -> Arc:
+    """The longest arc in which a body moves; the first where it rests in all."""
+    kinds = [m.kind for m in view.arcs if m.arc.body == track.body]
+    moving = [a for a, k in zip(arcs, kinds, strict=True) if k != "rest"] or [arcs[0]]
+    return max(moving, key=lambda a: a.span)
+
+
+def wall_body(support: Support, plane: Plane, height: float, name: str) -> FixedBody:
+    """The fixed box on level ground one of whose upright sides is a support. height: m, of the tallest body."""
+    a, b = plane.to_world(support.start), plane.to_world(support.stop)
+    along, into = b - a, plane.directions(support.into)
+    depth = WALL_DEPTH * float(np.linalg.norm(along))
+    middle = 0.5 * (a + b) + 0.5 * depth * into / np.linalg.norm(into)
+    turn = Rotation.from_euler("z", np.arctan2(along[1], along[0])).as_quat(scalar_first=True)
+    size = (float(np.linalg.norm(along)), depth, WALL_HEIGHT * height)
+    damping = None if support.restitution is None else damping_of(support.restitution)
+    position = (*middle, size[2] / 2)
+    return FixedBody("box", size, position, tuple(turn), damping=damping, name=name)
+
+
+def support_body(support: Support, plane: Plane, radius: float, speed: float, name: str) -> FixedBody:
+    """The fixed box whose upper face is a support. radius: m, of the largest body; speed: m/s, of the fastest."""
     a, b = plane.to_world(support.start), plane.to_world(support.stop)
     along, into = b - a, plane.directions(support.into)
     into = into / np.linalg.norm(into)
-    thickness = THICKNESS * radius
+    thickness = max(THICKNESS * radius, STEPS_INSIDE * speed / STEPS_PER_SECOND)
     middle = 0.5 * (a + b) + 0.5 * thickness * into
     angle = -np.arctan2(along[1], along[0])  # about y, which turns x towards -z
     turn = Rotation.from_euler("y", angle).as_quat(scalar_first=True)
-    size = (float(np.linalg.norm(along)), (FRONT + BACK) * radius, thickness)
-    position = plane.in_space(middle, 0.5 * (BACK - FRONT) * radius)
-    return FixedBody("box", size, tuple(position), tuple(turn), name=name)
+    hides = 0.5 * (a + b)[1] * into[1] < 0  # seen from beneath, its near side would hide what stands on it
+    front = NARROW if hides else FRONT
+    size = (float(np.linalg.norm(along)), (front + BACK) * radius, thickness)
+    position = plane.in_space(middle, 0.5 * (BACK - front) * radius)
+    damping = None if support.restitution is None else damping_of(support.restitution)
+    return FixedBody("box", size, tuple(position), tuple(turn), damping=damping, name=name)
+
+
+def _fastest(arc: Arc) -> float:
+    """px/s, at its beginning or its end."""
+    return max(float(np.linalg.norm(arc.velocity_at(arc.time + s * arc.span / 2))) for s in (-1, 1))
 
 
 def damping_of(restitution: float) -> float:

@@ -61,6 +61,10 @@ class Plane:
         """(..., 2) along the axes of vectors (..., 3): the inverse of `in_space`."""
         return np.asarray(space)[..., [0, 1]] if self.level else np.asarray(space)[..., [0, 2]]
 
+    def height_of(self, space: np.ndarray) -> np.ndarray:
+        """(...) m along the plane's normal of vectors (..., 3)."""
+        return np.asarray(space)[..., 2 if self.level else 1]
+
     @property
     def fov_y_deg(self) -> float:
         """Vertical field of view of a camera whose longer side sees FOV_DEG."""

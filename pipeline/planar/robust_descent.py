@@ -8,7 +8,7 @@ simulation makes the cost jump. There CMA-ES goes on (Hansen, "The CMA evolution
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cma
@@ -18,6 +18,7 @@ ROUNDS = 25
 DAMPINGS = np.array([1e-3, 1e-2, 0.1, 1.0, 10.0])  # tried at once in each step
 LEAST_GAIN = 1e-4  # share of the cost: a smaller gain ends the descent
 POPULATION, GENERATIONS, SPREAD = 20, 30, 0.3  # of CMA-ES; the spread in steps
+FURTHEST = 3.0  # prior standard deviations: no parameter goes beyond
 SOFTNESS = (10.0, 1.0)  # residual from which it counts less, in one descent after another
 
 
@@ -39,7 +40,12 @@ class Descent:
 
 
 def robust_descent(
-    residuals: Callable[[np.ndarray], np.ndarray], steps: np.ndarray, prior: np.ndarray, *, rough: bool = False
+    residuals: Callable[[np.ndarray], np.ndarray],
+    steps: np.ndarray,
+    prior: np.ndarray,
+    *,
+    parts: Sequence[np.ndarray] = (),
+    rough: bool = False,
 ) -> Descent:
     """Minimise the sum of sqrt(1 + r²) - 1 over residuals r, and of half the squares of x / prior, from x = 0.
 
@@ -47,11 +53,28 @@ def robust_descent(
         residuals: (B, R) of x (B, P), in units of their standard errors.
         steps: (P,) of finite differences.
         prior: (P,) standard deviations of x about 0.
+        parts: (R,) bool each: the residuals that count in first descents, one after another, before all do.
         rough: Go on by CMA-ES.
     """
     x = np.zeros(len(steps))
+    count = 0
+    for part in parts:
+        found = _descend(lambda rows, part=part: residuals(rows)[:, part], x, steps, prior)  # type: ignore[misc]
+        x, count = found.x, count + found.evaluations
+    found = _descend(residuals, x, steps, prior)
+    x, cost, count = found.x, found.cost, count + found.evaluations
+    if rough:
+        x, cost, more = _evolve(lambda rows: _costs(residuals(rows), rows, prior, SOFTNESS[-1]), x, cost, steps)
+        count += more
+    return Descent(x, found.sigma, cost, count)
+
+
+def _descend(
+    residuals: Callable[[np.ndarray], np.ndarray], x: np.ndarray, steps: np.ndarray, prior: np.ndarray
+) -> Descent:
+    """Levenberg-Marquardt from x (P,), first with the larger softness."""
     r = residuals(x[None])[0]
-    count = 1
+    count, cost = 1, 0.0
     curvature = np.diag(prior**-2)
     for soft in SOFTNESS:
         cost = float(_costs(r[None], x[None], prior, soft)[0])
@@ -62,6 +85,7 @@ def robust_descent(
             slope = jacobian.T @ (weight * r) + x / prior**2
             scale = np.diag(np.diag(curvature))
             trials = np.stack([x - np.linalg.solve(curvature + d * scale, slope) for d in DAMPINGS])
+            trials = np.clip(trials, -FURTHEST * prior, FURTHEST * prior)
             tried = residuals(trials)
             count += len(steps) + len(trials)
             costs = _costs(tried, trials, prior, soft)
@@ -71,9 +95,6 @@ def robust_descent(
                 x, r, cost = trials[best], tried[best], float(costs[best])
             if gain < LEAST_GAIN * cost:
                 break
-    if rough:
-        x, cost, more = _evolve(lambda rows: _costs(residuals(rows), rows, prior, SOFTNESS[-1]), x, cost, steps)
-        count += more
     return Descent(x, np.sqrt(np.diag(np.linalg.inv(curvature))), cost, count)
 
 

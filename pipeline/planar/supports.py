@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,6 +61,8 @@ def reach(track: ImageTrack, masks: np.ndarray, direction: np.ndarray) -> float:
 def find_supports(view: View, tracks: Sequence[ImageTrack], masks: np.ndarray) -> list[Support]:
     """The supports that the tracks of a side view tell of: what bodies move along, then what they bounce off."""
     by_body = {t.body: t for t in tracks}
+    if view.kind == "top":
+        return find_walls(view, tracks)
     carried = _ways(view, by_body)
     supports = []
     for group in carried:
@@ -81,7 +83,12 @@ def find_supports(view: View, tracks: Sequence[ImageTrack], masks: np.ndarray) -
             high = max(high, places.max() + (0 if ends[1] else margin))
         offset = float(np.median(np.concatenate(offsets)))
         supports.append(Support(offset * into + low * along, offset * into + high * along))
-    return supports + _bounces(view, by_body, masks, supports)
+    return _with_bounces(view, by_body, lambda track, into: reach(track, masks, into), supports)
+
+
+def find_walls(view: View, tracks: Sequence[ImageTrack]) -> list[Support]:
+    """What bodies bounce off on level ground that is seen from above."""
+    return _with_bounces(view, {t.body: t for t in tracks}, lambda track, _: track.radius, [])
 
 
 def _ways(view: View, tracks: dict[int, ImageTrack]) -> list[list[tuple[Arc, float]]]:
@@ -114,26 +121,47 @@ def _ends(view: View, arc: Arc, along: np.ndarray) -> tuple[bool, bool]:
     return (before, after) if forward else (after, before)
 
 
-def _bounces(view: View, tracks: dict[int, ImageTrack], masks: np.ndarray, carried: Sequence[Support]) -> list[Support]:
-    """Supports where the velocity of a body jumps and no other body, and no support that is known, is near."""
-    found: list[Support] = []
+def _with_bounces(
+    view: View,
+    tracks: dict[int, ImageTrack],
+    reach_of: Callable[[ImageTrack, np.ndarray], float],
+    carried: Sequence[Support],
+) -> list[Support]:
+    """The supports, and those where the velocity of a body jumps and no other body is near.
+
+    A support that is known is made longer where a body bounces off its line.
+    """
+    found = list(carried)
     motions = list(view.arcs)
+    across = [sign * s.along for s in carried for sign in (1, -1)]
     for first, second in itertools.pairwise(motions):
         a, b = first.arc, second.arc
         if a.body != b.body:
             continue
         track = tracks[a.body]
-        bounce = bounce_between(track, a, b)
+        bounce = bounce_between(track, a, b, across)
         if bounce is None or _other_near(tracks, track, bounce.place, bounce.time):
             continue
         into = bounce.into
         along = np.array([into[1], -into[0]])
-        contact = bounce.place + reach(track, masks, into) * into
-        if any(abs((contact - s.start) @ s.into) < track.radius and s.into @ into > 0.9 for s in [*carried, *found]):
-            continue
+        contact = bounce.place + reach_of(track, into) * into
         half = MARGIN * track.radius
-        found.append(Support(contact - half * along, contact + half * along, bounce.restitution))
+        for k, known in enumerate(found):
+            if abs((contact - known.start) @ known.into) < track.radius and known.into @ into > 0.9:
+                found[k] = _longer(known, contact, half)
+                break
+        else:
+            found.append(Support(contact - half * along, contact + half * along, bounce.restitution))
     return found
+
+
+def _longer(support: Support, contact: np.ndarray, half: float) -> Support:
+    """A support that goes on for `half` px beyond a contact (2,) px; one that holds the contact stays as it is."""
+    place, length = (contact - support.start) @ support.along, np.linalg.norm(support.stop - support.start)
+    low, high = min(0.0, place - half), max(length, place + half)
+    if support.restitution is None and 0 <= place <= length:
+        low, high = 0.0, length
+    return replace(support, start=support.start + low * support.along, stop=support.start + high * support.along)
 
 
 def _other_near(tracks: dict[int, ImageTrack], own: ImageTrack, place: np.ndarray, time: float) -> bool:

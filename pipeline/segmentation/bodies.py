@@ -11,17 +11,18 @@ import numpy as np
 from pipeline.segmentation.cast_shadows import cast_shadows
 from pipeline.segmentation.grouping import Track, follow
 from pipeline.segmentation.inference import Prediction, predict, steadied
-from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exposure
+from pipeline.segmentation.inputs import clip_features, steady_exposure
 from pipeline.segmentation.joining import joined
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
 from pipeline.segmentation.plate import clear_plate
-from pipeline.segmentation.resting import with_rests
+from pipeline.segmentation.resting import resting
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge
 
 WORK_PX = 240 * 160  # of the picture that the network sees
 MIRRORED = False  # whether the network is asked about the mirrored clip too
 LEAST_SCORE = 0.4
+PLATE_SCORE = 0.4  # from which a track of the first look is left out of the background of the second
 LEVEL = 0.38  # of a soft mask, at a body's edge: 0.5 draws bodies 6 % (rendered clips) to 14 % (real ones) too small
 LEAST_PART = 0.2  # of a body's largest connected part: smaller ones are flecks
 MOST_BODIES = 255
@@ -68,22 +69,25 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     size = working_size(frames.shape[2], frames.shape[1])
     small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
     features = clip_features(small)
-    first = _look(network, small, features)
+    first = _tracked(predict(network, small, features, MIRRORED), small, features.background)
     scores = _scores(first, network)
     covered = np.zeros(small.shape[:3], bool)
-    for track, probable in zip(first.tracks, scores >= LEAST_SCORE, strict=True):
-        for t, piece in with_rests(track, small).pieces.items() if probable else ():
+    probable = [t for t, s in zip(first.tracks, scores, strict=True) if s >= PLATE_SCORE]
+    for track in resting(probable, small):
+        for t, piece in track.pieces.items():
             covered[t].reshape(-1)[piece.pixels] = True
-    plate = clear_plate(small, covered, features.background)
+    plate, filled = clear_plate(small, covered, features.background)
     if np.array_equal(plate, features.background):
         return first
-    return _look(network, small, replace(features, background=plate))
+    second = predict(network, small, replace(features, background=plate), MIRRORED)
+    # Where the background is not known, a body that the first look saw there stays.
+    moving = np.where(covered & filled, np.maximum(second.moving, first.prediction.moving), second.moving)
+    return _tracked(replace(second, moving=moving), small, plate)
 
 
-def _look(network: SegmentationNetwork, small: np.ndarray, features: ClipFeatures) -> Candidates:
-    prediction = predict(network, small, features, MIRRORED)
+def _tracked(prediction: Prediction, small: np.ndarray, background: np.ndarray) -> Candidates:
     probability = steadied(prediction.moving, small)
-    probability[cast_shadows(small, features.background)] *= IN_SHADOW
+    probability[cast_shadows(small, background)] *= IN_SHADOW
     tracks = joined(follow(prediction, probability, small), probability)
     figures = [track_figures(t, prediction) for t in tracks]
     return Candidates(small, prediction, probability, tracks, np.array(figures).reshape(len(tracks), len(FIGURES)))
@@ -111,7 +115,7 @@ def find_bodies(
     scores = _scores(found, network)
     kept = [i for i in np.argsort(-scores)[:MOST_BODIES] if scores[i] >= least_score]
     kept.sort(key=lambda i: (found.tracks[i].first, -len(found.tracks[i].pieces[found.tracks[i].first].pixels)))
-    tracks = [with_rests(found.tracks[i], found.frames) for i in kept]
+    tracks = resting([found.tracks[i] for i in kept], found.frames)
     scale = np.array([frames.shape[2] / found.frames.shape[2], frames.shape[1] / found.frames.shape[1]])
     centres = np.full((len(frames), len(tracks), 2), np.nan)
     for k, track in enumerate(tracks):

@@ -11,7 +11,7 @@ SHORTEST = 2  # frames; what is seen for less is noise
 END_FRAMES = 5  # that give a track's velocity at an end
 MOST_APART, MOST_COST = 1.6, 3.0  # in radii; with colour and size
 NEAR_COLOUR, NEAR_SIZE = 0.2, 0.6  # differences of colour in [0, 1] and of log radius that cost 1
-TOGETHER = 0.6  # radii
+TOGETHER = 0.6  # radii; half of it where colours differ by more than NEAR_COLOUR
 LEAST_COMMON = 5  # frames in which two ends of a rigid body are seen together
 STIFF = 0.1, 0.7  # most deviation of the vector between the ends: share of their radii, and px
 LEAST_BRIDGE = 0.15  # mean probability, of a moving body, between the ends
@@ -39,6 +39,10 @@ def typical_radius(track: Track) -> float:
 
 def typical_colour(track: Track) -> np.ndarray:
     return np.asarray(np.median([p.colour for p in track.pieces.values()], axis=0))
+
+
+def _one_colour(one: Track, other: Track) -> bool:
+    return bool(np.abs(typical_colour(one) - typical_colour(other)).max() < NEAR_COLOUR)
 
 
 def continuation_cost(before: Track, after: Track) -> float:
@@ -93,9 +97,10 @@ def _stay_together(large: Track, small: Track) -> bool:
     both = set(large.pieces) & set(small.pieces)
     if len(both) < 0.5 * min(len(large.pieces), len(small.pieces)) or not both:
         return False
+    reach = TOGETHER if _one_colour(large, small) else 0.5 * TOGETHER
     close = [
         np.linalg.norm(large.pieces[t].centre - small.pieces[t].centre)
-        < TOGETHER * max(large.pieces[t].radius, small.pieces[t].radius)
+        < reach * max(large.pieces[t].radius, small.pieces[t].radius)
         for t in both
     ]
     return bool(np.mean(close) > 0.6)
@@ -127,18 +132,20 @@ def _stiff(tracks: list[Track], probability: np.ndarray) -> list[Track]:
 def stiff_offset(one: Track, other: Track, probability: np.ndarray) -> np.ndarray | None:
     """The vector (2,) px from one track to the other if they are the ends of one stiff body, else None.
 
-    So they are where the vector between their centres stays the same while both move by more than its length or four
-    radii, and what is between them is not empty. Two bodies that fall side by side have nothing between them.
+    So they are where they have one colour and the vector between their centres stays the same while both move by more
+    than its length or four radii, and what is between them is not empty. Two bodies that fall side by side have nothing
+    between them. Frames count by how far the track moves there: two bodies that meet and then rest are no stiff body.
     """
     common = sorted(set(one.pieces) & set(other.pieces))
-    if len(common) < max(LEAST_COMMON, 0.5 * min(len(one.pieces), len(other.pieces))):
+    if not _one_colour(one, other) or len(common) < max(LEAST_COMMON, 0.5 * min(len(one.pieces), len(other.pieces))):
         return None
     first = np.array([one.pieces[t].centre for t in common])
     vectors = np.array([other.pieces[t].centre for t in common]) - first
     offset = np.median(vectors, axis=0)
     radii = typical_radius(one) + typical_radius(other)
     travel = np.linalg.norm(first - first[0], axis=1).max()
-    deviation = np.median(np.linalg.norm(vectors - offset, axis=1))
+    steps = np.linalg.norm(np.gradient(first, axis=0), axis=1)
+    deviation = np.average(np.linalg.norm(vectors - offset, axis=1), weights=steps + 1e-6)
     length = float(np.linalg.norm(offset))
     if deviation > STIFF[0] * radii + STIFF[1] or travel < min(length, 2 * radii) or length > 5 * radii:
         return None

@@ -1,4 +1,4 @@
-"""Which pictures of a clip the model is shown, and whether they are those that a checkpoint was trained with."""
+"""What the model is shown of a clip, and whether it is what a checkpoint was trained with."""
 
 from typing import Protocol
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.model.model_input import ModelInput, missing_input, read_input
+from pipeline.objects.instances import Instances, instances_of
 
 #: The parameters behind the fields of a checkpoint's record.
 PARAMETERS = {
@@ -27,6 +28,16 @@ class HasArrays(Protocol):
 def picture_stage(kind: str) -> str:
     """The stage whose shards have the pictures of model.input `flow` or `rgb`."""
     return {"flow": "flow", "rgb": "render"}[kind]
+
+
+def shown_stages(kind: str) -> list[str]:
+    """The stages whose shards have what the model is shown; of objects, masks and flow."""
+    return ["render", "flow"] if kind == "objects" else [picture_stage(kind)]
+
+
+def clip_instances(rendered: HasArrays, flow: HasArrays, schedule: Schedule) -> Instances:
+    """The bodies of a clip, by the masks and the flow of its shards."""
+    return instances_of(rendered.array("mask")[schedule.pairs[:, 0]], flow.array("flow"))
 
 
 def pictures(clip: HasArrays, kind: str, schedule: Schedule) -> np.ndarray:

@@ -149,7 +149,7 @@ class EventsSettings(Section):
 
 class ModelSettings(Section):
     base: str
-    input: Literal["flow", "rgb"]
+    input: Literal["flow", "rgb", "objects"]
     reasoning: bool
     dtype: Literal["float32", "bfloat16"]
     width: Count

@@ -10,7 +10,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
 from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
 from pipeline.inference.filmed_world import World, filmed_world
-from pipeline.inference.trust import Forecast, fitted_frames, grade
+from pipeline.inference.trust import Forecast, fitted_frames, grade, gravity_doubt
 from pipeline.motion.image_track import image_tracks
 from pipeline.perception.user_clip import UserClip
 from pipeline.planar.plane import Plane
@@ -62,7 +62,10 @@ def test_a_view_that_the_tracks_contradict_is_refused(throw: UserClip) -> None:
 
 
 def test_a_view_that_is_given_is_kept(throw: UserClip) -> None:
-    assert filmed_world(throw, World(view="table")).scene is None
+    found = filmed_world(throw, World(view="table"))
+    assert found.motion.view.kind == "table"
+    assert found.scene is not None
+    assert found.scene.ground == 0
 
 
 def test_a_known_size_gives_the_scale(throw: UserClip) -> None:
@@ -73,6 +76,19 @@ def test_a_known_size_gives_the_scale(throw: UserClip) -> None:
     assert -found.answer.scene.gravity[2] == pytest.approx(9.81, rel=0.04)
     with pytest.raises(ParamsError, match="no body 3"):
         filmed_world(throw, World.of(size=(3, "radius", 0.08)))
+
+
+def test_slow_motion_is_told_by_what_falls(throw: UserClip) -> None:
+    assert filmed_world(throw, World.of(size=(0, "radius", 0.08))).doubts == ()
+    (doubt,) = filmed_world(throw, World.of(size=(0, "radius", 0.005))).doubts
+    assert "frames a second (--fps)" in doubt
+
+
+def test_free_fall_that_disagrees_with_gravity_is_a_doubt() -> None:
+    assert gravity_doubt(9.5, 9.81, 0.01, 30.0) is None
+    assert gravity_doubt(8.5, 9.81, 0.05, 30.0) is None
+    assert "240 frames" in (gravity_doubt(9.81 / 64, 9.81, 0.01, 30.0) or "")
+    assert "the length may be wrong" in (gravity_doubt(11.5, 9.81, 0.01, 30.0) or "")
 
 
 def test_a_length_needs_two_points() -> None:

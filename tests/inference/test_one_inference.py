@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import small_clip
+import torch
 from ruamel.yaml import YAML
 
+import stages.compile
 import stages.fit
 import stages.infer
 from pipeline.api.infer import infer
@@ -19,6 +21,8 @@ from pipeline.language.completion import write_completion
 from pipeline.model.base import load_base
 from pipeline.model.generate import generate
 from pipeline.model.model_input import ModelInput, read_input
+from pipeline.objects.answering import ObjectsModel
+from pipeline.objects.network import ObjectsNetwork, ObjectsSize
 from pipeline.scene.canonical import rounded_scene
 from pipeline.scene.text import load_scene, write_scene
 from pipeline.shards.code_hash import ROOT
@@ -28,7 +32,7 @@ from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
-from stages import best_of_k, finetune, fit, flow, import_clips, prefer, tokenize
+from stages import best_of_k, finetune, fit, flow, import_clips, prefer, render, sample, simulate, tokenize
 from stages.graph.answering_model import FINETUNED
 
 SEED, SIMULATIONS = 5, 1800  # enough for a classical guess, too
@@ -85,6 +89,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder in which the graph can run from a clip on: clips/, base/, data/ of training."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DYNAMICS_STORE", str(tmp_path / "store"))
+    stages.infer.model.cache_clear()  # kept by a name that each test gives to another model
     (tmp_path / "clips" / "one").mkdir(parents=True)
     small_clip.write(tmp_path / "clips" / "one" / "clip.mp4")
     np.savez(tmp_path / "clips" / "one" / "masks.npz", masks=small_clip.masks())
@@ -140,6 +145,30 @@ def test_a_tuned_checkpoint_is_shown_what_it_was_tuned_on(
     whole = flow_shown if kind == "flow" else frames
     mean = [part.mean() for part in (whole, graph[0])]
     assert mean[0] == pytest.approx(mean[1], abs=1.0), "the same pictures, but for their size"
+
+
+def test_a_tuned_model_of_objects_answers_alike(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stages.infer, "answer_seed", lambda *_: answer_seed(SEED, 0))
+    suites = {f"suites__{suite}__clips": 1 for suite in ("train", "val")}
+    write_params(model__input="objects", flow__source="dis", sample__shard_size=1, **suites)
+    torch.manual_seed(0)
+    size = ObjectsSize(width=24, heads=2, own_blocks=1, blocks=1, channels=(4, 4, 4))
+    ObjectsModel(ObjectsNetwork(size), None).save(project / "base")
+    for suite in ("train", "val"):
+        for stage in (sample, stages.compile, simulate, render, flow):
+            stage.main(suite)
+    finetune.main()
+    assert read_input(str(FINETUNED)) == ModelInput.of("objects", "channels", "exact", (240, 160), 1, True)
+    prefer.main()
+    import_clips.main()
+    flow.main("real")
+    stages.infer.main("real")
+    found = infer(project / "clips" / "one", model=str(FINETUNED), samples=2, flow="dis", seed=SEED)
+    answers = open_shards(project / "data/infer/real")[0].rows()
+    assert [row["text"] for row in answers] == [a.text for a in found.scenes.answers]
+    write_params(model__input="flow", **suites)
+    with pytest.raises(ModelError, match=r'model\.input is "flow", but .* was trained with input "objects"'):
+        stages.infer.main("real")
 
 
 def test_a_checkpoint_that_contradicts_the_parameters_is_refused(project: Path) -> None:

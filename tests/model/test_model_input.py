@@ -13,9 +13,12 @@ FLOW = ModelInput(
     input="flow", picture="wheel", flow_source="raft", flow_size=(240, 160), flow_iterations=4, reasoning=True
 )
 RGB = ModelInput(input="rgb", picture=None, flow_source=None, flow_size=None, flow_iterations=None, reasoning=False)
+OBJECTS = ModelInput(
+    input="objects", picture=None, flow_source="exact", flow_size=(240, 160), flow_iterations=4, reasoning=True
+)
 
 
-@pytest.mark.parametrize("written", [FLOW, RGB])
+@pytest.mark.parametrize("written", [FLOW, RGB, OBJECTS])
 def test_what_is_written_is_read(tmp_path: Path, written: ModelInput) -> None:
     assert read_input(str(tmp_path)) is None
     write_input(tmp_path, written)
@@ -25,12 +28,13 @@ def test_what_is_written_is_read(tmp_path: Path, written: ModelInput) -> None:
 def test_settings_of_flow_do_not_count_for_a_model_of_frames() -> None:
     assert ModelInput.of("rgb", "wheel", "raft", (240, 160), 4, False) == RGB
     assert ModelInput.of("flow", "wheel", "raft", (240, 160), 4, True) == FLOW
+    assert ModelInput.of("objects", "wheel", "exact", (240, 160), 4, True) == OBJECTS
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"input": "depth"}, '`input` is "depth"; valid: "flow", "rgb"'),
+        ({"input": "depth"}, '`input` is "depth"; valid: "flow", "rgb", "objects"'),
         ({"picture": "wheels"}, '`picture` is "wheels"; valid: "channels", "wheel"'),
         ({"picture": None}, "`picture` is null; valid"),
         ({"flow_source": "guess"}, '`flow_source` is "guess"; valid: "exact", "raft", "dis"'),

@@ -29,7 +29,10 @@ def found(scene: Scene, px_per_m: float | None = None) -> tuple[PlanarAnswer, fl
 
 
 def ball(**changes: object) -> SceneObject:
-    return replace(SceneObject("sphere", (0.08,), 0.5, 0.5, 0.0, 0.3), **changes)  # type: ignore[arg-type]
+    return replace(
+        SceneObject(shape="sphere", size=(0.08,), mass=0.5, sliding_friction=0.5, rolling_friction=0.0, damping=0.3),
+        **changes,
+    )  # type: ignore[arg-type]
 
 
 def ramp(angle_deg: float) -> FixedBody:
@@ -115,10 +118,39 @@ def test_a_ball_that_bounces_tells_of_the_floor() -> None:
     assert iou > 0.8
 
 
+def test_a_ball_that_bounces_twice_is_followed_through_both_bounces() -> None:
+    floor = FixedBody("box", (3.0, 0.6, 0.2), (0.0, 0.0, -0.7), damping=0.1)
+    falling = ball(position=(-0.8, 0, 0.0), velocity=(1.2, 0, -0.5))
+    answer, iou = found(Scene((falling,), SIDE.camera(), ground=None, fixed=(floor,)))
+    assert all(b.damping is not None for b in answer.scene.fixed)
+    assert answer.fit.rms_px < 8
+    assert iou > 0.7
+
+
+def test_a_body_that_slides_off_an_incline_is_still_on_an_incline() -> None:
+    turn = Rotation.from_euler("y", 25, degrees=True)
+    start = turn.apply([-0.75, 0, 0.0601])
+    box = SceneObject(
+        "box", (0.2, 0.15, 0.12), 0.5, 0.05, position=tuple(start), orientation=tuple(turn.as_quat(scalar_first=True))
+    )
+    short = replace(ramp(25), size=(1.7, 0.6, 0.2))
+    answer, iou = found(Scene((box,), SIDE.camera(), ground=None, fixed=(short,)))
+    assert answer.motion.view.kind == "incline"
+    assert abs(answer.motion.view.slope_deg) == pytest.approx(25, abs=1.5)
+    assert iou > 0.8
+
+
 def test_pucks_that_collide_tell_their_masses() -> None:
     def puck(x: float, vx: float, mass: float) -> SceneObject:
         return SceneObject(
-            "cylinder", (0.1, 0.06), mass, 0.002, 0, 0.1, position=(x, 0.02 * vx, 0.03), velocity=(vx, 0, 0)
+            shape="cylinder",
+            size=(0.1, 0.06),
+            mass=mass,
+            sliding_friction=0.002,
+            rolling_friction=0,
+            damping=0.1,
+            position=(x, 0.02 * vx, 0.03),
+            velocity=(vx, 0, 0),
         )
 
     plane = Plane(480, 320, 200.0, level=True)

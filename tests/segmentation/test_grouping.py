@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from pipeline.segmentation.bodies import draw_masks
-from pipeline.segmentation.grouping import follow
+from pipeline.segmentation.grouping import Piece, Track, follow
 from pipeline.segmentation.inference import Prediction, steadied
 from pipeline.segmentation.joining import joined
-from pipeline.segmentation.resting import with_rests
+from pipeline.segmentation.resting import resting, with_rests
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge, guided_filter
 
@@ -38,6 +38,12 @@ def answers(paths, radius=8, hidden=()):
 
 def line(start, stop, count=12):
     return np.linspace(start, stop, count)
+
+
+def piece_in(region, frame):
+    rows, cols = np.nonzero(region)
+    centre = np.array([cols.mean() + 0.5, rows.mean() + 0.5])
+    return Piece(np.flatnonzero(region), centre, 8.0, frame[region].mean(0) / 255)
 
 
 def tracks_of(frames, prediction):
@@ -157,10 +163,39 @@ def test_a_body_that_leaves_while_it_moves_is_not_prolonged():
 
 
 def test_the_ends_of_one_stiff_body_are_joined_and_two_bodies_side_by_side_are_not():
-    frames, prediction, _ = answers([line((10, 10), (60, 60)), line((50, 10), (100, 60))], radius=6)
+    frames, prediction, mask = answers([line((10, 10), (60, 60)), line((50, 10), (100, 60))], radius=6)
+    frames[mask == 2] = frames[mask == 1][0]
     assert len(tracks_of(frames, prediction)) == 2
     for t in range(len(frames)):
         row = int(10 + 50 * t / 11)
         left = int(10 + 50 * t / 11)
         prediction.moving[t, row - 2 : row + 3, left + 6 : left + 35] = 0.35
     assert len(tracks_of(frames, prediction)) == 1
+
+
+def test_two_bodies_of_different_colours_that_stay_side_by_side_are_not_joined():
+    frames, prediction, _ = answers([line((10, 10), (60, 60)), line((21, 10), (71, 60))], radius=6)
+    assert len(tracks_of(frames, prediction)) == 2
+
+
+def test_two_bodies_of_one_colour_that_meet_and_rest_are_not_one_stiff_body():
+    paths = [
+        np.concatenate([line(a, b, 6), np.repeat([b], 24, 0)])
+        for a, b in (((10.0, 30.0), (50.0, 30.0)), ((110.0, 30.0), (63.0, 30.0)))
+    ]
+    frames, prediction, mask = answers(paths, radius=6)
+    frames[mask == 2] = frames[mask == 1][0]
+    assert len(tracks_of(frames, prediction)) == 2
+
+
+def test_a_body_that_rests_behind_another_is_kept_while_parts_of_it_are_seen():
+    paths = [np.repeat([[60.0, 30.0]], 16, 0), line((10, 30), (54, 30), 16)]
+    frames, _, mask = answers(paths)
+    behind = Track(paths[0][0], 8.0, np.zeros((1, 3)), pieces={0: piece_in(mask[0] == 1, frames[0])})
+    front = Track(
+        paths[1][0], 8.0, np.zeros((1, 3)), pieces={t: piece_in(mask[t] == 2, frames[t]) for t in range(len(frames))}
+    )
+    assert max(with_rests(behind, frames).pieces) < 15
+    whole = resting([behind, front], frames)[0]
+    assert sorted(whole.pieces) == list(range(16))
+    np.testing.assert_array_equal(np.sort(whole.pieces[15].pixels), np.flatnonzero(mask[15] == 1))

@@ -55,7 +55,14 @@ class TrainingClip:
 
     @property
     def features(self) -> ClipFeatures:
-        return ClipFeatures(self.background, self.low, self.high, self.flicker, self.forward, self.backward)
+        return ClipFeatures(
+            background=self.background,
+            low=self.low,
+            high=self.high,
+            flicker=self.flicker,
+            forward=self.forward,
+            backward=self.backward,
+        )
 
 
 def state_of(shift_px: np.ndarray, turn_deg: np.ndarray) -> np.ndarray:

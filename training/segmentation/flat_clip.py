@@ -255,13 +255,13 @@ def _resampled(sprite: Sprite, radius: float) -> Sprite:
     grown = [cv2.resize(p, (size, size), interpolation=how) for p in (sprite.picture, sprite.alpha, sprite.shading)]
     unit = sprite.unit * size / sprite.picture.shape[0]
     return Sprite(
-        np.clip(grown[0], 0, 1),
-        np.clip(grown[1], 0, 1),
-        grown[2],
-        unit,
-        sprite.round,
-        sprite.turns_visibly,
-        sprite.reach,
+        picture=np.clip(grown[0], 0, 1),
+        alpha=np.clip(grown[1], 0, 1),
+        shading=grown[2],
+        unit=unit,
+        round=sprite.round,
+        turns_visibly=sprite.turns_visibly,
+        reach=sprite.reach,
     )
 
 

@@ -219,4 +219,4 @@ def sample_motion(rng: np.random.Generator, aspect: float, rolls: np.ndarray, se
         held = max(int(release[0] * STEPS_PER_SECOND), 1)
         back = np.linspace(1, 0, held)[:, None, None] ** 2 * rng.normal(0, 0.15, (1, 1, 2))
         positions[:held] += back
-    return FlatMotion(positions, angles, radius, lines, release, kind)
+    return FlatMotion(position=positions, angle=angles, radius=radius, segments=lines, release=release, kind=kind)

@@ -61,18 +61,18 @@ def make_clip(seed: int, index: int, kind: str | None = None) -> TrainingClip:
     state = np.where(faint(frames, mask, len(drawn.state)), UNSEEN, drawn.state).astype(np.uint8)
     features = clip_features(frames)
     return TrainingClip(
-        frames,
-        mask,
-        other,
-        drawn.centre[order].astype(np.float32),
-        drawn.radius[order].astype(np.float32),
-        state,
-        features.background,
-        features.low,
-        features.high,
-        features.flicker,
-        features.forward,
-        features.backward,
+        frames=frames,
+        mask=mask,
+        other=other,
+        centre=drawn.centre[order].astype(np.float32),
+        radius=drawn.radius[order].astype(np.float32),
+        state=state,
+        background=features.background,
+        low=features.low,
+        high=features.high,
+        flicker=features.flicker,
+        forward=features.forward,
+        backward=features.backward,
     )
 
 

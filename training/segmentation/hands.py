@@ -100,17 +100,17 @@ def sample_hand(
     sleeve = sample_background(rng, 128, 128)
     angle = rng.uniform(0, 2 * math.pi)
     return Hand(
-        base,
-        wrist,
-        opening.reshape(count),
-        palm,
-        lengths,
-        bend,
-        skin,
-        sleeve,
-        float(rng.choice([rng.uniform(0.0, 0.3), rng.uniform(0.3, 1.5)])),
-        float(rng.choice([-1.0, 1.0])),
-        np.array([math.cos(angle), math.sin(angle)]),
+        base=base,
+        wrist=wrist,
+        spread=opening.reshape(count),
+        palm=palm,
+        lengths=lengths,
+        bend=bend,
+        skin=skin,
+        sleeve=sleeve,
+        sleeve_from=float(rng.choice([rng.uniform(0.0, 0.3), rng.uniform(0.3, 1.5)])),
+        mirrored=float(rng.choice([-1.0, 1.0])),
+        light=np.array([math.cos(angle), math.sin(angle)]),
     )
 
 

@@ -166,7 +166,7 @@ def with_clear_plate(rng: np.random.Generator, clip: TrainingClip) -> TrainingCl
         covered |= (clip.mask == body) & found[:, None, None]
     if rng.random() < 0.3:  # shadows too
         covered |= clip.other == BODY_SHADOW
-    return replace(clip, background=clear_plate(clip.frames, covered, clip.background))
+    return replace(clip, background=clear_plate(clip.frames, covered, clip.background)[0])
 
 
 def batched(samples: list[Sample]) -> dict[str, Tensor]:

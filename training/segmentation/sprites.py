@@ -128,7 +128,15 @@ def sample_sprite(rng: np.random.Generator, unit: float, behind: np.ndarray) -> 
         shading = np.where(away > -rng.uniform(0.05, 0.3), np.float32(rng.uniform(0.3, 1.4)), np.float32(1.0))
     elif rng.random() < 0.5:
         shading = (1 + 0.25 * (x * light[0] + y * light[1])).astype(np.float32)
-    return Sprite(picture.astype(np.float32), alpha, shading, unit, kind in ("ball", "disc", "ring"), visible, reach)
+    return Sprite(
+        picture=picture.astype(np.float32),
+        alpha=alpha,
+        shading=shading,
+        unit=unit,
+        round=kind in ("ball", "disc", "ring"),
+        turns_visibly=visible,
+        reach=reach,
+    )
 
 
 def placed(

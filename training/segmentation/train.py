@@ -4,7 +4,8 @@
 
 Clips that are added to DATA while it runs are used too. The learning rate falls to nothing over --minutes of training;
 a run that was stopped goes on from WORK/checkpoint.pt. WORK/weights has the moving average of the weights in the
-shipped form, WORK/log.csv the losses. --start: a folder of weights to begin from.
+shipped form, WORK/steps those of the last SAVED saves, for `training.segmentation.average`, WORK/log.csv the losses.
+--start: a folder of weights to begin from.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import csv
 import math
+import shutil
 import time
 from pathlib import Path
 from typing import Any
@@ -32,6 +34,7 @@ POOL, RENEWED = 500, 1  # clips in memory, and how many are replaced in each ste
 LISTED_EVERY = 20  # clips loaded, after which those that were added to the folder are looked for
 WARM_UP = 100  # steps
 AVERAGE = 0.998  # of the weights' moving average
+SAVED = 24  # of the last saves, whose weights are kept
 
 
 class Clips:
@@ -136,7 +139,10 @@ def main() -> None:
         torch.save(state, checkpoint.with_suffix(".part"))
         checkpoint.with_suffix(".part").replace(checkpoint)
         config = {"steps": step, "frames_shown": shown, "clips": len(clips.paths), "minutes": round(spent / 60, 1)}
-        write_weights(arguments.work / "weights", average, network.channels, config)  # type: ignore[arg-type]
+        for folder in (arguments.work / "weights", arguments.work / "steps" / f"{step:06d}"):
+            write_weights(folder, average, network.channels, config)  # type: ignore[arg-type]
+        for old in sorted((arguments.work / "steps").iterdir())[:-SAVED]:
+            shutil.rmtree(old)
 
     while spent < total:
         for group in optimiser.param_groups:

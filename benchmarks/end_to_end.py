@@ -1,0 +1,121 @@
+"""From pixels alone to a scene: `infer` on another engine's clips, whose truth is used only for the scores.
+
+    python -m benchmarks.end_to_end [--simulations 3200] [--minutes M] [--kept FOLDER] [--words WORDS] [CLIP ...]
+
+Clips: `cross_engine` in DYNAMICS_DATA or ../shared/data; each is given as its video, without the masks beside it. Masks
+are those that the network in models/masks finds, the model is the one that ships. Prints a row for each clip and the
+means with 95 % bootstrap intervals: composition, sequence IoU of the scene's replay with the true masks, and video IoU
+of the masks that were found. A clip in which no scene is found scores 0. FOLDER keeps the answers, so that a stopped
+run can be continued; `words` name the version.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.kept_answers import answers_of, kept_answers
+from benchmarks.mask_clips import data_folder
+from pipeline.api.infer import infer
+from pipeline.clips.replay import HEIGHT, WIDTH, replay_poses
+from pipeline.errors import SimulationError, VideoError
+from pipeline.evaluation.tables import cell, markdown
+from pipeline.metrics.intervals import bootstrap_mean
+from pipeline.metrics.overlap import assign, count, pair_iou, sequence_iou
+from pipeline.perception.mask_source import MaskSource
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import read_frames, with_masks
+from pipeline.scene.text import write_scene
+from pipeline.search.target import resize_masks
+from pipeline.vision.recordings.clip_folder import find_clips, masks_beside, video_of
+
+METRICS = {"composition": "composition", "iou": "sequence IoU", "masks": "masks' IoU", "seconds": "seconds"}
+RESAMPLES = 10_000
+Job = tuple[Path, int, str]
+
+
+def overlap_with(masks: np.ndarray, truth: np.ndarray) -> float:
+    """Sequence IoU of ids (T, H, W) with true ones (T, H', W'), each found body assigned to a true one."""
+    both = resize_masks(masks, WIDTH, HEIGHT), resize_masks(truth, WIDTH, HEIGHT)
+    counts = count(*both, int(masks.max(initial=0)), int(truth.max(initial=0)))
+    return float(sequence_iou(counts, assign(pair_iou(counts))))
+
+
+def answer(job: Job) -> dict[str, Any]:
+    """The scores of what `infer` finds in one clip."""
+    place, simulations, words = job
+    start = time.perf_counter()
+    row: dict[str, Any] = {"clip": place.name, "budget": simulations, "words": words}
+    shapes = sorted(o["type"] for o in json.loads((place / "truth.json").read_text())["objects"])
+    row["true"] = "+".join(shapes)
+    try:
+        found = infer(video_of(place), search=simulations)
+    except (VideoError, SimulationError) as error:
+        seconds = time.perf_counter() - start
+        return row | {"found": str(error), "composition": 0.0, "iou": 0.0, "masks": 0.0, "seconds": seconds}
+    schedule, taken = found.clip.schedule, found.clip.taken
+    read = read_frames(place, seconds=schedule.seconds, fps=schedule.fps, source=MaskSource(masks_beside(place)))
+    truth = with_masks(read, Prompts()).masks
+    scene = found.best.scene
+    return row | {
+        "found": scene.composition,
+        "by": found.best.name,
+        "composition": float(scene.composition == row["true"]),
+        "iou": overlap_with(replay_poses(scene, schedule).masks, truth),
+        "masks": overlap_with(taken.masks, truth),
+        "seconds": time.perf_counter() - start,
+        "scene": write_scene(scene),
+    }
+
+
+def summary(answers: list[dict[str, Any]]) -> str:
+    """A table of the clips and one of the means, of answers of one or more versions and budgets."""
+    rng = np.random.default_rng(0)
+    rows, means = [], []
+    for group in sorted({(a["words"], a["budget"]) for a in answers}):
+        some = sorted((a for a in answers if (a["words"], a["budget"]) == group), key=lambda a: a["clip"])
+        rows += [
+            [group[0], a["clip"], a["true"], a["found"], a.get("by", ""), f"{a['iou']:.3f}", f"{a['masks']:.3f}"]
+            for a in some
+        ]
+        cells = [cell(bootstrap_mean(np.array([float(a[m]) for a in some]), RESAMPLES, rng)) for m in METRICS]
+        means.append([group[0], str(group[1]), str(len(some)), *cells])
+    clips = markdown(["version", "clip", "true", "found", "by", "sequence IoU", "masks' IoU"], rows)
+    return clips + "\n" + markdown(["version", "budget", "clips", *METRICS.values()], means)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("clips", nargs="*", help="names of clips; all by default")
+    parser.add_argument("--simulations", type=int, default=3200)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--minutes", type=float, help="stop after so long; run again to continue")
+    parser.add_argument("--kept", type=Path, help="a folder for the answers; default: a temporary one")
+    parser.add_argument("--words", default="this tree", help="name of this version in the tables")
+    asked = parser.parse_args()
+    folder = data_folder() / "cross_engine"
+    if not folder.is_dir():
+        parser.error(f"no folder {folder}; set DYNAMICS_DATA to the folder that has cross_engine")
+    places = [p for p in find_clips(folder) if p.is_dir() and (not asked.clips or p.name in asked.clips)]
+    with tempfile.TemporaryDirectory() as passing:
+        kept = (asked.kept or Path(passing)).absolute()
+        kept.mkdir(parents=True, exist_ok=True)
+        path = kept / "answers.jsonl"
+        answers = kept_answers(path)
+        done = {(a["clip"], a["budget"], a["words"]) for a in answers}
+        jobs = [(p, asked.simulations, asked.words) for p in places]
+        jobs = [j for j in jobs if (j[0].name, j[1], j[2]) not in done]
+        for row in answers_of(answer, jobs, path, asked.workers, asked.minutes):
+            print(f"{row['clip']}  {row['true']} -> {row['found']}  IoU {row['iou']:.3f}", flush=True)
+            answers.append(row)
+    print(summary(answers))
+
+
+if __name__ == "__main__":
+    main()

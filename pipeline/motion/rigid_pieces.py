@@ -1,0 +1,116 @@
+"""Pieces of one rigid body that masks show as bodies of their own: the dark ends of a cart whose middle is pale.
+
+Two pieces are one body if the vector between them rests while both turn back together, and if what lies between them
+differs from the background. Two balls that fall side by side turn back together, too, but between them is background.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from pipeline.motion.image_track import MAD, ImageTrack, image_tracks
+
+LEAST_FRAMES = 10  # that show both
+LEAST_SHARE = 0.8  # of the frames of the shorter track, that show both
+STIFF_PX, STIFF_SHARE = 0.8, 0.01  # most deviation of the vector between them; its share of that vector
+LEAST_WAY = 0.5  # of the vector's length: what both must move
+LEAST_TURN = 0.3  # of that way, that they must go back
+LEAST_BRIDGE = 0.5  # of what is between them must differ from the background
+LEAST_CONTRAST = 6.0  # grey levels, or 4 standard deviations of the noise
+BACKGROUND_FRAMES = 40
+
+
+def joined_pieces(
+    masks: np.ndarray, frames: np.ndarray, times: np.ndarray, known: Sequence[bool]
+) -> tuple[np.ndarray, list[list[int]]]:
+    """Masks in which the pieces of one rigid body are one body, filled up to their convex hull.
+
+    Args:
+        masks: (T, H, W) ids from 1.
+        frames: (T, H, W, 3) uint8 RGB.
+        times: (T,) s.
+        known: Of each body, whether the user pointed at it; two such bodies stay two.
+
+    Returns:
+        Masks whose bodies are numbered in the order of their first pieces, and the pieces of each body.
+    """
+    tracks = image_tracks(masks, times)
+    groups = [[body] for body in range(1, int(masks.max(initial=0)) + 1)]
+    for one, other in itertools.combinations(tracks, 2):
+        both_known = known[one.body - 1] and known[other.body - 1]
+        if not both_known and moves_stiffly(one, other) and _bridged(masks, frames, one, other):
+            first = next(g for g in groups if one.body in g)
+            second = next(g for g in groups if other.body in g)
+            if first is not second:
+                groups.remove(second)
+                first += second
+    if all(len(g) == 1 for g in groups):
+        return masks, groups
+    out = np.zeros_like(masks)
+    for number, group in enumerate(groups, 1):
+        for k, own in enumerate(np.isin(masks, group)):
+            out[k][_hull(own) & (masks[k] == 0) | own if len(group) > 1 else own] = number
+    return out, groups
+
+
+def moves_stiffly(one: ImageTrack, other: ImageTrack) -> bool:
+    """Whether the vector between two tracks rests while both go some way and turn back."""
+    _, i, j = np.intersect1d(one.frames, other.frames, return_indices=True)
+    if len(i) < max(LEAST_FRAMES, LEAST_SHARE * min(len(one), len(other))):
+        return False
+    apart = other.centre[j] - one.centre[i]
+    middle = np.median(apart, axis=0)
+    length = float(np.linalg.norm(middle))
+    spread = MAD * float(np.median(np.abs(apart - middle), axis=0).max())
+    if spread > max(STIFF_PX, STIFF_SHARE * length):
+        return False
+    place = 0.5 * (one.centre[i] + other.centre[j])
+    centred = place - place.mean(0)
+    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    way = float(np.ptp(along))
+    return way > LEAST_WAY * length and _turned_back(along) > LEAST_TURN * way
+
+
+def _turned_back(along: np.ndarray) -> float:
+    """The longest way back of places (T,) along a line, after a way forth that is as long or longer."""
+    most = 0.0
+    for sign in (1, -1):
+        x = sign * along
+        forth = np.maximum.accumulate(x) - np.minimum.accumulate(x)
+        back = np.maximum.accumulate(x) - x
+        most = max(most, float(np.minimum(forth, back).max()))
+    return most
+
+
+def _bridged(masks: np.ndarray, frames: np.ndarray, one: ImageTrack, other: ImageTrack) -> bool:
+    """Whether most of what is between two pieces differs from the background."""
+    grey = np.stack([cv2.cvtColor(f, cv2.COLOR_RGB2GRAY) for f in frames]).astype(np.float32)
+    common = np.intersect1d(one.frames, other.frames)
+    hulls = np.zeros(masks.shape, bool)
+    for k in common:
+        hulls[k] = _hull((masks[k] == one.body) | (masks[k] == other.body))
+    some = np.linspace(0, len(frames) - 1, min(len(frames), BACKGROUND_FRAMES)).round().astype(int)
+    hidden = hulls[some].all(0)
+    background = np.ma.median(np.ma.array(grey[some], mask=hulls[some]), axis=0).filled(np.nan)
+    noise = MAD * float(np.median(np.abs(np.diff(grey[some], axis=0)))) / np.sqrt(2)
+    shares = []
+    for k in common:
+        between = hulls[k] & (masks[k] == 0) & ~hidden
+        if between.any():
+            off = np.abs(grey[k][between] - background[between])
+            shares.append(float((off > max(LEAST_CONTRAST, 4 * noise)).mean()))
+    return bool(shares) and float(np.median(shares)) > LEAST_BRIDGE
+
+
+def _hull(mask: np.ndarray) -> np.ndarray:
+    """The convex hull of a mask (H, W) bool, as another."""
+    rows, cols = np.nonzero(mask)
+    filled = np.zeros(mask.shape, np.uint8)
+    if len(rows):
+        hull = cv2.convexHull(np.stack([cols, rows], 1).astype(np.int32))
+        cv2.fillConvexPoly(filled, hull, 1)
+    return filled > 0

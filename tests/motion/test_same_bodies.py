@@ -1,0 +1,78 @@
+"""Pieces that are one body, and bodies whose numbers masks exchange, in drawn clips."""
+
+import numpy as np
+
+from pipeline.motion.exchanged_bodies import without_exchanges
+from pipeline.motion.rigid_pieces import joined_pieces
+
+TIMES = np.arange(30) / 30
+HEIGHT, WIDTH = 60, 200
+
+
+def drawn(places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """(T, H, W) bool: an upright rectangle, size (w, h) px, about places (T, 2) px."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    off = np.stack([x, y], -1) - np.asarray(places)[:, None, None]
+    return np.asarray((np.abs(off) < 0.5 * np.array(size)).all(-1))
+
+
+def there_and_back(x: float) -> np.ndarray:
+    return np.stack([x + 80 * (1 - np.abs(2 * TIMES / TIMES[-1] - 1)), np.full(len(TIMES), 30.0)], 1)
+
+
+def clip_with(masks: np.ndarray, more: np.ndarray | None = None) -> np.ndarray:
+    """Frames in which masks are dark on a pale background, and `more` is grey."""
+    frames = np.full((*masks.shape, 3), 230, np.uint8)
+    if more is not None:
+        frames[more] = 180
+    frames[masks > 0] = 40
+    return frames
+
+
+def ends() -> np.ndarray:
+    left, right = (drawn(there_and_back(x), (8, 14)) for x in (20, 70))
+    return np.where(left, 1, np.where(right, 2, 0)).astype(np.uint8)
+
+
+def test_two_ends_of_a_bar_that_turn_back_together_are_one_body() -> None:
+    masks, bar = ends(), drawn(there_and_back(45), (50, 12))
+    joined, groups = joined_pieces(masks, clip_with(masks, bar), TIMES, [False, False])
+    assert groups == [[1, 2]]
+    assert (joined[bar | (masks > 0)] == 1).mean() > 0.95
+
+
+def test_two_bodies_with_background_between_them_stay_two() -> None:
+    masks = ends()
+    same, groups = joined_pieces(masks, clip_with(masks), TIMES, [False, False])
+    assert groups == [[1], [2]]
+    assert (same == masks).all()
+
+
+def test_bodies_that_the_user_named_stay_two() -> None:
+    masks, bar = ends(), drawn(there_and_back(45), (50, 12))
+    assert joined_pieces(masks, clip_with(masks, bar), TIMES, [True, True])[1] == [[1], [2]]
+
+
+def struck() -> tuple[np.ndarray, np.ndarray]:
+    """Places (T, 2) of a puck that stops at frame 15 and of the puck that it hits."""
+    x = 20 + 4.0 * np.minimum(np.arange(30), 15)
+    other = 92 + 4.0 * np.maximum(np.arange(30) - 15, 0)
+    return np.stack([x, np.full(30, 30.0)], 1), np.stack([other, np.full(30, 30.0)], 1)
+
+
+def test_numbers_that_are_exchanged_where_pucks_hit_are_put_right() -> None:
+    first, second = (drawn(p, (12, 12)) for p in struck())
+    true = np.where(first, 1, np.where(second, 2, 0)).astype(np.uint8)
+    wrong = true.copy()
+    wrong[16:] = np.array([0, 2, 1], np.uint8)[true[16:]]
+    assert (without_exchanges(wrong, clip_with(true), TIMES) == true).all()
+    assert (without_exchanges(true, clip_with(true), TIMES) == true).all()
+
+
+def test_bodies_of_different_colours_keep_the_numbers_that_they_have() -> None:
+    first, second = (drawn(p, (12, 12)) for p in struck())
+    masks = np.where(first, 1, np.where(second, 2, 0)).astype(np.uint8)
+    masks[16:] = np.array([0, 2, 1], np.uint8)[masks[16:]]
+    frames = clip_with(masks)
+    frames[masks == 2] = (200, 30, 30)
+    assert (without_exchanges(masks, frames, TIMES) == masks).all()
