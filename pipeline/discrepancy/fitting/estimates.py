@@ -58,6 +58,10 @@ def effect_estimates(found: Candidate, effect: str) -> dict[str, ParameterEstima
         assert found.hits is not None
         hits = found.hits
         return {p.name: ParameterEstimate(hits.values[p.name], hits.errors[p.name], p.unit) for p in kind.parameters}
+    if kind.name not in model.names:  # by convention, with spins that were not measured
+        stated = next(e for e in model.stated if e.name == effect)
+        units = {p.name: p.unit for p in kind.parameters}
+        return {name: ParameterEstimate(value, None, units[name]) for name, value in stated.parameters}
     errors = standard_errors(found)
     values: dict[str, Number] = {}
     spreads: dict[str, Number] = {}

@@ -156,6 +156,12 @@ def _notes(found: Selection) -> tuple[str, ...]:
         notes.append(
             f"the length scales of the clips seem to differ, by {scatter:.1%}: each clip was fitted with one of its own"
         )
+    spin = _unmeasured_spin(found.answer)
+    if spin > 0:
+        notes.append(
+            f"spins were not measured: each flight was fitted with one of its own ({spin:.3g} rad/s, root mean square, "
+            "for the lift coefficient of a ball in air); only the product of spin and coefficient is determined"
+        )
     if problem.floor.correlation > NOTABLE_CORRELATION:
         notes.append(
             f"the noise is correlated (by {problem.floor.correlation:.2f} between neighbouring samples): "
@@ -175,6 +181,16 @@ def _notes(found: Selection) -> tuple[str, ...]:
     if found.untestable:
         notes.append("not testable with these measurements: " + ", ".join(found.untestable))
     return tuple(notes)
+
+
+def _unmeasured_spin(answer: Candidate) -> float:
+    """Root mean square of the sizes of the spins that were fitted to flights, rad/s; 0 where there are none."""
+    own = [
+        start[stack.unmeasured_spin & (stack.samples > 0), 6:9]
+        for stack, start in zip(answer.problem.stacks, answer.fit.starts, strict=True)
+        if stack.spin_sigma
+    ]
+    return float(np.sqrt((np.concatenate(own) ** 2).sum(1).mean())) if own else 0.0
 
 
 def _length_scale_scatter(answer: Candidate) -> float:

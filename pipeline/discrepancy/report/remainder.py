@@ -40,7 +40,7 @@ class Remainder:
 
 def remainder_of(found: Selection, gap: Gap) -> Remainder | None:
     """What a selection leaves unexplained; None where its model explains the measurements to the noise."""
-    if found.first is None and not found.unknown:
+    if not found.remains and not found.unknown:
         return None
     notable = [s for s in stretches(found.answer) if s.z > NOTABLE_Z]
     least = LEAST_STRETCHES * len(notable)

@@ -45,7 +45,7 @@ def confidence(found: Selection, names: tuple[str, ...]) -> float:
     problem = found.problem
     few = problem.noise_inflated and has_few_clips(problem)
     most = DOUBTFUL if few or found.measured.sigma < SMOOTHED else FEW_CLIPS.get(len(problem.fitted), 1.0)
-    remains = found.excess_z > UNEXPLAINED_Z or found.first is not None
+    remains = found.excess_z > UNEXPLAINED_Z or found.remains
     if remains and not found.unknown:
         most = min(most, IMPERFECT)
     return min(_by_margin(found, names), most)

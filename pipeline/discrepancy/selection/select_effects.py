@@ -34,12 +34,12 @@ MOST_DROPS = 2  # times that arcs are dropped by the best model
 
 
 def select_effects(problem: Problem, effects: Sequence[str], progress: Progress) -> Selection:
-    """The selection for a problem, with nuisances where the clips disagree.
+    """The selection for a problem, with nuisances where no listed effect explains it.
 
     If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
-    counts if it explains the rest. Else the residuals of the best single effect count as noise, and the selection is
-    repeated once more. With one or two fitted clips, which may have slow tracking errors, this selection counts; with
-    more, those of its effects that are established.
+    counts if it explains the rest. Else, with one or two fitted clips, which may have slow tracking errors, the
+    residuals count as noise, and the selection is repeated once more. With more clips those effects are named that are
+    established, of balls in the air also those of an unknown spin.
 
     Args:
         problem: What is fitted.
@@ -54,21 +54,18 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
         return _select_beside_remainder(scaled, found.none, effects, progress)
     if not scaled.unknown and scaled.chosen.score < found.chosen.score - CLAIM_MORE:
         return replace(scaled, baseline=found.none)
-    if found.unknown:
-        return with_established(_select_beside_remainder(found, found.none, effects, progress)) or found
-    return found
+    if not found.unknown:
+        return found
+    return with_established(found, testable_kinds(effects, found.problem, any_spin=True), progress) or found
 
 
 def _select_beside_remainder(
     first: Selection, baseline: Candidate, effects: Sequence[str], progress: Progress
 ) -> Selection:
-    """The selection in which the residuals of another one's best model of at most one effect count as noise.
-
-    Models of several effects would make up for each other's errors and leave too little for the noise.
-    """
+    """The selection in which the residuals of another one's best model of at most one effect count as noise."""
     best = min((first.none, *first.singles), key=lambda c: c.score)
     noisy = inflate_noise(first.problem, independent_share(best))
-    return replace(select_once(noisy, effects, progress), baseline=baseline, first=first)
+    return replace(select_once(noisy, effects, progress), baseline=baseline, first=first, remains=True)
 
 
 def select_once(problem: Problem, effects: Sequence[str], progress: Progress = lambda _: None) -> Selection:
@@ -79,7 +76,7 @@ def select_once(problem: Problem, effects: Sequence[str], progress: Progress = l
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
     """
-    kinds = testable_kinds(effects, problem)
+    kinds = testable_kinds(effects, problem, any_spin=False)
     calibration, best, singles = _fit_singles(problem, kinds, progress)
     singles = _refit_near_best(calibration, best, singles)
     calibration = rescale_noise(calibration, best)

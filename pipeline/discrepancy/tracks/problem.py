@@ -17,6 +17,7 @@ from pipeline.discrepancy.tracks.track import Track, frame_rate
 from pipeline.errors import MeasurementError
 
 LENGTH_SCALE_SIGMA = 0.03  # relative: how much the length scales of recordings may differ
+SPIN_SIGMA = 100.0  # rad/s, of spins that were not measured: balls are thrown and hit with up to some 30 turns a second
 LEAST_PIECE = 4  # samples of a piece of an arc that is split
 
 
@@ -171,6 +172,12 @@ def _stacked(
 def with_length_scale_nuisance(problem: Problem) -> Problem:
     """The problem in which each arc has a length scale of its own: recordings made at several distances."""
     return replace(problem, stacks=tuple(replace(s, length_scale_sigma=LENGTH_SCALE_SIGMA) for s in problem.stacks))
+
+
+def with_unmeasured_spins(problem: Problem) -> Problem:
+    """The problem in which each ball in the air whose spin was not measured has an unknown one in each arc."""
+    spinning = (replace(s, spin_sigma=SPIN_SIGMA) if s.unmeasured_spin.any() else s for s in problem.stacks)
+    return replace(problem, stacks=tuple(spinning))
 
 
 def inflate_noise(problem: Problem, share: float) -> Problem:
