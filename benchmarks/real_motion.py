@@ -18,7 +18,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from ruamel.yaml import YAML
 
-from benchmarks.published.ball_drops import read_ball_drops
+from benchmarks.published.ball_drops import read_ball_drops, together
 from benchmarks.published.cube_tosses import read_cube_tosses
 from benchmarks.published.published_set import RealSet, real_motion_folder
 from benchmarks.published.table_tennis import read_table_tennis
@@ -114,6 +114,7 @@ def main() -> None:
     drops = read_ball_drops(folder / "ball_drops")
     sets = [
         *drops,
+        together(drops),
         read_table_tennis(folder / "table_tennis", arguments.flights),
         read_cube_tosses(folder / "cube_tosses", arguments.tosses),
     ]

@@ -13,7 +13,7 @@ from pipeline.discrepancy.fitting.initial_states import initial_states
 from pipeline.discrepancy.fitting.model import OBJECT, Model, with_effect, without_effect
 from pipeline.discrepancy.fitting.screening import Guess, ScreeningRegression
 from pipeline.discrepancy.fitting.velocity_jump_hits import velocity_jump_hits
-from pipeline.discrepancy.tracks.problem import split_at_jumps, with_unmeasured_spins
+from pipeline.discrepancy.tracks.problem import recorded_alone, split_at_jumps, with_unmeasured_spins
 from pipeline.scene.effects.kind import EffectKind
 from pipeline.scene.scene import Effect, half_extents
 
@@ -104,9 +104,26 @@ def _with_arc_effect(
         found = _completed(calibration, found, base)
         if np.isfinite(found.score) and (best is None or found.score < best.score):
             best = found
+    if best is not None and kind.discovery.of_a_body:
+        best = _with_own_numbers(calibration, kind, base, best)
     if best is not None and kind.discovery.must_beat_shuffled_spins and not _beats_shuffled(calibration, base, best):
         return None
     return best
+
+
+def _with_own_numbers(calibration: Calibration, kind: EffectKind, base: Candidate, found: Candidate) -> Candidate:
+    """`found`, or the same effect with each body's own numbers where bodies were recorded one by one and that wins.
+
+    found: `base` with the effect, whose numbers all bodies share.
+    """
+    bodies = recorded_alone(base.problem)
+    if len(bodies) < 2:
+        return found
+    shared = base.fit.model.size
+    model = with_effect(base.fit.model, kind, calibration.problem.known, bodies=bodies)
+    theta = np.concatenate([found.fit.theta[:shared], np.tile(found.fit.theta[shared:], len(bodies))])
+    own = fit_model(calibration, base.problem, model, theta, found.fit.starts, effects=found.effects)
+    return min(found, _completed(calibration, own, base), key=lambda c: c.score)
 
 
 def _completed(calibration: Calibration, found: Candidate, base: Candidate) -> Candidate:

@@ -91,7 +91,25 @@ def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, fact
         Section("Calibrated", "Free parameters of the known scene.", _parameters(found.calibrated)),
         Section("Notes", "", "".join(f"<p>{note}</p>" for note in report["notes"])),
     ]
+    if verdict["remainder"] is not None:
+        sections.insert(1, Section("What remains", verdict["remainder"]["experiment"], _remainder(report)))
     return page(TITLE, sentence(report), facts, sections)
+
+
+def _remainder(report: Mapping[str, Any]) -> str:
+    """The gap before and after, and what remains."""
+    gap, left = report["gap"], report["verdict"]["remainder"]
+    rows = [
+        ("gap before, mm", f"{1e3 * gap['before']:.3g}"),
+        ("gap after, mm", f"{1e3 * gap['after']:.3g}"),
+        ("noise floor, mm", f"{1e3 * gap['noise_floor']:.3g}"),
+        ("remains of the gap beyond noise", f"{left['share']:.0%}"),
+        ("in", ", ".join(left["regimes"]) or "no regime more than in others"),
+        ("of", ", ".join(left["objects"]) or "no object more than of others"),
+        ("force", left["form"]),
+        ("may be", ", ".join(left["candidates"]) or "none of the listed effects"),
+    ]
+    return html_table(["", ""], rows)
 
 
 def _ranking(found: Discovery) -> str:

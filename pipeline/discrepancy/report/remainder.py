@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from pipeline.discrepancy.fitting.candidate import residuals_m
 from pipeline.discrepancy.report.formula import residual_formula
 from pipeline.discrepancy.report.localisation import stretches
+from pipeline.discrepancy.selection.confidence import leaves_more
 from pipeline.discrepancy.selection.equivalence import next_experiment
 from pipeline.discrepancy.selection.gap import Gap
 from pipeline.discrepancy.selection.selection import Selection
+from pipeline.discrepancy.tracks.arc import Arc
 
-NOTABLE_Z = 3.0  # of a stretch that counts
+NOTABLE_Z = 3.0  # of an arc whose residuals exceed the noise
 LEAST_STRETCHES = 0.1  # share of the notable stretches that a regime or an object has to have
 MOST_CANDIDATES = 3
 
@@ -40,9 +45,14 @@ class Remainder:
 
 def remainder_of(found: Selection, gap: Gap) -> Remainder | None:
     """What a selection leaves unexplained; None where its model explains the measurements to the noise."""
-    if not found.remains and not found.unknown:
+    if not leaves_more(found):
         return None
-    notable = [s for s in stretches(found.answer) if s.z > NOTABLE_Z]
+    loud = _loud_arcs(found)
+    notable = [
+        s
+        for s in stretches(found.answer)
+        if any(a.clip == s.clip and a.object == s.object and a.time[0] <= s.start <= a.time[-1] for a in loud)
+    ]
     least = LEAST_STRETCHES * len(notable)
     regimes = [str(s.regime) for s in notable]
     objects = [found.problem.known.scene.objects[s.object].name for s in notable]
@@ -56,6 +66,18 @@ def remainder_of(found: Selection, gap: Gap) -> Remainder | None:
         candidates=candidates,
         experiment=next_experiment(candidates or ("unknown",), ()),
     )
+
+
+def _loud_arcs(found: Selection) -> list[Arc]:
+    """The arcs whose residuals exceed the noise."""
+    problem, out = found.answer.problem, []
+    share = found.measured.floor.information
+    for stack, rows in zip(problem.stacks, residuals_m(problem, found.answer), strict=True):
+        count = np.maximum((stack.weight > 0).sum((1, 2)) - stack.own, 1)
+        chi2 = (rows**2).sum((1, 2)) / found.measured.sigma**2 * share
+        z = (chi2 - count) / np.sqrt(2 * count)
+        out += [problem.arcs[i] for i in stack.index[z > NOTABLE_Z]]
+    return out
 
 
 def _candidates(found: Selection) -> tuple[str, ...]:

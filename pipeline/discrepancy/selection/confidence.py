@@ -36,6 +36,11 @@ def probabilities(found: Selection) -> dict[str, float]:
     return {**dict(zip(names, map(float, shares), strict=True)), "unknown": lost}
 
 
+def leaves_more(found: Selection) -> bool:
+    """Whether the answer leaves more than noise."""
+    return found.unknown or found.first is not None or found.excess_z > UNEXPLAINED_Z
+
+
 def confidence(found: Selection, names: tuple[str, ...]) -> float:
     """The probability that the verdict, or the set of equivalent effects that contains it, is right.
 
@@ -45,8 +50,7 @@ def confidence(found: Selection, names: tuple[str, ...]) -> float:
     problem = found.problem
     few = problem.noise_inflated and has_few_clips(problem)
     most = DOUBTFUL if few or found.measured.sigma < SMOOTHED else FEW_CLIPS.get(len(problem.fitted), 1.0)
-    remains = found.excess_z > UNEXPLAINED_Z or found.remains
-    if remains and not found.unknown:
+    if leaves_more(found) and not found.unknown:
         most = min(most, IMPERFECT)
     return min(_by_margin(found, names), most)
 

@@ -13,12 +13,13 @@ from dataclasses import replace
 
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import Progress, extend, without_one
+from pipeline.discrepancy.selection.comparison import other_evidence
 from pipeline.discrepancy.selection.equivalence import Sets
 from pipeline.discrepancy.selection.forecast import forecast_error
-from pipeline.discrepancy.selection.forward_selection import MOST_EFFECTS, MOST_FITTED_MORE
+from pipeline.discrepancy.selection.forward_selection import LEADERS, MOST_EFFECTS, MOST_FITTED_MORE
 from pipeline.discrepancy.selection.gap import measure_gap
 from pipeline.discrepancy.selection.selection import Selection
-from pipeline.discrepancy.selection.unexplained import excess, is_unexplained
+from pipeline.discrepancy.selection.unexplained import excess
 from pipeline.scene.effects.kind import EffectKind
 
 MOST_LEFT = 0.5  # of the gap beyond noise that a simpler model leaves, root mean square
@@ -31,10 +32,10 @@ HELD_OUT_GAIN = 4.0
 def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Progress) -> Selection | None:
     """The selection of the effects that are established, with what cannot be told from them; None where none is.
 
-    Effects are added one by one, the simplest first of those that count.
+    Effects are added one by one, the simplest first of those that count. Where none counts alone, two may.
 
     Args:
-        found: A selection whose answer is `unknown`, with clips that were held out.
+        found: A selection that leaves more than noise, with clips that were held out.
         kinds: The effects that may be named.
         progress: Called with the name of each effect that is fitted.
     """
@@ -43,12 +44,18 @@ def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Pr
     kinds = [kind for kind in kinds if kind.discovery.fit_hits is None and kind.bounce_ratio is None]
     fitted = {c.name for c in found.singles}
     more = extend(found.calibration, found.none, [k for k in kinds if k.name not in fitted], progress)
-    longer = [c for c in (*found.singles, *more) if c.hits is None and c.restitution is None]
+    found = replace(found, singles=tuple(sorted((*found.singles, *more), key=lambda c: c.score)))
+    longer = [c for c in found.singles if c.hits is None and c.restitution is None and other_evidence(c) >= 0]
     chosen, tried = found.none, [*found.tried]
     alike: Sets = ()
     while True:
-        best = _simplest([c for c in longer if _counts(found, c, chosen)], found)
-        if best is None or not all(_counts(found, best, c) for c in _without(found, best, tried)):
+        best = _simplest([c for c in longer if _counts(found, c)], found)
+        if best is None and not chosen.effects and longer and len(longer[0].effects) == 1:
+            leaders = sorted(longer, key=lambda c: _left(found, c))[:LEADERS]
+            longer = [c for base in leaders for c in extend(found.calibration, base, kinds, progress, MOST_FITTED_MORE)]
+            tried += longer
+            continue
+        if best is None:
             break
         alike = _still_alike(found, alike, best, kinds, progress) + _alike(found, best, longer)
         chosen = best
@@ -59,17 +66,7 @@ def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Pr
     if not chosen.effects:
         return None
     z, share = excess(found.calibration, chosen)
-    return replace(
-        found,
-        singles=tuple(sorted((*found.singles, *more), key=lambda c: c.score)),
-        chosen=chosen,
-        alike=alike,
-        tried=tuple(tried),
-        unknown=False,
-        remains=is_unexplained(found.calibration, chosen),
-        excess_z=z,
-        excess_share=share,
-    )
+    return replace(found, chosen=chosen, alike=alike, tried=tuple(tried), unknown=False, excess_z=z, excess_share=share)
 
 
 def models_without(found: Selection) -> dict[str, Candidate]:
@@ -84,13 +81,24 @@ def _left(found: Selection, model: Candidate) -> float:
     return measure_gap(found.measured, found.baseline, model).left
 
 
-def _counts(found: Selection, longer: Candidate, shorter: Candidate) -> bool:
-    """Whether a model that has one effect more leaves enough less on the held-out clips, and forecasts better."""
-    return (
-        _left(found, longer) <= MOST_LEFT * _left(found, shorter)
-        and shorter.held_out - longer.held_out > HELD_OUT_GAIN
-        and forecast_error(longer) < forecast_error(shorter)
+def _counts(found: Selection, model: Candidate) -> bool:
+    """Whether a model leaves enough less on the held-out clips than without any one of its effects, and forecasts
+    better."""
+    return all(
+        _left(found, model) <= MOST_LEFT * _left(found, shorter)
+        and shorter.held_out - model.held_out > HELD_OUT_GAIN
+        and forecast_error(model) < forecast_error(shorter)
+        for shorter in _shorter(found, model)
     )
+
+
+def _shorter(found: Selection, model: Candidate) -> list[Candidate]:
+    """The model without any one of its effects, where that can be had."""
+    if len(model.effects) == 1:
+        return [found.none]
+    if len(model.effects) == 2:
+        return [c for c in found.singles if c.name in model.effects]
+    return without_one(found.calibration, model)
 
 
 def _simplest(models: Sequence[Candidate], found: Selection) -> Candidate | None:
@@ -100,15 +108,6 @@ def _simplest(models: Sequence[Candidate], found: Selection) -> Candidate | None
         if best is None or _left(found, c) <= MOST_LEFT * _left(found, best):
             best = c
     return best
-
-
-def _without(found: Selection, model: Candidate, tried: list[Candidate]) -> list[Candidate]:
-    """The model without each of its effects but the last one; what is fitted for that is added to `tried`."""
-    if len(model.effects) < 2:
-        return []
-    shorter = without_one(found.calibration, model)
-    tried += [c for c in shorter if len(c.effects) > 1]
-    return shorter
 
 
 def _alike(found: Selection, chosen: Candidate, rivals: Sequence[Candidate]) -> Sets:

@@ -38,8 +38,9 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
 
     If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
     counts if it explains the rest. Else, with one or two fitted clips, which may have slow tracking errors, the
-    residuals count as noise, and the selection is repeated once more. With more clips those effects are named that are
-    established, of balls in the air also those of an unknown spin.
+    residuals count as noise, and the selection is repeated once more. With more clips,
+    where no effect or only several together come near, those are named that are established, of balls in the air also
+    those of an unknown spin.
 
     Args:
         problem: What is fitted.
@@ -54,7 +55,7 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
         return _select_beside_remainder(scaled, found.none, effects, progress)
     if not scaled.unknown and scaled.chosen.score < found.chosen.score - CLAIM_MORE:
         return replace(scaled, baseline=found.none)
-    if not found.unknown:
+    if not found.unknown and len(found.chosen.effects) < 2:
         return found
     return with_established(found, testable_kinds(effects, found.problem, any_spin=True), progress) or found
 
@@ -65,7 +66,7 @@ def _select_beside_remainder(
     """The selection in which the residuals of another one's best model of at most one effect count as noise."""
     best = min((first.none, *first.singles), key=lambda c: c.score)
     noisy = inflate_noise(first.problem, independent_share(best))
-    return replace(select_once(noisy, effects, progress), baseline=baseline, first=first, remains=True)
+    return replace(select_once(noisy, effects, progress), baseline=baseline, first=first)
 
 
 def select_once(problem: Problem, effects: Sequence[str], progress: Progress = lambda _: None) -> Selection:

@@ -25,7 +25,6 @@ class Selection:
         ruled_out: Names of effects that something beside the motion speaks against.
         baseline: The calibrated model with lengths and noise as they were before nuisances (`select_effects`).
         tried: All models of several effects that were fitted.
-        remains: Whether the chosen model leaves more than noise although its effects are named.
         first: The selection whose residuals count as noise in this one; None where noise is as measured.
     """
 
@@ -40,7 +39,6 @@ class Selection:
     ruled_out: tuple[str, ...]
     baseline: Candidate
     tried: tuple[Candidate, ...] = ()
-    remains: bool = False
     first: Selection | None = None
 
     @property
