@@ -19,7 +19,7 @@ from pipeline.discrepancy.selection.forecast import forecast_error
 from pipeline.discrepancy.selection.forward_selection import LEADERS, MOST_EFFECTS, MOST_FITTED_MORE
 from pipeline.discrepancy.selection.gap import measure_gap
 from pipeline.discrepancy.selection.selection import Selection
-from pipeline.discrepancy.selection.unexplained import excess
+from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, excess
 from pipeline.scene.effects.kind import EffectKind
 
 MOST_LEFT = 0.5  # of the gap beyond noise that a simpler model leaves, root mean square
@@ -49,7 +49,7 @@ def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Pr
     chosen, tried = found.none, [*found.tried]
     alike: Sets = ()
     while True:
-        best = _simplest([c for c in longer if _counts(found, c)], found)
+        best = _simplest([c for c in longer if _counts(found, c, chosen)], found)
         if best is None and not chosen.effects and longer and len(longer[0].effects) == 1:
             leaders = sorted(longer, key=lambda c: _left(found, c))[:LEADERS]
             longer = [c for base in leaders for c in extend(found.calibration, base, kinds, progress, MOST_FITTED_MORE)]
@@ -59,7 +59,7 @@ def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Pr
             break
         alike = _still_alike(found, alike, best, kinds, progress) + _alike(found, best, longer)
         chosen = best
-        if len(chosen.effects) == MOST_EFFECTS:
+        if len(chosen.effects) == MOST_EFFECTS or excess(found.calibration, chosen)[0] <= UNEXPLAINED_Z:
             break
         longer = extend(found.calibration, chosen, kinds, progress, MOST_FITTED_MORE)
         tried += longer
@@ -81,24 +81,24 @@ def _left(found: Selection, model: Candidate) -> float:
     return measure_gap(found.measured, found.baseline, model).left
 
 
-def _counts(found: Selection, model: Candidate) -> bool:
+def _counts(found: Selection, model: Candidate, base: Candidate) -> bool:
     """Whether a model leaves enough less on the held-out clips than without any one of its effects, and forecasts
-    better."""
+    better. base: the model that it extends by the last of its effects."""
     return all(
         _left(found, model) <= MOST_LEFT * _left(found, shorter)
         and shorter.held_out - model.held_out > HELD_OUT_GAIN
         and forecast_error(model) < forecast_error(shorter)
-        for shorter in _shorter(found, model)
+        for shorter in _shorter(found, model, base)
     )
 
 
-def _shorter(found: Selection, model: Candidate) -> list[Candidate]:
-    """The model without any one of its effects, where that can be had."""
+def _shorter(found: Selection, model: Candidate, base: Candidate) -> list[Candidate]:
+    """The model without any one of its effects. base: without the last one."""
     if len(model.effects) == 1:
         return [found.none]
     if len(model.effects) == 2:
         return [c for c in found.singles if c.name in model.effects]
-    return without_one(found.calibration, model)
+    return [base, *without_one(found.calibration, model)]
 
 
 def _simplest(models: Sequence[Candidate], found: Selection) -> Candidate | None:
