@@ -20,6 +20,7 @@ install: .venv/installed
 repro: install
 	@test -d data/samples || git checkout -q -- data/samples
 	@test -d data/measured || git checkout -q -- data/measured
+	@python -m stages.graph.lock_copy
 	dvc repro
 	@echo "the report: $(CURDIR)/reports/index.html"
 	@echo "On another kind of processor the searches end with slightly different scenes, so that git status may show changed reports and dvc.lock."

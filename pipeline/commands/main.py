@@ -32,7 +32,7 @@ where to go on:
 """
 #: The subcommands: a module each, with SUMMARY (one line for `dynamics --help`), DESCRIPTION (what it does, with
 #: examples), add_arguments(parser) and run(arguments). It imports nothing heavy before `run`.
-VERBS = ("discover", "infer", "masks", "simulate", "view")
+VERBS = ("discover", "infer", "masks", "simulate", "store", "view")
 INTERRUPTED = 130
 TERMINATED = 143
 

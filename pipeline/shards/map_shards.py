@@ -11,9 +11,9 @@ from tqdm import tqdm
 from pipeline.errors import ShardError
 from pipeline.shards.arrays import write_arrays
 from pipeline.shards.dataset import ShardedDataset, open_shards
-from pipeline.shards.executor import RANK, WORLD_SIZE, SliceFinished, make_executor
+from pipeline.shards.executor import make_executor
 from pipeline.shards.keys import common_parts, shard_key
-from pipeline.shards.manifest import ARRAYS, Manifest, notes_text, total_notes
+from pipeline.shards.manifest import ARRAYS, Manifest, notes_text
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.output_folder import FilledShard, check_replaceable, write_output
 from pipeline.shards.shard import Shard, ShardResult
@@ -123,30 +123,23 @@ def map_shards(
 
     check_replaceable(output_dir)
     chosen = make_executor(executor, workers, threads)
-    share = chosen.share(tasks)
-    stored = {task.key: found for task in share if (found := store.lookup(task.key)) is not None}
-    missing = [task for task in share if task.key not in stored]
-    if missing:
-        store.check_writable()
-    with tqdm(total=len(share), initial=len(stored), desc=f"{stage} {suite}", unit="shard", disable=None) as progress:
-        for done in chosen.map(_compute_task, missing):
-            stored[done.key] = done
-            progress.update()
-
-    computed, clip_count = len(missing), sum(len(task.shard) for task in share)
-    notes = total_notes(stored[task.key].notes for task in share)
-    outcome = (
-        f"{stage} {suite}: {_plural(len(share), 'shard')}, {computed} computed, {len(share) - computed} from the store"
-        f", {_plural(clip_count, 'clip')}, {time.monotonic() - started:.1f} s{notes_text(notes)}"
+    with store.using([task.key for task in tasks]):
+        stored = {task.key: found for task in tasks if (found := store.lookup(task.key)) is not None}
+        missing = [task for task in tasks if task.key not in stored]
+        if missing:
+            store.check_writable()
+        label = f"{stage} {suite}"
+        with tqdm(total=len(tasks), initial=len(stored), desc=label, unit="shard", disable=None) as progress:
+            for done in chosen.map(_compute_task, missing):
+                stored[done.key] = done
+                progress.update()
+        filled = [FilledShard(task.shard, task.input_hashes, stored[task.key]) for task in tasks]
+        manifest = write_output(output_dir, stage, suite, filled, common)
+    print(
+        f"{stage} {suite}: {_plural(len(tasks), 'shard')}, {len(missing)} computed, {len(tasks) - len(missing)} from "
+        f"the store, {_plural(manifest.clips, 'clip')}, {time.monotonic() - started:.1f} s{notes_text(manifest.notes)}",
+        flush=True,
     )
-    if not chosen.collects:
-        raise SliceFinished(
-            f"{outcome}. The shards are in {store.folder}; when all ranks are done, a last call without {RANK} and "
-            f"{WORLD_SIZE} collects them in {output_dir}"
-        )
-    filled = [FilledShard(task.shard, task.input_hashes, stored[task.key]) for task in tasks]
-    manifest = write_output(output_dir, stage, suite, filled, common)
-    print(outcome, flush=True)
     return manifest
 
 

@@ -259,7 +259,7 @@ class DiscoverSettings(Section):
 
 
 class ExecutorSettings(Section):
-    name: Literal["local", "slice", "ray"]
+    name: Literal["local", "ray"]
     workers: Count | None  # null: one a core
 
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from pipeline.errors import DynamicsError
-from pipeline.shards.executor import SliceFinished
 from pipeline.shards.manifest import Manifest
 from pipeline.shards.map_shards import Compute, Parameters, map_shards
+from stages.graph.lock_copy import keep
 from stages.graph.stage_params import load_executor
 
 DATA = Path("data")
@@ -29,10 +29,9 @@ def run(main: Callable[..., None], arguments: list[str] | None = None) -> None:
         expected = " ".join(parameter.upper() for parameter in inspect.signature(main).parameters)
         print(f"error: usage: python -m {name} {expected}".rstrip(), file=sys.stderr)
         sys.exit(2)
+    keep()
     try:
         main(*words)
-    except SliceFinished as finished:
-        print(finished)
     except DynamicsError as error:
         notes = "".join(f" ({note})" for note in getattr(error, "__notes__", []))
         print(f"error: {error}{notes}", file=sys.stderr)
