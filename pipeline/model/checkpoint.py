@@ -6,16 +6,34 @@ A checkpoint is a folder, or a name in the local hub cache; nothing is downloade
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from safetensors import SafetensorError
 from transformers import AutoConfig, AutoTokenizer, PreTrainedTokenizerBase
 
 from pipeline.errors import ModelError
 from pipeline.model.patches import PatchLayout
+from pipeline.untrusted import read_json
 
 LAYOUT_FILE = "clip_layout.json"
+#: Nothing is downloaded, and no code of a checkpoint is run.
+LOADING: dict[str, Any] = {"local_files_only": True, "trust_remote_code": False}
+#: No pickles; attention as here, whatever config.json says (it may name a package of the hub).
+WEIGHTS: dict[str, Any] = {"use_safetensors": True, "attn_implementation": "sdpa"}
+LOADING_ERRORS = (
+    OSError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    RuntimeError,
+    ImportError,
+    SafetensorError,
+)
+"""What transformers raises for checkpoints that are missing or damaged."""
 
 
 def unavailable(name: str, error: Exception) -> ModelError:
@@ -24,16 +42,29 @@ def unavailable(name: str, error: Exception) -> ModelError:
     return ModelError(
         f"{name!r} is neither a folder with a Qwen2.5-VL checkpoint (config.json, model.safetensors, tokenizer.json) "
         f"nor in the local hub cache. Valid: models/tiny, or fetch it first on a machine with a network: hf download "
-        f"{fetch}. ({str(error).splitlines()[0]})"
+        f"{fetch}. ({(str(error).strip() or type(error).__name__).splitlines()[0]})"
     )
 
 
 def load_tokenizer(name: str) -> PreTrainedTokenizerBase:
     """The checkpoint's tokenizer. Raises `ModelError`."""
     try:
-        return AutoTokenizer.from_pretrained(name, local_files_only=True)
-    except (OSError, ValueError, KeyError) as error:
+        return AutoTokenizer.from_pretrained(name, **LOADING)
+    except Exception as error:  # the tokenizers' own parser raises bare exceptions
         raise unavailable(name, error) from None
+
+
+def check_complete(loaded: Mapping[str, Any]) -> None:
+    """Raise ValueError where weights are missing, which would be random, or have another shape.
+
+    loaded: what `from_pretrained(output_loading_info=True)` gives beside the model.
+    """
+    missing = sorted(loaded["missing_keys"])
+    if missing:
+        raise ValueError(f"{len(missing)} of its tensors are missing, {missing[0]} first")
+    different = sorted(str(key) for key in loaded["mismatched_keys"])
+    if different:
+        raise ValueError(f"{len(different)} of its tensors have another shape, {different[0]} first")
 
 
 def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
@@ -44,11 +75,11 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
     file = Path(name) / LAYOUT_FILE
     try:
         if file.is_file():
-            stored: dict[str, Any] = json.loads(file.read_text())
+            stored: dict[str, Any] = read_json(file, ModelError)
             stored |= {key: tuple(stored[key]) for key in ("mean", "std")}
             layout = PatchLayout(**stored)
         else:
-            vision = AutoConfig.from_pretrained(name, local_files_only=True).vision_config
+            vision = AutoConfig.from_pretrained(name, **LOADING).vision_config
             unit = vision.patch_size * vision.spatial_merge_size
             if width % unit or height % unit:
                 raise ModelError(
@@ -57,7 +88,7 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
             layout = PatchLayout(
                 width, height, frames, vision.patch_size, vision.temporal_patch_size, vision.spatial_merge_size
             )
-    except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
+    except LOADING_ERRORS as error:
         raise unavailable(name, error) from None
     if layout.frames != frames:
         raise ModelError(f"{name!r} was trained on {layout.frames} frames a clip; {frames} cannot be shown to it")

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from pipeline.errors import ModelError
 from pipeline.segmentation.inputs import FULL_CHANNELS, HALF_CHANNELS
+from pipeline.untrusted import read_json
 
 WEIGHTS, CONFIG = "model.safetensors", "config.json"
 #: Logits of a pixel: it shows a body that moves in the clip; a body, which may rest; something that moves and is no
@@ -121,7 +122,7 @@ def load_network(folder: Path | str) -> SegmentationNetwork:
     if not (folder / WEIGHTS).is_file():
         raise ModelError(f"{folder} has no {WEIGHTS}: a folder of segmentation weights is needed, as models/masks")
     try:
-        config = json.loads((folder / CONFIG).read_text())
+        config = read_json(folder / CONFIG, ModelError)
         network = SegmentationNetwork(tuple(config["channels"]))
         state = {k: v.float() for k, v in load_file(folder / WEIGHTS).items()}
         missing, unexpected = network.load_state_dict(state, strict=False)

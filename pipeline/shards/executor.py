@@ -7,6 +7,7 @@ from typing import Protocol, TypeVar
 
 from pipeline.errors import ParamsError
 from pipeline.shards.numeric_threads import threads_here
+from pipeline.shards.ray_executor import RayExecutor
 from pipeline.shards.worker_pool import map_in_processes
 
 Item = TypeVar("Item")
@@ -15,6 +16,10 @@ Result = TypeVar("Result")
 
 class Executor(Protocol):
     """What `map_shards` needs of an executor; `EXECUTORS` lists them."""
+
+    @property
+    def distant(self) -> bool:
+        """Whether the items may be worked on by machines that have the code and the store, and no data/."""
 
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         """Apply a picklable function to picklable items; results in the order of completion."""
@@ -26,6 +31,7 @@ class LocalExecutor:
 
     workers: int
     threads: int
+    distant = False
 
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         if self.workers > 1 and len(items) > 1:
@@ -41,21 +47,27 @@ class LocalExecutor:
             yield result
 
 
-def _ray(workers: int | None, threads: int) -> Executor:
-    raise ParamsError("executor.name `ray` comes with a later release; valid: local")
-
-
-def _local(workers: int | None, threads: int) -> Executor:
+def _local(workers: int | None, threads: int, gpu: bool) -> Executor:
     return LocalExecutor(workers or max(1, len(os.sched_getaffinity(0)) // threads), threads)
 
 
-EXECUTORS: dict[str, Callable[[int | None, int], Executor]] = {"local": _local, "ray": _ray}
+EXECUTORS: dict[str, Callable[[int | None, int, bool], Executor]] = {"local": _local, "ray": RayExecutor}
 
 
-def make_executor(name: str, workers: int | None, threads: int = 1) -> Executor:
-    """The executor of that name. `workers` None: one per core. Raises ParamsError for an unknown name."""
+def make_executor(name: str, workers: int | None, threads: int = 1, gpu: bool = False) -> Executor:
+    """The executor of that name.
+
+    Args:
+        name: A key of `EXECUTORS`.
+        workers: How many items are worked on at a time; None: one per core.
+        threads: Numeric threads of each.
+        gpu: Whether each takes a GPU, where the executor hands them out and there is one.
+
+    Raises:
+        ParamsError: The name is unknown, or the number of workers is impossible.
+    """
     if workers is not None and workers < 1:
         raise ParamsError(f"executor.workers is {workers}; it must be at least 1, or null for one per core")
     if name not in EXECUTORS:
         raise ParamsError(f"executor.name `{name}` is unknown; valid: {', '.join(sorted(EXECUTORS))}")
-    return EXECUTORS[name](workers, threads)
+    return EXECUTORS[name](workers, threads, gpu)

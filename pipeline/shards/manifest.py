@@ -129,7 +129,7 @@ def placed_name(stored: str, shard: str) -> str:
 
 def stored_name(placed: str, shard: str) -> str:
     """What the store calls a file of the output folder; the inverse of `placed_name`."""
-    if placed.startswith(f"{shard}.zarr/"):
-        return f"{ARRAYS}/{placed.removeprefix(f'{shard}.zarr/')}"
-    table, slash, _ = placed.partition("/")
+    table, slash, inside = placed.partition("/")
+    if table == f"{shard}.zarr":
+        return f"{ARRAYS}{slash}{inside}"
     return f"{table if slash else MAIN_TABLE}.parquet"

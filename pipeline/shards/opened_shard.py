@@ -12,7 +12,7 @@ import pyarrow as pa
 from pipeline.errors import ShardError
 from pipeline.shards.arrays import ArrayGroup, ShardArray, open_arrays
 from pipeline.shards.content_hash import hash_file
-from pipeline.shards.manifest import ARRAYS, ShardEntry, how_to_mend, placed_name
+from pipeline.shards.manifest import ARRAYS, ShardEntry, how_to_mend, placed_name, stored_name
 from pipeline.shards.shard import MAIN_TABLE
 from pipeline.shards.tables import CLIP_COLUMN, read_table
 
@@ -34,6 +34,7 @@ class OpenShard:
         arrays: The names of its arrays.
         start: The first clip of the view.
         stop: The clip after the last one.
+        stored: The shard's folder in the store, from which is read where data/ is on another machine.
     """
 
     folder: Path
@@ -42,6 +43,7 @@ class OpenShard:
     arrays: tuple[str, ...]
     start: int
     stop: int
+    stored: Path | None = None
 
     @property
     def clips(self) -> range:
@@ -77,6 +79,10 @@ class OpenShard:
         assert self.start <= start <= stop <= self.stop
         return replace(self, start=start, stop=stop)
 
+    def in_store(self, folder: Path) -> "OpenShard":
+        """The same, read from the store."""
+        return replace(self, stored=folder)
+
     def verify(self) -> None:
         """Hash every file. Raises ShardError for one that is missing or not what the manifest says."""
         self._verify(self.entry.files)
@@ -84,12 +90,17 @@ class OpenShard:
     def table_path(self, name: str = MAIN_TABLE) -> Path:
         if name not in self.tables:
             raise ShardError(f"{self.folder} has no table `{name}`; it has {list(self.tables)}")
-        return self.folder / placed_name(f"{name}.parquet", self.entry.name)
+        return self._path(placed_name(f"{name}.parquet", self.entry.name))
 
     def array_path(self, name: str) -> Path:
         if name not in self.arrays:
             raise ShardError(f"{self.folder} has no array `{name}`; it has {list(self.arrays)}")
-        return self.folder / placed_name(f"{ARRAYS}/{name}", self.entry.name)
+        return self._path(placed_name(f"{ARRAYS}/{name}", self.entry.name))
+
+    def _path(self, placed: str) -> Path:
+        if self.stored is not None:
+            return self.stored / stored_name(placed, self.entry.name)
+        return self.folder / placed
 
     def _rows_between(self, name: str, start: int, stop: int) -> pa.Table:
         path = self.table_path(name)
@@ -106,13 +117,13 @@ class OpenShard:
     def _verify(self, files: Iterable[str]) -> None:
         """Hash files, each once per process as long as it does not change."""
         for name in files:
-            path = self.folder / name
+            path = self._path(name)
             if not self._guarded(path, partial(_is_sound, path, self.entry.files[name])):
                 raise ShardError(f"{path} is damaged (its hash is not the manifest's); {how_to_mend(self.folder)}")
 
     @cached_property
     def _group(self) -> ArrayGroup:
-        return open_arrays(self.folder / f"{self.entry.name}.zarr")
+        return open_arrays(self._path(placed_name(ARRAYS, self.entry.name)))
 
     def _check_clip(self, clip: int) -> None:
         if clip not in self.clips:

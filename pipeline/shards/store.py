@@ -19,14 +19,16 @@ from pipeline.errors import ShardError
 from pipeline.shards.content_hash import hash_files, hash_tree, hash_value
 from pipeline.shards.file_lock import abandoned, claimed, live_claims, locked
 from pipeline.shards.output_errors import writing_to
+from pipeline.shards.remote import Remote
 
-ENVIRONMENT = "DYNAMICS_STORE"
+ENVIRONMENT, CACHE_ENVIRONMENT = "DYNAMICS_STORE", "DYNAMICS_CACHE"
 SECONDS = "seconds"
 """The name in a shard's record of how long one worker computed it, s; times are no part of a shard's content."""
 RECORD = "shard.json"
 _TEMPORARY = "tmp"
 _SCRATCH = "scratch"
 _USES = "uses"
+_PUBLISHED = "published"
 _PRUNE_LOCK = "prune.lock"
 
 
@@ -46,21 +48,36 @@ class StoredShard:
 
 
 class Store:
-    """A folder of shards by key, which any number of processes may use at the same time."""
+    """A folder of shards by key, which any number of processes may use at the same time.
 
-    def __init__(self, folder: Path) -> None:
+    With a remote place, it is the cache of that place on this machine.
+    """
+
+    def __init__(self, folder: Path, remote: Remote | None = None) -> None:
         self.folder = folder.absolute()
+        self.remote = remote
+
+    @property
+    def place(self) -> str:
+        """Where the shards are kept, for messages."""
+        return self.remote.url if self.remote else str(self.folder)
+
+    def here(self) -> "Store":
+        """The same store on this machine, whose cache may be elsewhere."""
+        cache = os.environ.get(CACHE_ENVIRONMENT)
+        return Store(Path(cache), self.remote) if self.remote and cache else self
 
     def lookup(self, key: str, warn: Callable[[str], None] | None = None) -> StoredShard | None:
         """The shard of that key, or None. Every byte is checked; a damaged shard is reported and removed."""
         folder = self.folder_of(key)
         if not folder.is_dir():
-            return None
+            return self._fetched(key)
         shard, damage = read_stored(folder, key)
         if shard is None:
             (warn or _print_warning)(f"{folder} is damaged ({damage}); it is removed and computed again")
             self.discard(folder)
-            return None
+            return self._fetched(key)
+        self._publish(shard)
         with suppress(OSError):  # a read-only store can still be read
             os.utime(folder)  # its last use, for prune
         return shard
@@ -95,7 +112,9 @@ class Store:
             record: dict[str, Any] = {"key": key, "files": files, "notes": notes, "parts": dict(parts)}
             record["checksum"] = hash_value(record)
             (temporary / RECORD).write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
-            return self._adopt(temporary, StoredShard(key, self.folder_of(key), files, notes))
+            shard = self._adopt(temporary, StoredShard(key, self.folder_of(key), files, notes))
+        self._publish(shard)
+        return shard
 
     @contextmanager
     def using(self, keys: Iterable[str]) -> Iterator[None]:
@@ -172,6 +191,37 @@ class Store:
     def folder_of(self, key: str) -> Path:
         return self.folder / key[:2] / key
 
+    def _fetched(self, key: str) -> StoredShard | None:
+        """The shard of that key from the remote place, where there is one."""
+        if self.remote is None or self.remote.record(key) is None:
+            return None
+        with writing_to(self.folder), self._temporary() as temporary:
+            record = self.remote.fetch(key, temporary)
+            if record is None:
+                _print_warning(f"{self.remote.url} has the shard {key}, but it is damaged; it is computed again")
+                return None
+            (temporary / RECORD).write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
+            shard = self._adopt(temporary, StoredShard(key, self.folder_of(key), record["files"], record["notes"]))
+            self._published(key).parent.mkdir(parents=True, exist_ok=True)
+            self._published(key).touch()
+        return shard
+
+    def _publish(self, shard: StoredShard) -> None:
+        """Bring a shard to the remote place, unless that was done before."""
+        if self.remote is None or self._published(shard.key).exists():
+            return
+        record = self.record_of(shard.key)
+        assert record is not None, f"{shard.folder} was read before"
+        self.remote.publish(shard.key, shard.folder, record)
+        with writing_to(self.folder):
+            self._published(shard.key).parent.mkdir(parents=True, exist_ok=True)
+            self._published(shard.key).touch()
+
+    def _published(self, key: str) -> Path:
+        """A file that says that the remote place has the shard."""
+        assert self.remote is not None
+        return self.folder / _PUBLISHED / hash_value(self.remote.url)[:16] / key
+
     @contextmanager
     def _temporary(self) -> Iterator[Path]:
         with claimed(self.temporary) as path:
@@ -206,12 +256,20 @@ class Store:
 
 
 def default_store() -> Store:
-    """The store of this repository: $DYNAMICS_STORE, else `.shards` beside the nearest dvc.yaml or .git."""
-    if place := os.environ.get(ENVIRONMENT):
-        return Store(Path(place).expanduser())
+    """The store of this repository: $DYNAMICS_STORE, else `.shards` beside the nearest dvc.yaml or .git.
+
+    $DYNAMICS_STORE is a folder, file://…, or a URL as s3://bucket/prefix; then `.shards`, or $DYNAMICS_CACHE, is its
+    cache on this machine.
+    """
+    place = os.environ.get(ENVIRONMENT, "")
+    if place and "://" not in place.removeprefix("file://"):
+        return Store(Path(place.removeprefix("file://")).expanduser())
+    remote = Remote(place) if place else None
+    if remote and (cache := os.environ.get(CACHE_ENVIRONMENT)):
+        return Store(Path(cache).expanduser(), remote)
     here = Path.cwd()
     roots = (path for path in (here, *here.parents) if (path / "dvc.yaml").exists() or (path / ".git").exists())
-    return Store(next(roots, here) / ".shards")
+    return Store(next(roots, here) / ".shards", remote)
 
 
 def read_stored(folder: Path, key: str) -> tuple[StoredShard | None, str]:

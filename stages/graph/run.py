@@ -1,5 +1,6 @@
 """How a stage runs: its command line, and its shards in data/<stage>/<suite>."""
 
+import importlib
 import inspect
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -31,7 +32,7 @@ def run(main: Callable[..., None], arguments: list[str] | None = None) -> None:
         sys.exit(2)
     keep()
     try:
-        main(*words)
+        _of_module(main)(*words)
     except DynamicsError as error:
         notes = "".join(f" ({note})" for note in getattr(error, "__notes__", []))
         print(f"error: {error}{notes}", file=sys.stderr)
@@ -39,6 +40,14 @@ def run(main: Callable[..., None], arguments: list[str] | None = None) -> None:
     except KeyboardInterrupt:
         print("error: interrupted; what was computed is in the store, run it again to go on", file=sys.stderr)
         sys.exit(130)
+
+
+def _of_module(main: Callable[..., None]) -> Callable[..., None]:
+    """`main` of the module by its own name instead of `__main__`, which processes on other machines do not have."""
+    module = sys.modules[main.__module__]
+    if main.__module__ != "__main__" or module.__spec__ is None or main.__qualname__ != main.__name__:
+        return main
+    return getattr(importlib.import_module(module.__spec__.name), main.__name__)
 
 
 def folder(stage: str, suite: str) -> Path:
@@ -58,6 +67,7 @@ def run_shards(
     shard_size: int | None = None,
     files: Mapping[str, Path] | None = None,
     versions: Sequence[str] = (),
+    gpu: bool = False,
 ) -> Manifest:
     """`map_shards` with the folders of the graph and the executor of params.yaml.
 
@@ -83,4 +93,5 @@ def run_shards(
         versions=versions,
         executor=executor.name,
         workers=executor.workers,
+        gpu=gpu,
     )
