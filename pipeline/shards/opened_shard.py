@@ -140,11 +140,11 @@ class OpenShard:
 
 def _is_sound(path: Path, expected: str) -> bool:
     state = path.stat()
-    return _hash_of(path, state.st_ino, state.st_mtime_ns, state.st_size) == expected
+    return _hash_of(path, state.st_ino, state.st_ctime_ns, state.st_size) == expected
 
 
 @lru_cache(maxsize=100_000)
-def _hash_of(path: Path, _inode: int, _mtime_ns: int, _size: int) -> str:
+def _hash_of(path: Path, _inode: int, _ctime_ns: int, _size: int) -> str:
     return hash_file(path)
 
 

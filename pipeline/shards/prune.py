@@ -3,7 +3,10 @@
 A stage that needs a removed shard computes it again.
 """
 
+import os
 import time
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,20 +65,21 @@ def prune(store: Store, *, keep_days: float | None = None, keep_bytes: int | Non
 
 def last_use(folder: Path) -> float:
     """Of a shard (its folder's time) or of scratch (its newest file's), s since 1970."""
-    try:
-        if len(folder.parent.name) == 2:
-            return folder.stat().st_mtime
-        return max(path.stat().st_mtime for path in (folder, *folder.rglob("*")))
-    except FileNotFoundError:  # another process has removed it
-        return 0.0
+    whole = len(folder.parent.name) == 2
+    return max((state.st_mtime for state in _states([folder] if whole else [folder, *_files(folder)])), default=0.0)
 
 
 def _size_bytes(folder: Path) -> int:
-    total = 0
-    for path in folder.rglob("*"):
-        try:
-            state = path.stat()
-        except FileNotFoundError:
-            continue
-        total += state.st_size if path.is_file() else 0
-    return total
+    return sum(state.st_size for state in _states(_files(folder)))
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """The files of a folder, of which other processes may remove some meanwhile."""
+    for place, _, names in os.walk(folder):
+        yield from (Path(place, name) for name in names)
+
+
+def _states(paths: Iterable[Path]) -> Iterator[os.stat_result]:
+    for path in paths:
+        with suppress(OSError):
+            yield path.stat()

@@ -222,12 +222,17 @@ class Decoder:
             raise VideoError(f"{path} has no video stream")
         self.stream = self.container.streams.video[0]
         self.stream.thread_type = "AUTO"
-        if self.stream.width * self.stream.height > MOST_PIXELS:
+        coded = self.stream.codec_context
+        if coded is None:
             self.container.close()
-            raise VideoError(f"{path} is {self.stream.width} x {self.stream.height} px; that is too large")
+            raise VideoError(f"{path} is broken, or coded in a way that FFmpeg does not know")
+        if coded.width * coded.height > MOST_PIXELS:
+            self.container.close()
+            raise VideoError(f"{path} is {coded.width} x {coded.height} px; that is too large")
         rate = self.stream.average_rate or self.stream.guessed_rate
         self.header_fps = float(rate) if rate else FPS
-        self.aspect = float(self.stream.sample_aspect_ratio or 1) or 1.0
+        aspect = float(self.stream.sample_aspect_ratio or 1)
+        self.aspect = aspect if 0.1 < aspect < 10 else 1.0  # others are damage
         self.tick = float(self.stream.time_base or 1)
         self.first = (self.stream.start_time or 0) * self.tick
         if start > SEEK_FROM and assume_fps is None:
