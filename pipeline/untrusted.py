@@ -16,6 +16,7 @@ import stat
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import date
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -112,13 +113,36 @@ def parse_yaml(text: str, source: str, error: ErrorKind) -> Any:
     yaml = YAML(typ="safe", pure=True)
     yaml.Composer = _BoundedComposer
     try:
-        return yaml.load(text)
+        value = yaml.load(text)
+        _check_plain(value)
+        return value
     except (YAMLError, ValueError, LookupError, RecursionError, TypeError, AttributeError) as problem:
         # The last five: scalars and nesting that ruamel does not expect.
         mark = getattr(problem, "problem_mark", None)
         place = f" at line {mark.line + 1}" if mark else ""
         words = getattr(problem, "problem", None) or str(problem) or type(problem).__name__
         raise error(f"{source}: not YAML{place}: {str(words).splitlines()[0]}") from None
+
+
+def _check_plain(value: Any) -> None:
+    """Raise ValueError for what is no mapping, list, text, truth, date or number of 64 bits, in keys and in values."""
+    match value:
+        case dict():
+            for key, inner in value.items():
+                if isinstance(key, tuple):
+                    raise ValueError(f"a list is the key of a mapping: {str(key)[:40]}")
+                _check_plain(key)
+                _check_plain(inner)
+        case list():
+            for inner in value:
+                _check_plain(inner)
+        case int():
+            if abs(value) >= 2**63:
+                raise ValueError(f"a number of {len(str(value))} digits")
+        case None | str() | float() | date():  # a date-time is a date
+            pass
+        case _:
+            raise ValueError(f"a value of the kind {type(value).__name__}")
 
 
 def read_json(path: Path, error: ErrorKind, most_bytes: int = MOST_TEXT_BYTES) -> dict[str, Any]:

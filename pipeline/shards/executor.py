@@ -47,21 +47,20 @@ class LocalExecutor:
             yield result
 
 
-def _local(workers: int | None, threads: int, gpu: bool) -> Executor:
+def _local(workers: int | None, threads: int) -> Executor:
     return LocalExecutor(workers or max(1, len(os.sched_getaffinity(0)) // threads), threads)
 
 
-EXECUTORS: dict[str, Callable[[int | None, int, bool], Executor]] = {"local": _local, "ray": RayExecutor}
+EXECUTORS: dict[str, Callable[[int | None, int], Executor]] = {"local": _local, "ray": RayExecutor}
 
 
-def make_executor(name: str, workers: int | None, threads: int = 1, gpu: bool = False) -> Executor:
+def make_executor(name: str, workers: int | None, threads: int = 1) -> Executor:
     """The executor of that name.
 
     Args:
         name: A key of `EXECUTORS`.
         workers: How many items are worked on at a time; None: one per core.
         threads: Numeric threads of each.
-        gpu: Whether each takes a GPU, where the executor hands them out and there is one.
 
     Raises:
         ParamsError: The name is unknown, or the number of workers is impossible.
@@ -70,4 +69,4 @@ def make_executor(name: str, workers: int | None, threads: int = 1, gpu: bool = 
         raise ParamsError(f"executor.workers is {workers}; it must be at least 1, or null for one per core")
     if name not in EXECUTORS:
         raise ParamsError(f"executor.name `{name}` is unknown; valid: {', '.join(sorted(EXECUTORS))}")
-    return EXECUTORS[name](workers, threads, gpu)
+    return EXECUTORS[name](workers, threads)

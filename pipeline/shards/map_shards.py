@@ -70,7 +70,6 @@ def map_shards(
     executor: str = "local",
     workers: int | None = None,
     threads: int = 1,
-    gpu: bool = False,
     store: Store | None = None,
 ) -> Manifest:
     """Compute a stage's shards, or take them from the store, and write them with their manifest to `output_dir`.
@@ -94,7 +93,6 @@ def map_shards(
         executor: The name of the executor; like `workers` and `threads` in no key.
         workers: Worker processes; None for one a core.
         threads: Numeric threads per worker.
-        gpu: Whether a worker takes a GPU, where the executor hands them out and there is one.
         store: Where the shards are kept; None for `default_store()`.
 
     Returns:
@@ -110,7 +108,7 @@ def map_shards(
     datasets = [open_shards(folder) for folder in inputs]
     shards = _cut(stage, suite, clips, shard_size, datasets)
     common = common_parts(compute, parameters, versions, files or {})
-    chosen = make_executor(executor, workers, threads, gpu)
+    chosen = make_executor(executor, workers, threads)
     shared = {str(path): file_key(path) for path in (files or {}).values()} if chosen.distant else {}
     tasks = []
     for shard in shards:

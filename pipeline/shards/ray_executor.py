@@ -31,12 +31,10 @@ class RayExecutor:
     Attributes:
         workers: How many tasks are in flight at most; None: as many as the cluster has room for.
         threads: Numeric threads of a task, which takes as many cores.
-        gpu: Whether a task takes a GPU, where the cluster has one.
     """
 
     workers: int | None
     threads: int
-    gpu: bool = False
 
     @property
     def distant(self) -> bool:
@@ -54,7 +52,6 @@ class RayExecutor:
             resources = ray.cluster_resources()
             task = ray.remote(_call).options(
                 num_cpus=self.threads,
-                num_gpus=1 if self.gpu and resources.get("GPU", 0) >= 1 else 0,
                 max_retries=RETRIES,
                 retry_exceptions=False,
             )
@@ -89,7 +86,11 @@ class RayExecutor:
         settings: dict[str, Any] = {"logging_level": "ERROR", "log_to_driver": False}
         if self.distant:
             environment |= {"working_dir": str(Path.cwd()), "excludes": _LEFT_HERE}
-            environment["env_vars"] |= {k: os.environ[k] for k in ("AWS_ENDPOINT_URL",) if k in os.environ}
+            environment["env_vars"] |= {
+                k: os.environ[k]
+                for k in ("AWS_ENDPOINT_URL", "AWS_DEFAULT_REGION", "DYNAMICS_STORE")
+                if k in os.environ
+            }
             settings["address"] = os.environ[ADDRESS]
         else:
             environment["env_vars"]["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path.cwd()), *sys.path]))

@@ -1,9 +1,8 @@
 """Files that tasks read by their path (a checkpoint), brought through the store to machines that lack them."""
 
-import os
 from pathlib import Path
 
-from pipeline.shards.beside import beside
+from pipeline.shards.beside import beside, put_in_place
 from pipeline.shards.content_hash import hash_path, hash_value
 from pipeline.shards.output_folder import place
 from pipeline.shards.store import Store
@@ -31,20 +30,15 @@ def share_file(store: Store, path: Path, key: str) -> None:
 
 
 def place_file(store: Store, path: Path, key: str) -> None:
-    """Bring a file or folder of the store to its path, where this machine has none there.
-
-    What is there is what the key says, or else the shards that are made of it would have another key.
-    """
-    if path.exists():
+    """Bring a file or folder of the store to its path, unless this machine has the same there."""
+    if path.exists() and file_key(path) == key:
         return
     found = store.lookup(key)
     assert found is not None, f"{path} was shared under {key}"
     path.parent.mkdir(parents=True, exist_ok=True)
-    with beside(path) as temporary:
+    with beside(path.absolute()) as temporary:
         for name in found.files:
             place(found.folder / name, temporary / name)
-        try:
-            (temporary / _CONTENT).rename(path)
-        except OSError:
-            if not os.path.exists(path):  # else another task was first
-                raise
+        if path.is_file():
+            path.unlink()
+        put_in_place(temporary / _CONTENT, path.absolute())

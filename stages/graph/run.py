@@ -67,7 +67,6 @@ def run_shards(
     shard_size: int | None = None,
     files: Mapping[str, Path] | None = None,
     versions: Sequence[str] = (),
-    gpu: bool = False,
 ) -> Manifest:
     """`map_shards` with the folders of the graph and the executor of params.yaml.
 
@@ -93,5 +92,4 @@ def run_shards(
         versions=versions,
         executor=executor.name,
         workers=executor.workers,
-        gpu=gpu,
     )

@@ -39,7 +39,7 @@ def separate(root: Path) -> None:
 def same_json(path: Path, sound: bytes) -> bool:
     """Whether the damage met white space of a JSON text."""
     try:
-        return path.name == "manifest.json" and json.loads(path.read_bytes()) == json.loads(sound)
+        return path.name in ("manifest.json", "shard.json") and json.loads(path.read_bytes()) == json.loads(sound)
     except ValueError:
         return False
 
@@ -54,12 +54,15 @@ def test_a_damaged_file_of_the_store_is_never_used(
     make(tmp_path, clips=8)
     expected = hash_files(tmp_path / "drop")
     for _ in rounds(15, 700):
-        damage(rng.choice(np.array(files_of(tmp_path / "store"), object)), rng)
+        victim = rng.choice(np.array(files_of(tmp_path / "store"), object))
+        sound = victim.read_bytes()
+        damage(victim, rng)
+        noticed = not same_json(victim, sound)
         shutil.rmtree(tmp_path / "drop")
         with no_hang():
             make(tmp_path, clips=8)
         assert hash_files(tmp_path / "drop") == expected
-        assert "is damaged" in capsys.readouterr().err
+        assert noticed == ("is damaged" in capsys.readouterr().err), f"{victim}: {sound!r}"
 
 
 def test_a_damaged_file_of_data_is_an_error_for_who_reads_it(tmp_path: Path, rng: np.random.Generator) -> None:

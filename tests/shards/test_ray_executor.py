@@ -59,16 +59,16 @@ def test_ray_gives_the_bytes_of_this_machine_and_takes_what_is_in_the_store(
 
 
 def test_what_dies_with_its_worker_is_done_again_and_nothing_is_lost(cluster: None, tmp_path: Path) -> None:
-    items = [Item(name, tmp_path, times) for name, times in (("a", 0), ("b", 2), ("c", 1), ("d", 0))]
+    items = [Item(name, tmp_path, times) for name, times in (("a", 0), ("b", 1), ("c", 0))]
     done = sorted(RayExecutor(2, 1).map(die_sometimes, items))
-    assert done == [(name, "1", os.getcwd()) for name in "abcd"]
+    assert done == [(name, "1", os.getcwd()) for name in "abc"]
 
 
 def test_what_always_dies_is_an_error_that_names_it(
     cluster: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ray_executor, "RETRIES", 1)
-    with pytest.raises(ShardError, match=r"^b: its workers died 2 times"):
+    monkeypatch.setattr(ray_executor, "RETRIES", 0)
+    with pytest.raises(ShardError, match=r"^b: its workers died 1 times"):
         list(RayExecutor(2, 1).map(die_sometimes, [Item("b", tmp_path, 9)]))
 
 
