@@ -18,7 +18,7 @@ from pipeline.errors import SimulationError
 from pipeline.inference.asking import LoadingModel, Question, ask_model
 from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world
 from pipeline.inference.measured_clip import MeasuredClip
-from pipeline.inference.method import TRACKS, Method, answer_method, search_method, tracks_method
+from pipeline.inference.method import TRACKS, Method, answer_method, best_of, search_method, tracks_method
 from pipeline.inference.progress import Progress
 from pipeline.inference.scene_search import (
     ClipSearch,
@@ -86,8 +86,8 @@ class FoundScenes:
 
     @property
     def best(self) -> Method:
-        """The method with the highest reward."""
-        return max(self.methods, key=lambda m: m.reward)
+        """The method of the most merit."""
+        return best_of(self.methods)
 
 
 def find_scenes(
@@ -150,7 +150,7 @@ def find_scenes(
             )
             forecasts["search"] = _search_forecast(clip, starts, budget)
         methods.append(search_method(searched, answers, ranking, clip))
-    best = max(methods, key=lambda m: m.reward)
+    best = best_of(methods)
     certain: tuple[Certainty, ...] = ()
     if searched is not None:
         found = best.scene is searched.result.scene

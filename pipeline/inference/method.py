@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipeline.clips.replay import replay
+from pipeline.errors import SimulationError
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.scene_search import ClipSearch
 from pipeline.metrics.overlap import Overlap, overlap
@@ -47,6 +49,19 @@ class Method:
     overlap: Overlap
     simulations: int
 
+    @property
+    def merit(self) -> float:
+        """By which methods are compared: as the reward, but with the overlap at the clip's own size.
+
+        A body of a few pixels hardly shows at the size of the search's reward.
+        """
+        return self.overlap.sequence - self.epe_frame
+
+
+def best_of(methods: Sequence[Method]) -> Method:
+    """The method of the most merit."""
+    return max(methods, key=lambda m: m.merit)
+
 
 def answer_method(
     name: str, answers: list[Answer], rewards: Rewards, index: int, clip: MeasuredClip, simulations: int
@@ -81,7 +96,6 @@ def tracks_method(answer: PlanarAnswer, scene: Scene, evaluator: Evaluator, clip
 def _rewarded(
     name: str, scene: Scene, answer: Answer | None, rewards: Rewards, index: int, clip: MeasuredClip, simulations: int
 ) -> Method:
-    shown = _overlap(scene, clip) if rewards.valid[index] else Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
     return Method(
         name=name,
         scene=scene,
@@ -89,10 +103,15 @@ def _rewarded(
         reward=float(rewards.reward[index]),
         iou=float(rewards.iou[index]),
         epe_frame=float(rewards.epe_frame[index]),
-        overlap=shown,
+        overlap=_overlap(scene, clip),
         simulations=simulations,
     )
 
 
 def _overlap(scene: Scene, clip: MeasuredClip) -> Overlap:
-    return overlap(replay(scene, clip.schedule).masks, clip.taken.masks, len(scene.objects), clip.objects)
+    """At the clip's own size; none where the simulation becomes unstable."""
+    try:
+        masks = replay(scene, clip.schedule).masks
+    except SimulationError:
+        return Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
+    return overlap(masks, clip.taken.masks, len(scene.objects), clip.objects)

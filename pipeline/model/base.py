@@ -101,4 +101,11 @@ def load_base(name: str, width: int = 336, height: int = 224, frames: int = 10, 
         check_complete(loaded)
     except LOADING_ERRORS as error:
         raise unavailable(name, error) from None
-    return Base(model, tokenizer, layout, Codec(tokenizer, layout.tokens), read_input(name), name)
+    return Base(
+        model=model,
+        tokenizer=tokenizer,
+        layout=layout,
+        codec=Codec(tokenizer, layout.tokens),
+        input=read_input(name),
+        name=name,
+    )

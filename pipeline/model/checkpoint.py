@@ -86,7 +86,12 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
                     f"{name!r} takes frames whose sides are multiples of {unit} px, not {width} x {height}"
                 )
             layout = PatchLayout(
-                width, height, frames, vision.patch_size, vision.temporal_patch_size, vision.spatial_merge_size
+                width=width,
+                height=height,
+                frames=frames,
+                patch=vision.patch_size,
+                temporal=vision.temporal_patch_size,
+                merge=vision.spatial_merge_size,
             )
     except LOADING_ERRORS as error:
         raise unavailable(name, error) from None

@@ -121,7 +121,9 @@ def write_input(folder: Path, model_input: ModelInput) -> None:
 
 def missing_input(name: str) -> ModelError:
     """The error for a checkpoint whose model has to be shown something, and that has not recorded what."""
-    example = ModelInput("flow", "channels", "exact", (240, 160), 4, True)
+    example = ModelInput(
+        input="flow", picture="channels", flow_source="exact", flow_size=(240, 160), flow_iterations=4, reasoning=True
+    )
     return ModelError(
         f"{name!r} has no {INPUT_FILE}, so it is not known what it was trained to see. Write into that file how its "
         f"input was made, as {json.dumps(asdict(example))}, or tune it again: the stage `finetune` writes it"

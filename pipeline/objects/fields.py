@@ -140,12 +140,12 @@ def object_of(shape: str, numbers: np.ndarray) -> SceneObject:
         imaginary *= most / length
     size = v[AT["size 0"] : AT["size 0"] + len(SIZE_KEYS[shape])]
     body = SceneObject(
-        shape,
-        tuple(max(s, LEAST_SIZE) for s in size),
-        max(v[AT["mass"]], LEAST_MASS),
-        max(v[AT["sliding_friction"]], 0.0),
-        max(v[AT["rolling_friction"]], 0.0),
-        max(v[AT["damping"]], LEAST_DAMPING),
+        shape=shape,
+        size=tuple(max(s, LEAST_SIZE) for s in size),
+        mass=max(v[AT["mass"]], LEAST_MASS),
+        sliding_friction=max(v[AT["sliding_friction"]], 0.0),
+        rolling_friction=max(v[AT["rolling_friction"]], 0.0),
+        damping=max(v[AT["damping"]], LEAST_DAMPING),
         velocity=tuple(v[AT["velocity x"] : AT["velocity z"] + 1]),
         angular_velocity=tuple(v[AT["spin x"] : AT["spin z"] + 1]),
         orientation=(math.sqrt(max(1 - float(imaginary @ imaginary), 0.0)), *imaginary),

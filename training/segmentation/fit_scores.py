@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import torch
 from scipy.optimize import minimize
+from tqdm import tqdm
 
 from pipeline.segmentation.bodies import find_candidates
 from pipeline.segmentation.grouping import Track
@@ -85,7 +86,8 @@ def main() -> None:
     torch.set_num_threads(arguments.threads)
     cv2.setNumThreads(1)
     network = load_network(arguments.weights)
-    rows = [labelled_tracks(network, load_clip(p)) for p in sorted(arguments.clips.glob("*.npz"))]
+    paths = sorted(arguments.clips.glob("*.npz"))
+    rows = [labelled_tracks(network, load_clip(p)) for p in tqdm(paths, unit="clip", disable=None)]
     figures, labels = np.concatenate([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
     clear = ~np.isnan(labels)
     regression = fit(figures[clear], labels[clear])
