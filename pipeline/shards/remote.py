@@ -8,7 +8,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -46,7 +46,7 @@ class Remote:
             path.parent.mkdir(parents=True, exist_ok=True)
             source = self._path(key, digest)
             try:
-                self._patiently(lambda source=source, path=path: self._fs.get_file(source, str(path)))
+                self._patiently(partial(self._fs.get_file, source, str(path)))
             except FileNotFoundError:
                 return None
             if hash_file(path) != digest:
@@ -63,7 +63,7 @@ class Remote:
         try:
             for name, digest in record["files"].items():
                 source, target = str(folder / name), self._path(key, digest)
-                self._patiently(lambda source=source, target=target: self._fs.put_file(source, target))
+                self._patiently(partial(self._fs.put_file, source, target))
             self._make_visible(key, record)
         except (FileNotFoundError, PermissionError) as error:
             raise OutputError(f"cannot write to {self.url}: {error}") from error
