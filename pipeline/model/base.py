@@ -20,9 +20,8 @@ from pipeline.language.codec import Codec
 from pipeline.model.checkpoint import (
     LOADING,
     LOADING_ERRORS,
-    WEIGHTS,
-    check_complete,
     load_tokenizer,
+    load_weights,
     read_layout,
     unavailable,
     write_layout,
@@ -95,10 +94,7 @@ def load_base(name: str, width: int = 336, height: int = 224, frames: int = 10, 
         kind = AutoConfig.from_pretrained(name, **LOADING).model_type
         if kind != Qwen2_5_VLConfig.model_type:
             raise ValueError(f"it is of the type {kind}, not {Qwen2_5_VLConfig.model_type}")
-        model, loaded = Qwen2_5_VLForConditionalGeneration.from_pretrained(
-            name, dtype=getattr(torch, dtype), output_loading_info=True, **LOADING, **WEIGHTS
-        )
-        check_complete(loaded)
+        model = load_weights(Qwen2_5_VLForConditionalGeneration, name, dtype=getattr(torch, dtype))
     except LOADING_ERRORS as error:
         raise unavailable(name, error) from None
     return Base(

@@ -6,7 +6,6 @@ A checkpoint is a folder, or a name in the local hub cache; nothing is downloade
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,6 @@ from pipeline.untrusted import read_json
 LAYOUT_FILE = "clip_layout.json"
 #: Nothing is downloaded, and no code of a checkpoint is run.
 LOADING: dict[str, Any] = {"local_files_only": True, "trust_remote_code": False}
-#: No pickles; attention as here, whatever config.json says (it may name a package of the hub).
-WEIGHTS: dict[str, Any] = {"use_safetensors": True, "attn_implementation": "sdpa"}
 LOADING_ERRORS = (
     OSError,
     ValueError,
@@ -54,17 +51,23 @@ def load_tokenizer(name: str) -> PreTrainedTokenizerBase:
         raise unavailable(name, error) from None
 
 
-def check_complete(loaded: Mapping[str, Any]) -> None:
-    """Raise ValueError where weights are missing, which would be random, or have another shape.
+def load_weights(architecture: Any, name: str | Path, **settings: Any) -> Any:
+    """A model of that class of transformers, with all its weights from safetensors.
 
-    loaded: what `from_pretrained(output_loading_info=True)` gives beside the model.
+    Attention is the library's own, whatever config.json says (it may name a package of the hub).
+
+    Raises:
+        ValueError: Weights are missing, which would be random, or have another shape; and others of `LOADING_ERRORS`.
     """
+    settings |= LOADING | {"use_safetensors": True, "attn_implementation": "sdpa", "output_loading_info": True}
+    model, loaded = architecture.from_pretrained(name, **settings)
     missing = sorted(loaded["missing_keys"])
     if missing:
         raise ValueError(f"{len(missing)} of its tensors are missing, {missing[0]} first")
     different = sorted(str(key) for key in loaded["mismatched_keys"])
     if different:
         raise ValueError(f"{len(different)} of its tensors have another shape, {different[0]} first")
+    return model
 
 
 def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:

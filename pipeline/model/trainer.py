@@ -18,7 +18,7 @@ from peft import LoraConfig, PeftModel, get_peft_model
 from torch.utils.data import Dataset
 from transformers import PreTrainedModel, Trainer, TrainerCallback, TrainingArguments
 
-from pipeline.model.checkpoint import LOADING, WEIGHTS
+from pipeline.model.checkpoint import load_weights
 from pipeline.shards.content_hash import hash_files
 
 STATE_FILE = "trainer_state.json"
@@ -97,9 +97,7 @@ class _Trainer(Trainer):
         if not isinstance(self.model, PreTrainedModel) or isinstance(self.model, PeftModel):
             super()._load_from_checkpoint(resume_from_checkpoint, model)
             return
-        stored = type(self.base.model).from_pretrained(
-            resume_from_checkpoint, dtype=self.base.model.dtype, **LOADING, **WEIGHTS
-        )
+        stored = load_weights(type(self.base.model), resume_from_checkpoint, dtype=self.base.model.dtype)
         self.base.model.load_state_dict(stored.state_dict())
 
 

@@ -16,7 +16,7 @@ from torch.nn import functional
 from transformers import VivitConfig, VivitModel, VivitPreTrainedModel
 
 from pipeline.errors import ModelError
-from pipeline.model.checkpoint import LOADING, LOADING_ERRORS, WEIGHTS, check_complete
+from pipeline.model.checkpoint import LOADING_ERRORS, load_weights
 from pipeline.model.scene_vector import CLASSES, HEAD, SLOT, SLOTS, Scale, SceneVector, decode, likeliest_shapes
 from pipeline.model.trainer import ClipDataset, Report, TrainingPlan, train
 from pipeline.scene.scene import Scene
@@ -88,8 +88,7 @@ def build_regressor(size: VivitSize, seed: int) -> Regressor:
 def load_regressor(folder: Path) -> Regressor:
     """The model of a folder. Raises ModelError."""
     try:
-        model, loaded = VivitRegressor.from_pretrained(folder, output_loading_info=True, **LOADING, **WEIGHTS)
-        check_complete(loaded)
+        model = load_weights(VivitRegressor, folder)
     except LOADING_ERRORS as error:
         raise ModelError(
             f"{str(folder)!r} has no regressor ({str(error).splitlines()[0]}); `dvc repro` makes it"
