@@ -63,7 +63,9 @@ def keep_folder(
     key = hash_value(parts)
     with store.using([key]):
         stored, outcome = store.lookup(key), "from the store"
-        if stored is None:
+        if stored is not None:
+            store.clear_scratch(key)
+        else:
             store.check_writable()
             for dataset in datasets:
                 dataset.verify()

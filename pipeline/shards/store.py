@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.errors import ShardError
+from pipeline.errors import OutputError, ShardError
 from pipeline.shards.content_hash import hash_files, hash_tree, hash_value
 from pipeline.shards.file_lock import abandoned, claimed, live_claims, locked
 from pipeline.shards.output_errors import writing_to
@@ -146,6 +146,13 @@ class Store:
             yield folder
             shutil.rmtree(folder, ignore_errors=True)
             folder.with_suffix(".lock").unlink(missing_ok=True)
+
+    def clear_scratch(self, key: str) -> None:
+        """Remove the scratch folder of a key, which a kill right after the commit leaves."""
+        folder = self.folder / _SCRATCH / key
+        if folder.is_dir():
+            with suppress(OSError, OutputError):  # a read-only store
+                self.discard_unused(folder)
 
     def scratches(self) -> Iterator[Path]:
         """The scratch folders of runs that were stopped or still go on."""

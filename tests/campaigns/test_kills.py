@@ -73,7 +73,7 @@ def test_a_run_that_is_killed_again_and_again_ends_as_one_that_was_not(
     assert in_a_child(tmp_path / "timed", None) == 0
     duration = time.monotonic() - began
     kills = 0
-    for _ in rounds(3, 30):
+    for _ in rounds(3, 25):
         root = tmp_path / "killed"
         for _ in range(10):
             code = in_a_child(root, rng.uniform(0, 1.1 * duration))
