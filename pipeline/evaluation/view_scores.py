@@ -13,7 +13,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
 from pipeline.inference.filmed_world import TrackedWorld, World, tracked_world
 from pipeline.inference.method import TRACKS
-from pipeline.inference.scene_search import TRACKS_IOU, clip_evaluator, search_clip, search_forecast
+from pipeline.inference.scene_search import clip_evaluator, explained_by_tracks, search_clip, search_forecast
 from pipeline.inference.trust import GOOD_IOU, grade
 from pipeline.metrics.overlap import overlap
 from pipeline.scene.scene import Scene
@@ -120,7 +120,7 @@ def view_score(
     told: TrackedWorld = tracked_world(seen.masks, seen.frames, times, World())
     scene = None if told.answer is None else told.answer.scene
     iou, ahead, by = 0.0 if scene is None else seen.iou(scene), told.forecast, TRACKS
-    if simulations and iou < TRACKS_IOU:
+    if simulations and not explained_by_tracks(told.motion.view.kind, iou):
         evaluator = clip_evaluator(seen.masks, seen.flow, seen.schedule, size, 1, seen.frames)
         searched = search_clip(evaluator, [], simulations, np.random.default_rng(clip)).result.scene
         if seen.iou(searched) > iou:

@@ -20,10 +20,10 @@ from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.method import TRACKS, Method, answer_method, best_of, search_method, tracks_method
 from pipeline.inference.progress import Progress
 from pipeline.inference.scene_search import (
-    TRACKS_IOU,
     ClipSearch,
     clip_evaluator,
     distinct_starts,
+    explained_by_tracks,
     scene_certainties,
     search_clip,
     search_forecast,
@@ -128,10 +128,12 @@ def find_scenes(
     with progress.step("tracks"):
         filmed = filmed_world(taken, world, cores())
     progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
+    explained = False
     if filmed.answer is not None and filmed.scene is not None:
         methods.append(tracks_method(filmed.answer, filmed.scene, evaluator, clip))
+        explained = explained_by_tracks(filmed.motion.view.kind, methods[-1].overlap.sequence)
     searched, forecasts = None, {TRACKS: filmed.forecast}
-    if budget.simulations and not (filmed.scene is not None and methods[-1].overlap.sequence >= TRACKS_IOU):
+    if budget.simulations and not explained:
         with progress.step("search"):
             ranked = [answers[int(i)].scene for i in ranking.order]
             starts = distinct_starts(ranked, ranking.rewards.valid[ranking.order].tolist(), STARTS)

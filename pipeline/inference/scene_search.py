@@ -20,7 +20,12 @@ from pipeline.search.target import make_target
 
 LEAST_SEARCH = 200  # simulations
 FORECAST_SHARE = 0.35  # of the simulations of a search, that are spent again on the first part of the clip
-TRACKS_IOU = 0.6  # from which the scene of tracks needs no search beside it, which knows tables alone
+TRACKS_IOU, TABLE_IOU = 0.6, 0.9  # from which the scene of tracks needs no search beside it; on a table
+
+
+def explained_by_tracks(view: str, sequence_iou: float) -> bool:
+    """Whether the scene of tracks needs no search beside it, which knows tables alone but is better on them."""
+    return sequence_iou >= (TABLE_IOU if view == "table" else TRACKS_IOU)
 
 
 def clip_evaluator(
