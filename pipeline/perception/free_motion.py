@@ -1,6 +1,6 @@
 """The stretch of a recording in which bodies move freely: some body is fast, and no hand is at it.
 
-The network for masks looks once at frames spread over the whole recording. A body counts as moving where it has a
+The network for masks looks at frames spread over the whole recording. A body counts as moving where it has a
 share of its own usual speed, so that a body in a hand, which is hardly moved, and one that rests do not.
 """
 
@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from pipeline.errors import VideoError
-from pipeline.segmentation.bodies import LEAST_SCORE, Candidates, candidate_scores, glance, working_size
+from pipeline.segmentation.bodies import LEAST_SCORE, Candidates, candidate_scores, find_candidates, working_size
 from pipeline.segmentation.grouping import Track
 from pipeline.segmentation.network import SegmentationNetwork
 from pipeline.vision.recordings.mask_file import read_times
@@ -22,7 +22,7 @@ from pipeline.vision.recordings.video import Decoder, check_file, frame_times
 
 SECONDS = 1.0  # of a stretch whose start is known: what the models learned from
 SHORT_FILE = 1.2  # s: a file so long is taken from its beginning
-MOST_FRAMES = 120  # looked at
+MOST_FRAMES = 160  # looked at
 LEAST_SECONDS, MOST_SECONDS = 0.4, 12.0  # of a stretch
 SLOW = 0.2  # share of a body's usual speed, below which it rests
 CHORD = 3  # samples before and after, over which a speed is measured
@@ -115,7 +115,7 @@ def free_stretch(
     interval = float(np.median(np.diff(stamps)))
     end = float(stamps[-1]) + interval
     frames, times = spread_frames(path, stamps, assume_fps)
-    found = glance(frames, network)
+    found = find_candidates(frames, network)
     scores = candidate_scores(found, network)
     bodies = [t for t, s in zip(found.tracks, scores, strict=True) if s >= LEAST_SCORE]
     way = np.zeros(len(times))

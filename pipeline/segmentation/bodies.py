@@ -86,11 +86,6 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     return _tracked(replace(second, moving=moving), small, plate)
 
 
-def glance(frames: np.ndarray, network: SegmentationNetwork) -> Candidates:
-    """As `find_candidates`, by one look: in half the time, and less sure where bodies rest for most of the clip."""
-    return _first_look(frames, network)[0]
-
-
 def _first_look(frames: np.ndarray, network: SegmentationNetwork) -> tuple[Candidates, ClipFeatures]:
     size = working_size(frames.shape[2], frames.shape[1])
     small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
