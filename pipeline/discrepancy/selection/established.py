@@ -66,7 +66,16 @@ def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Pr
     if not chosen.effects:
         return None
     z, share = excess(found.calibration, chosen)
-    return replace(found, chosen=chosen, alike=alike, tried=tuple(tried), unknown=False, excess_z=z, excess_share=share)
+    return replace(
+        found,
+        chosen=chosen,
+        alike=alike,
+        tried=tuple(tried),
+        unknown=False,
+        untestable=tuple(name for name in found.untestable if name not in chosen.effects),
+        excess_z=z,
+        excess_share=share,
+    )
 
 
 def models_without(found: Selection) -> dict[str, Candidate]:
