@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from pipeline.errors import SceneError, did_you_mean
 from pipeline.language.completion import read_completion
 from pipeline.scene.mjcf import mesh_vertices
 from pipeline.scene.scene import CONTACT_KEYS, HOLLOW_SHAPES, Camera, Scene, SceneObject, half_extents
 from pipeline.scene.text import load_scene, scene_from_dict, write_scene
+from pipeline.untrusted import parse_yaml, read_bytes
 
 SCENE_FILE = "scene.yaml"
 FOV, PITCH = 40.0, -22.0  # deg, of the camera that is made
@@ -37,14 +36,9 @@ def read_scene_source(place: Path) -> Scene:
         if not (place / SCENE_FILE).is_file():
             raise SceneError(f"{place} has no {SCENE_FILE}; give a scene file, or a folder that `dynamics infer` wrote")
         return load_scene(place / SCENE_FILE)
-    if not place.exists():
-        raise SceneError(f"{place}: there is no such file")
     if place.suffix.lower() == ".xml":
         raise SceneError(f"{place} is MJCF, which is written and not read; give the {SCENE_FILE} beside it")
-    try:
-        text = place.read_bytes().decode("utf-8", errors="replace")
-    except OSError as error:
-        raise SceneError(f"{place} cannot be read: {error.strerror}") from error
+    text = read_bytes(place, SceneError).decode("utf-8", errors="replace")
     if "<answer>\n" in text:
         return read_completion(text.strip()).scene
     return load_scene(place)
@@ -83,7 +77,7 @@ def edited(scene: Scene, edits: Sequence[str]) -> Scene:
 
     An object is named by its index or its name. Raises SceneError, which names the edit and what is valid there.
     """
-    data = _yaml(write_scene(scene))
+    data = parse_yaml(write_scene(scene), "the scene", SceneError)
     for edit in edits:
         path, equals, value = edit.partition("=")
         if not equals or not path.strip():
@@ -95,14 +89,10 @@ def edited(scene: Scene, edits: Sequence[str]) -> Scene:
         raise SceneError(f"{' '.join(edits)}: {error}") from None
 
 
-def _yaml(text: str) -> Any:
-    return YAML(typ="safe", pure=True).load(text)
-
-
 def _value(text: str, edit: str) -> Any:
     try:
-        return _yaml(text)
-    except YAMLError:
+        return parse_yaml(text, edit, SceneError)
+    except SceneError:
         raise SceneError(f"{edit}: {text!r} is no value; valid: a number, or a list as [1, 0, 0]") from None
 
 
