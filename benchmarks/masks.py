@@ -25,7 +25,7 @@ from benchmarks.mask_clips import OUTLINES, MaskClip, another_engine, data_folde
 from benchmarks.motion_masks import masks_from_motion
 from pipeline.errors import VideoError
 from pipeline.metrics.overlap import assign, count, pair_iou
-from pipeline.segmentation import find_bodies, load_network
+from pipeline.segmentation import MaskNetworks, find_bodies, load_mask_networks
 from pipeline.segmentation.propagation import body_prompts, segment_with
 from pipeline.segmentation.published_models import FAMILIES, load_published
 from pipeline.vision.flow.dis import DIS
@@ -121,13 +121,17 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     parser.add_argument("--each", action="store_true", help="print each clip")
     parser.add_argument("--no-classical", action="store_true")
+    parser.add_argument("--plain", action="store_true", help="also without the network that sharpens outlines")
     for family in FAMILIES:
         parser.add_argument(f"--{family}", type=Path, help="folder of its weights; its row is left out without one")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     seed = secrets.randbits(32) if arguments.seed is None else arguments.seed
-    network = load_network(arguments.weights)
-    finders: dict[str, Finder] = {"network": lambda clip: find_bodies(clip.frames, clip.fps, network).masks}
+    networks = load_mask_networks(arguments.weights)
+    finders: dict[str, Finder] = {"network": lambda clip: find_bodies(clip.frames, networks).masks}
+    if arguments.plain:
+        plain = MaskNetworks(networks.moving, None)
+        finders["plain"] = lambda clip: find_bodies(clip.frames, plain).masks
     if not arguments.no_classical:
         finders["classical"] = classical
     for family in FAMILIES:

@@ -18,8 +18,7 @@ from pipeline.clips.view import frame_masks
 from pipeline.objects.instances import Instances, instances_of
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
-from pipeline.segmentation import find_bodies, load_network
-from pipeline.segmentation.network import SegmentationNetwork
+from pipeline.segmentation import MaskNetworks, find_bodies, load_mask_networks
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.flow.measured_flow import measured_flow
 from pipeline.vision.flow.raft import RAFT, load_raft
@@ -57,8 +56,8 @@ class Measured:
 
 
 @lru_cache(maxsize=1)
-def _networks(raft: str) -> tuple[SegmentationNetwork, RAFT]:
-    return load_network(NETWORK), load_raft(raft)
+def _networks(raft: str) -> tuple[MaskNetworks, RAFT]:
+    return load_mask_networks(NETWORK), load_raft(raft)
 
 
 def measure(frames: np.ndarray, masks: np.ndarray, times: np.ndarray, schedule: Schedule, params: Params) -> Measured:
@@ -73,8 +72,8 @@ def measure(frames: np.ndarray, masks: np.ndarray, times: np.ndarray, schedule: 
     """
     f, pairs, interval = params.flow, schedule.pairs, 1 / schedule.fps
     size = (f.width, f.height)
-    network, raft = _networks(f.raft)
-    found = find_bodies(frames, schedule.fps, network).masks
+    networks, raft = _networks(f.raft)
+    found = find_bodies(frames, networks).masks
     raw = measured_flow(raft, frames, times, pairs, interval, f.iterations, size)
 
     def filled(ids: np.ndarray) -> np.ndarray:

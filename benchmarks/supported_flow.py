@@ -22,7 +22,7 @@ import torch
 from benchmarks.mask_clips import data_folder
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import VideoError
-from pipeline.segmentation import find_bodies, load_network
+from pipeline.segmentation import find_bodies, load_mask_networks
 from pipeline.shards.dataset import open_shards
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.flow_confidence import followed
@@ -63,14 +63,14 @@ def another_engine(folder: Path) -> Iterator[FlowClip]:
 
 
 def real(folder: Path) -> Iterator[FlowClip]:
-    network = load_network("models/masks")
+    networks = load_mask_networks("models/masks")
     for place in find_clips(folder):
         try:
             frames = read_clip(place, 0.0, SCHEDULE.seconds, SCHEDULE.fps).frames
         except VideoError as error:
             print(f"  skipped: {error}")
             continue
-        masks = find_bodies(frames, SCHEDULE.fps, network).masks
+        masks = find_bodies(frames, networks).masks
         if masks.any():
             yield FlowClip(place.stem, frames, masks, None)
 

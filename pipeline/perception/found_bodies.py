@@ -12,9 +12,9 @@ from pipeline.motion.rigid_pieces import joined_pieces
 from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.track_choice import TrackChoice
-from pipeline.segmentation.bodies import Candidates, find_candidates
-from pipeline.segmentation.chosen_bodies import bodies_of, candidate_scores, figure
-from pipeline.segmentation.network import SegmentationNetwork
+from pipeline.segmentation.bodies import Candidates, bodies_of, candidate_scores, figure, find_candidates
+from pipeline.segmentation.mask_networks import MaskNetworks
+from pipeline.segmentation.outlines import sharpen
 from pipeline.vision.recordings.video import Clip
 
 LIKE_OTHER = 0.5  # probability from which a body is doubted
@@ -61,12 +61,12 @@ class FoundBodies:
     doubts: tuple[str, ...]
 
 
-def find_in_clip(clip: Clip, network: SegmentationNetwork, prompts: Prompts) -> FoundBodies:
+def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundBodies:
     """The bodies of a clip in its own size.
 
     Args:
         clip: Its frames, of a resting camera.
-        network: For masks.
+        networks: For masks.
         prompts: What the user says.
 
     Raises:
@@ -74,9 +74,9 @@ def find_in_clip(clip: Clip, network: SegmentationNetwork, prompts: Prompts) -> 
         ParamsError: For prompts that are outside of the clip, or that nothing in it fits.
     """
     prompts.check(clip.source_size, clip.source_times)
-    found = find_candidates(clip.frames, network)
+    found = find_candidates(clip.frames, networks.moving)
     like_other = figure(found, "other")
-    likely = candidate_scores(found, network)
+    likely = candidate_scores(found, networks.moving)
     choice = TrackChoice(
         found=found,
         scores=likely,
@@ -89,9 +89,12 @@ def find_in_clip(clip: Clip, network: SegmentationNetwork, prompts: Prompts) -> 
     if not kept:
         raise VideoError(why_none(clip, found, float(likely.max(initial=0)), choice.notes))
     scores = np.array([1.0 if c.score is None else c.score for c in kept])
-    drawn = bodies_of([c.track for c in kept], scores, found, clip.frames)
+    drawn = bodies_of([c.track for c in kept], scores, found, clip.frames, None)
     masks, groups = joined_pieces(drawn.masks, clip.frames, clip.times, [c.marked for c in kept])
     masks = without_exchanges(masks, clip.frames, clip.times)
+    if networks.outlines is not None:
+        hulls = [k for k, g in enumerate(groups, 1) if len(g) > 1]
+        masks = sharpen(clip.frames, masks, networks.outlines, hulls)
     notes = [
         *choice.notes,
         *(f"{len(g)} pieces that move as one rigid body are body {k}" for k, g in enumerate(groups, 1) if len(g) > 1),

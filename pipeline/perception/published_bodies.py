@@ -11,7 +11,7 @@ from pipeline.errors import VideoError
 from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.found_bodies import FoundBodies, FoundBody, find_in_clip
 from pipeline.perception.prompts import Prompts, frame_of
-from pipeline.segmentation.network import SegmentationNetwork
+from pipeline.segmentation.mask_networks import MaskNetworks
 from pipeline.segmentation.propagation import Prompt, body_prompts, segment_with
 from pipeline.segmentation.published_models import load_published
 from pipeline.vision.recordings.video import Clip
@@ -19,14 +19,12 @@ from pipeline.vision.recordings.video import Clip
 IN_BOX = 0.5  # share of a body's mask that must lie in a box to be the body in it
 
 
-def follow_in_clip(
-    clip: Clip, network: SegmentationNetwork, prompts: Prompts, family: str, folder: Path
-) -> FoundBodies:
+def follow_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts, family: str, folder: Path) -> FoundBodies:
     """The bodies of a clip in its own size.
 
     Args:
         clip: Its frames, of a resting camera.
-        network: For masks; each body that it finds is followed from the frame in which it is seen best.
+        networks: For masks; each body that it finds is followed from the frame in which it is seen best.
         prompts: What the user says; a body at a point or in a box is followed from there.
         family: "sam2" or "edgetam".
         folder: Of its weights.
@@ -41,7 +39,7 @@ def follow_in_clip(
     marks = (*prompts.points, *prompts.boxes)
     scale = np.array([clip.frames.shape[2] / clip.source_size[0], clip.frames.shape[1] / clip.source_size[1]])
     places = [(frame_of(m, clip.source_times), np.array(m.at) * np.tile(scale, len(m.at) // 2)) for m in marks]
-    found = _unmarked(clip, network, prompts, len(marks))
+    found = _unmarked(clip, networks, prompts, len(marks))
     seeds: list[Prompt] = []
     scores: list[float | None] = []
     if found is not None:
@@ -68,13 +66,13 @@ def follow_in_clip(
     return FoundBodies(clip, masks, bodies, (*(found.notes if found else ()), *notes), tuple(doubts))
 
 
-def _unmarked(clip: Clip, network: SegmentationNetwork, prompts: Prompts, marks: int) -> FoundBodies | None:
+def _unmarked(clip: Clip, networks: MaskNetworks, prompts: Prompts, marks: int) -> FoundBodies | None:
     """What the network finds by itself; None where it need not, or finds nothing."""
     left = None if prompts.objects is None else prompts.objects - marks
     if left is not None and left <= 0:
         return None
     try:
-        return find_in_clip(clip, network, replace(prompts, points=(), boxes=(), objects=left))
+        return find_in_clip(clip, networks, replace(prompts, points=(), boxes=(), objects=left))
     except VideoError:
         if not marks:
             raise

@@ -14,7 +14,7 @@ from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.found_bodies import FoundBodies, find_in_clip
 from pipeline.perception.mask_source import MaskSource, mask_source
 from pipeline.perception.prompts import Prompts
-from pipeline.segmentation.network import SegmentationNetwork, load_network
+from pipeline.segmentation import MaskNetworks, load_mask_networks
 from pipeline.vision.recordings.clip_folder import video_of
 from pipeline.vision.recordings.given_masks import given_masks
 from pipeline.vision.recordings.letterbox import letterbox_for
@@ -170,10 +170,10 @@ def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:
 
 def _found(filmed: Clip, prompts: Prompts, source: MaskSource) -> FoundBodies:
     if source.published is None:
-        return find_in_clip(filmed, mask_network(), prompts)
+        return find_in_clip(filmed, mask_networks(), prompts)
     from pipeline.perception.published_bodies import follow_in_clip
 
-    return follow_in_clip(filmed, mask_network(), prompts, *source.published)
+    return follow_in_clip(filmed, mask_networks(), prompts, *source.published)
 
 
 def _finder(source: MaskSource) -> str:
@@ -182,6 +182,6 @@ def _finder(source: MaskSource) -> str:
 
 
 @lru_cache(maxsize=1)
-def mask_network() -> SegmentationNetwork:
-    """The network that ships, loaded once."""
-    return load_network(WEIGHTS)
+def mask_networks() -> MaskNetworks:
+    """The networks that ship, loaded once."""
+    return load_mask_networks(WEIGHTS)

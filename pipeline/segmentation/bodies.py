@@ -12,8 +12,11 @@ from pipeline.segmentation.cast_shadows import cast_shadows
 from pipeline.segmentation.grouping import Track, follow
 from pipeline.segmentation.inference import Prediction, predict, steadied
 from pipeline.segmentation.inputs import clip_features, steady_exposure
-from pipeline.segmentation.joining import joined
+from pipeline.segmentation.joining import joined, typical_radius
+from pipeline.segmentation.mask_networks import MaskNetworks
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
+from pipeline.segmentation.outline_network import OutlineNetwork
+from pipeline.segmentation.outlines import sharpen
 from pipeline.segmentation.plate import clear_plate
 from pipeline.segmentation.resting import resting
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
@@ -70,7 +73,7 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
     features = clip_features(small)
     first = _tracked(predict(network, small, features, MIRRORED), small, features.background)
-    scores = _scores(first, network)
+    scores = candidate_scores(first, network)
     covered = np.zeros(small.shape[:3], bool)
     probable = [t for t, s in zip(first.tracks, scores, strict=True) if s >= PLATE_SCORE]
     for track in resting(probable, small):
@@ -93,36 +96,63 @@ def _tracked(prediction: Prediction, small: np.ndarray, background: np.ndarray) 
     return Candidates(small, prediction, probability, tracks, np.array(figures).reshape(len(tracks), len(FIGURES)))
 
 
-def _scores(found: Candidates, network: SegmentationNetwork) -> np.ndarray:
+def candidate_scores(found: Candidates, network: SegmentationNetwork) -> np.ndarray:
+    """(N,) the probability that each candidate is a moving body."""
     regression = network.config.get("regression", PLAIN)
     return np.array([score(f, regression) for f in found.figures])
 
 
-def find_bodies(
-    frames: np.ndarray, fps: float, network: SegmentationNetwork, least_score: float = LEAST_SCORE
+def figure(found: Candidates, name: str) -> np.ndarray:
+    """(N,) one of the candidates' figures, as `track_score.FIGURES` names them."""
+    return np.asarray(found.figures[:, FIGURES.index(name)])
+
+
+def bodies_of(
+    tracks: list[Track], scores: np.ndarray, found: Candidates, frames: np.ndarray, outlines: OutlineNetwork | None
 ) -> BodyTracks:
-    """The bodies that move in a clip of a resting camera.
+    """The tracks as bodies, in the order given.
 
-    frames: (T, H, W, 3) uint8 RGB, T of 2 or more, H and W of any size. fps: frames a second (not used: the network is
-    told of no time base). network: of `load_network`. least_score: tracks below it are dropped.
-
-    A body that moves at some time is found in all frames, also while it rests. Hands, cloth, shadows and mirror images
-    are left out. Where nothing moves there are no ids.
+    Args:
+        tracks: At the size of `found.frames`.
+        scores: (N,) of the tracks.
+        found: The candidates among which they were chosen.
+        frames: (T, H, W, 3) uint8, of the size that the masks get.
+        outlines: Sharpens them; None: they stay as the first network sees them.
     """
-    if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8 or len(frames) < 2:
-        raise ValueError(f"frames are (T, H, W, 3) uint8 with T of 2 or more, not {frames.shape} {frames.dtype}")
-    found = find_candidates(frames, network)
-    scores = _scores(found, network)
-    kept = [i for i in np.argsort(-scores)[:MOST_BODIES] if scores[i] >= least_score]
-    kept.sort(key=lambda i: (found.tracks[i].first, -len(found.tracks[i].pieces[found.tracks[i].first].pixels)))
-    tracks = resting([found.tracks[i] for i in kept], found.frames)
     scale = np.array([frames.shape[2] / found.frames.shape[2], frames.shape[1] / found.frames.shape[1]])
     centres = np.full((len(frames), len(tracks), 2), np.nan)
     for k, track in enumerate(tracks):
         for t, piece in track.pieces.items():
             centres[t, k] = piece.centre * scale
-    radii = np.array([np.median([p.radius for p in k.pieces.values()]) for k in tracks]) * scale.mean()
-    return BodyTracks(draw_masks(tracks, found.probability, frames), scores[kept], centres, radii)
+    radii = np.array([typical_radius(t) for t in tracks]) * scale.mean()
+    masks = draw_masks(tracks, found.probability, frames)
+    if outlines is not None:
+        masks = sharpen(frames, masks, outlines)
+    return BodyTracks(masks, scores, centres, radii)
+
+
+def find_bodies(frames: np.ndarray, networks: MaskNetworks, least_score: float = LEAST_SCORE) -> BodyTracks:
+    """The bodies that move in a clip of a resting camera.
+
+    A body that moves at some time is found in all frames, also while it rests. Hands, cloth, shadows and mirror images
+    are left out. Where nothing moves there are no ids.
+
+    Args:
+        frames: (T, H, W, 3) uint8 RGB, T of 2 or more, H and W of any size.
+        networks: Of `load_mask_networks`.
+        least_score: Tracks below it are dropped.
+
+    Raises:
+        ValueError: For frames of another type or shape.
+    """
+    if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8 or len(frames) < 2:
+        raise ValueError(f"frames are (T, H, W, 3) uint8 with T of 2 or more, not {frames.shape} {frames.dtype}")
+    found = find_candidates(frames, networks.moving)
+    scores = candidate_scores(found, networks.moving)
+    kept = [i for i in np.argsort(-scores)[:MOST_BODIES] if scores[i] >= least_score]
+    kept.sort(key=lambda i: (found.tracks[i].first, -len(found.tracks[i].pieces[found.tracks[i].first].pixels)))
+    tracks = resting([found.tracks[i] for i in kept], found.frames)
+    return bodies_of(tracks, scores[kept], found, frames, networks.outlines)
 
 
 def draw_masks(tracks: list[Track], probability: np.ndarray, frames: np.ndarray) -> np.ndarray:

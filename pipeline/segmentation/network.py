@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 import torch.nn.functional as F
@@ -13,6 +14,8 @@ from torch import Tensor, nn
 from pipeline.errors import ModelError
 from pipeline.segmentation.inputs import FULL_CHANNELS, HALF_CHANNELS
 from pipeline.untrusted import read_json
+
+N = TypeVar("N", bound=nn.Module)
 
 WEIGHTS, CONFIG = "model.safetensors", "config.json"
 #: Logits of a pixel: it shows a body that moves in the clip; a body, which may rest; something that moves and is no
@@ -95,6 +98,23 @@ def larger(x: Tensor) -> Tensor:
 
 def save_network(network: SegmentationNetwork, folder: Path, config: dict[str, Any]) -> None:
     """Write model.safetensors (float16) and config.json, `config` with the channels, to a folder."""
+    write_weights(network, folder, WEIGHTS, CONFIG, {"channels": list(network.channels), **config})
+
+
+def load_network(folder: Path | str) -> SegmentationNetwork:
+    """The network of a folder that `save_network` wrote, ready to infer; its `config` is the file's.
+
+    Raises ModelError.
+    """
+    network, config = read_weights(
+        Path(folder), WEIGHTS, CONFIG, lambda config: SegmentationNetwork(tuple(config["channels"]))
+    )
+    network.config = config
+    return network
+
+
+def write_weights(network: nn.Module, folder: Path, weights: str, config: str, values: dict[str, Any]) -> None:
+    """Write a network's weights (float16) and what is to be known of them into files of these names in a folder."""
     from safetensors.torch import save_file
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -103,32 +123,31 @@ def save_network(network: SegmentationNetwork, folder: Path, config: dict[str, A
         for k, v in network.state_dict().items()
         if not k.endswith("num_batches_tracked")
     }
-    save_file(state, str(folder / (WEIGHTS + ".part")))
-    (folder / (WEIGHTS + ".part")).replace(folder / WEIGHTS)
-    text = json.dumps({"channels": list(network.channels), **config}, indent=2) + "\n"
-    (folder / (CONFIG + ".part")).write_text(text)
-    (folder / (CONFIG + ".part")).replace(folder / CONFIG)
+    save_file(state, str(folder / (weights + ".part")))
+    (folder / (weights + ".part")).replace(folder / weights)
+    (folder / (config + ".part")).write_text(json.dumps(values, indent=2) + "\n")
+    (folder / (config + ".part")).replace(folder / config)
 
 
-def load_network(folder: Path | str) -> SegmentationNetwork:
-    """The network of a folder that `save_network` wrote, ready to infer; its `config` is the file's.
+def read_weights(
+    folder: Path, weights: str, config: str, build: Callable[[dict[str, Any]], N]
+) -> tuple[N, dict[str, Any]]:
+    """A network, ready to infer, and its configuration, from files of these names; build: of the configuration.
 
     Raises ModelError.
     """
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
-    folder = Path(folder)
-    if not (folder / WEIGHTS).is_file():
-        raise ModelError(f"{folder} has no {WEIGHTS}: a folder of segmentation weights is needed, as models/masks")
+    if not (folder / weights).is_file():
+        raise ModelError(f"{folder} has no {weights}: a folder of segmentation weights is needed, as models/masks")
     try:
-        config = read_json(folder / CONFIG, ModelError)
-        network = SegmentationNetwork(tuple(config["channels"]))
-        state = {k: v.float() for k, v in load_file(folder / WEIGHTS).items()}
+        values = read_json(folder / config, ModelError)
+        network = build(values)
+        state = {k: v.float() for k, v in load_file(folder / weights).items()}
         missing, unexpected = network.load_state_dict(state, strict=False)
     except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
         raise ModelError(f"{folder} does not hold segmentation weights: {str(error).splitlines()[0]}") from error
     if unexpected or any(not k.endswith("num_batches_tracked") for k in missing):
-        raise ModelError(f"{folder} does not hold segmentation weights of {config['channels']} channels")
-    network.config = config
-    return network.eval()
+        raise ModelError(f"{folder} does not hold segmentation weights of {values['channels']} channels")
+    return network.eval(), values

@@ -8,13 +8,13 @@ from pipeline.errors import VideoError
 from pipeline.perception.clip_faults import camera_shift, clip_faults, flicker
 from pipeline.perception.found_bodies import find_in_clip
 from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import mask_network
+from pipeline.perception.user_clip import mask_networks
 
 
 def said(frames: np.ndarray) -> str:
     """The error of a clip in which no body is found."""
     with pytest.raises(VideoError) as error:
-        find_in_clip(drawn_clips.clip(frames), mask_network(), Prompts())
+        find_in_clip(drawn_clips.clip(frames), mask_networks(), Prompts())
     return str(error.value)
 
 
@@ -64,7 +64,7 @@ def test_a_camera_that_moves_is_named_with_and_without_a_body() -> None:
     panned = drawn_clips.panned(rng, 12)
     assert "the camera moves: the background shifts by 2" in said(drawn_clips.recorded(rng, panned))
     disc = drawn_clips.with_disc(panned, drawn_clips.line((40, 60), (190, 90)), 12, (230, 60, 40))
-    found = find_in_clip(drawn_clips.clip(drawn_clips.recorded(rng, disc)), mask_network(), Prompts())
+    found = find_in_clip(drawn_clips.clip(drawn_clips.recorded(rng, disc)), mask_networks(), Prompts())
     assert any("the camera moves" in doubt for doubt in found.doubts)
 
 
@@ -74,6 +74,6 @@ def test_light_that_flickers_is_named_with_and_without_a_body() -> None:
     assert "the light flickers" in said(drawn_clips.recorded(rng, drawn_clips.flickering(rng, still, 0.12)))
     disc = drawn_clips.with_disc(still, drawn_clips.line((40, 60), (190, 90)), 12, (230, 60, 40))
     lit = drawn_clips.recorded(rng, drawn_clips.flickering(rng, disc, 0.12))
-    found = find_in_clip(drawn_clips.clip(lit), mask_network(), Prompts())
+    found = find_in_clip(drawn_clips.clip(lit), mask_networks(), Prompts())
     assert len(found.bodies) == 1
     assert any("the light flickers" in doubt for doubt in found.doubts)

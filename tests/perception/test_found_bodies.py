@@ -7,7 +7,7 @@ import pytest
 from pipeline.errors import ParamsError, VideoError
 from pipeline.perception.found_bodies import FoundBodies, find_in_clip
 from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import mask_network
+from pipeline.perception.user_clip import mask_networks
 
 RED, BLUE = (230, 60, 40), (40, 70, 240)
 #: Paths of two discs that move and of one that rests, px; the clip begins 2 s after its video.
@@ -24,7 +24,7 @@ def frames() -> np.ndarray:
 
 
 def found(frames: np.ndarray, **prompts: object) -> FoundBodies:
-    return find_in_clip(drawn_clips.clip(frames, START), mask_network(), Prompts.of(**prompts))  # type: ignore[arg-type]
+    return find_in_clip(drawn_clips.clip(frames, START), mask_networks(), Prompts.of(**prompts))  # type: ignore[arg-type]
 
 
 def disc(path: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from pipeline.errors import ModelError
+from pipeline.segmentation import MaskNetworks
 from pipeline.segmentation.bodies import find_bodies, working_size
 from pipeline.segmentation.inference import mirrored, predict
 from pipeline.segmentation.inputs import FULL_CHANNELS, HALF_CHANNELS, clip_features, steady_exposure
@@ -96,7 +97,7 @@ def test_low_background_and_high_are_in_order():
 
 def test_bodies_of_a_clip_have_ids_from_1_without_gaps():
     frames = random_clip(np.random.default_rng(3))
-    found = find_bodies(frames, 30.0, random_network(), least_score=0.0)
+    found = find_bodies(frames, MaskNetworks(random_network(), None), least_score=0.0)
     assert found.masks.shape == frames.shape[:3] and found.masks.dtype == np.uint8
     assert found.masks.max() <= len(found.scores)
     assert found.centres.shape == (len(frames), len(found.scores), 2)
@@ -106,15 +107,15 @@ def test_bodies_of_a_clip_have_ids_from_1_without_gaps():
 def test_a_higher_least_score_never_finds_more_bodies():
     frames = random_clip(np.random.default_rng(4))
     network = random_network(1)
-    counts = [len(find_bodies(frames, 30.0, network, least).scores) for least in (0.0, 0.3, 0.6, 1.1)]
+    counts = [len(find_bodies(frames, MaskNetworks(network, None), least).scores) for least in (0.0, 0.3, 0.6, 1.1)]
     assert counts == sorted(counts, reverse=True) and counts[-1] == 0
 
 
 def test_frames_of_another_form_are_refused():
     with pytest.raises(ValueError, match="uint8"):
-        find_bodies(np.zeros((5, 32, 32, 3)), 30.0, random_network())
+        find_bodies(np.zeros((5, 32, 32, 3)), MaskNetworks(random_network(), None))
     with pytest.raises(ValueError, match="2 or more"):
-        find_bodies(np.zeros((1, 32, 32, 3), np.uint8), 30.0, random_network())
+        find_bodies(np.zeros((1, 32, 32, 3), np.uint8), MaskNetworks(random_network(), None))
 
 
 def test_the_shipped_weights_are_read_and_small():

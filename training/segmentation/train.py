@@ -74,7 +74,7 @@ def learning_rate(step: int, progress: float) -> float:
     return min(1.0, (step + 1) / WARM_UP) * 0.5 * (1 + math.cos(math.pi * min(progress, 1.0)))
 
 
-def average_weights(average: dict[str, torch.Tensor], network: SegmentationNetwork, step: int) -> None:
+def average_weights(average: dict[str, torch.Tensor], network: torch.nn.Module, step: int) -> None:
     """Move `average` a little towards the network's weights, in place."""
     keep = min(AVERAGE, step / (step + 10))
     with torch.no_grad():
