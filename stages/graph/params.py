@@ -275,6 +275,10 @@ class PredictSettings(Section):
     simulations: Count
 
 
+class TracksSettings(Section):
+    simulations: Annotated[int, Field(ge=200)]
+
+
 class ScoreSettings(Section):
     bootstrap: Count
     gallery: Annotated[int, Field(ge=0)]
@@ -315,6 +319,7 @@ class Params(Section):
     cmaes: CmaesSettings
     fit: FitSettings
     predict: PredictSettings
+    tracks: TracksSettings
     score: ScoreSettings
     hide: HideSettings
     discover: DiscoverSettings
