@@ -93,7 +93,7 @@ def _of_file(place: Path, simulations: int, found: bool) -> Graded:
     schedule, told = answer.clip.schedule, answer.scenes.forecast
     read = read_frames(place, seconds=schedule.seconds, fps=schedule.fps, source=MaskSource(masks_beside(place)))
     iou = overlap_with(replay_poses(answer.scene, schedule).masks, with_masks(read, Prompts()).masks)
-    return Graded(place.name, answer.grade.name, iou, told is not None and told.iou > told.constant_velocity_iou)
+    return Graded(place.name, answer.grade.name, iou, told is not None and told.better)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

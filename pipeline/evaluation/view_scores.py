@@ -148,7 +148,7 @@ def view_score(
         slope_error=slope,
         by=by,
         grade=grade(iou, ahead).name,
-        beats_constant_velocity=ahead is not None and ahead.iou > ahead.constant_velocity_iou,
+        beats_constant_velocity=ahead is not None and ahead.better,
     )
 
 

@@ -27,6 +27,9 @@ from pipeline.vision.recordings.letterbox import Letterbox
 from pipeline.vision.rendering.camera import focal_px
 
 
+WORSE = 1.5  # factor of the errors of two fits
+
+
 @dataclass(frozen=True)
 class KnownLength:
     """A length that is known in the plane in which bodies move.
@@ -221,18 +224,25 @@ def tracked_world(
     answer = find_planar_scene(motion, world.gravity, threads)
     kept = renumbered_by_track(masks, motion)
 
+    firsts: list[PlanarAnswer] = []
+
     def first_part(count: int) -> Scene | None:
         same_view = replace(world, view=motion.view.kind)
-        early = _measured(masks[:count], frames[:count], times[:count], same_view, pictured)
-        return find_planar_scene(early, world.gravity, threads).scene if early.tracks else None
-
-    def tried(count: int) -> Scene | None:
         try:
-            return first_part(count)
+            early = _measured(masks[:count], frames[:count], times[:count], same_view, pictured)
         except ParamsError:  # the first part does not show the view
             return None
+        if early.tracks:
+            firsts.append(find_planar_scene(early, world.gravity, threads))
+        return firsts[0].scene if firsts else None
 
-    return TrackedWorld(motion, answer, forecast(kept, times, tried))
+    told = forecast(kept, times, first_part)
+    first = firsts[0] if firsts else answer
+    alike = first.fit.scene.shapes == answer.fit.scene.shapes
+    if alike and answer.fit.rms_px > WORSE * first.fit.rms_px:  # beyond an impact it may have ended in another one
+        again = find_planar_scene(motion, world.gravity, threads, first)
+        answer = min(answer, again, key=lambda a: a.fit.rms_px)
+    return TrackedWorld(motion, answer, told)
 
 
 def _gravity_doubt(motion: ClipMotion, world: World, fps: float) -> str | None:

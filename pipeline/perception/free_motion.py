@@ -86,7 +86,7 @@ def stretch_of(
     if len(stamps) < 2:
         raise VideoError(f"{video} has one frame only: at least two are needed")
     times = None if masks is None else read_times(masks)
-    if times is not None and len(times) > 1:
+    if times is not None and len(times) > 1 and np.isfinite(times).all():
         begin, length = float(times[0]), float(times[-1] - times[0]) * len(times) / (len(times) - 1)
         return Stretch(begin, length if seconds is None else seconds, "masks")
     end = float(stamps[-1] + np.median(np.diff(stamps)))

@@ -212,12 +212,38 @@ def background(frames: np.ndarray) -> np.ndarray:
     return np.median(some, axis=0).astype(np.uint8)
 
 
-def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY, threads: int = 1) -> PlanarAnswer:
+def find_planar_scene(
+    motion: ClipMotion, gravity: float = GRAVITY, threads: int = 1, first: PlanarAnswer | None = None
+) -> PlanarAnswer:
     """The planar scene whose simulation follows the tracks.
 
     Where gravity fixes the scale, the fit's gravity, in the metres that were assumed first, tells how long a metre is.
-    Where a length is known, gravity is what the fit finds. threads: for simulations.
+    Where a length is known, gravity is what the fit finds.
+
+    Args:
+        motion: What the tracks tell.
+        gravity: m/s².
+        threads: For simulations.
+        first: Of the clip's first part: the fit goes on from its scene. None: it begins with what the tracks tell.
     """
+    if first is not None:
+        motion = replace(motion, plane=first.motion.plane, scale=first.motion.scale, table=first.motion.table)
+    rolls = motion.view.kind == "incline" and motion.scale.by in KNOWN
+    start = _start(motion, gravity, rolls) if first is None else first.fit.scene
+    gravity_shows = not motion.plane.level and not rolls
+    parameters = planar_parameters(start, motion.plane, gravity=gravity_shows, hollow=rolls)
+    fit = fit_planar(start, motion.flat, motion.plane, parameters, impacts(motion), threads)
+    if motion.table is not None:
+        return PlanarAnswer(motion, fit, replace(fit.scene, camera=motion.table.camera()), motion.scale)
+    if motion.scale.by != "gravity":
+        return PlanarAnswer(motion, fit, fit.scene, motion.scale)
+    factor = gravity / float(np.linalg.norm(fit.scene.gravity))
+    scale = replace(motion.scale, px_per_m=motion.scale.px_per_m / factor)
+    return PlanarAnswer(motion, fit, scaled(fit.scene, factor), scale)
+
+
+def _start(motion: ClipMotion, gravity: float, rolls: bool) -> Scene:
+    """The scene that the tracks tell of. rolls: bodies may roll, and a known length tells how hollow they are."""
     start = planar_scene(
         motion.view,
         motion.flat,
@@ -232,19 +258,7 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY, threads: int
     )
     if motion.table is None:
         start = with_apparent_sizes(start, motion.flat, motion.plane, [s is None for s in motion.solids])
-    rolls = motion.view.kind == "incline" and motion.scale.by in KNOWN
-    if rolls:
-        start = replace(start, objects=tuple(_half_hollow(o) for o in start.objects))
-    gravity_shows = not motion.plane.level and not rolls
-    parameters = planar_parameters(start, motion.plane, gravity=gravity_shows, hollow=rolls)
-    fit = fit_planar(start, motion.flat, motion.plane, parameters, impacts(motion), threads)
-    if motion.table is not None:
-        return PlanarAnswer(motion, fit, replace(fit.scene, camera=motion.table.camera()), motion.scale)
-    if motion.scale.by != "gravity":
-        return PlanarAnswer(motion, fit, fit.scene, motion.scale)
-    factor = gravity / float(np.linalg.norm(fit.scene.gravity))
-    scale = replace(motion.scale, px_per_m=motion.scale.px_per_m / factor)
-    return PlanarAnswer(motion, fit, scaled(fit.scene, factor), scale)
+    return replace(start, objects=tuple(_half_hollow(o) for o in start.objects)) if rolls else start
 
 
 def impacts(motion: ClipMotion) -> list[float]:

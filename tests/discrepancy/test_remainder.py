@@ -63,6 +63,7 @@ def test_drag_and_lift_are_named_where_spins_were_not_measured() -> None:
     assert found.gap.after == pytest.approx(found.gap.noise_floor, rel=0.25)
     assert found.verdict.parameters["magnus_lift.coefficient"].stderr is None  # only its product with the spin is known
     assert any("spins were not measured" in note for note in found.notes)
+    assert "magnus_lift" not in found.selection.untestable
 
 
 def test_without_lift_the_spins_that_were_not_measured_are_nothing() -> None:

@@ -66,7 +66,16 @@ def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Pr
     if not chosen.effects:
         return None
     z, share = excess(found.calibration, chosen)
-    return replace(found, chosen=chosen, alike=alike, tried=tuple(tried), unknown=False, excess_z=z, excess_share=share)
+    return replace(
+        found,
+        chosen=chosen,
+        alike=alike,
+        tried=tuple(tried),
+        unknown=False,
+        untestable=tuple(name for name in found.untestable if name not in chosen.effects),
+        excess_z=z,
+        excess_share=share,
+    )
 
 
 def models_without(found: Selection) -> dict[str, Candidate]:
@@ -84,16 +93,17 @@ def _left(found: Selection, model: Candidate) -> float:
 def _counts(found: Selection, model: Candidate, base: Candidate) -> bool:
     """Whether a model leaves enough less on the held-out clips than without any one of its effects, and forecasts
     better. base: the model that it extends by the last of its effects."""
-    return all(
+    without = _without_one(found, model, base)
+    return len(without) >= min(len(model.effects), 2) and all(
         _left(found, model) <= MOST_LEFT * _left(found, shorter)
         and shorter.held_out - model.held_out > HELD_OUT_GAIN
         and forecast_error(model) < forecast_error(shorter)
-        for shorter in _shorter(found, model, base)
+        for shorter in without
     )
 
 
-def _shorter(found: Selection, model: Candidate, base: Candidate) -> list[Candidate]:
-    """The model without any one of its effects. base: without the last one."""
+def _without_one(found: Selection, model: Candidate, base: Candidate) -> list[Candidate]:
+    """The model without each one of its effects, where that was fitted. base: without the last one."""
     if len(model.effects) == 1:
         return [found.none]
     if len(model.effects) == 2:
@@ -111,11 +121,15 @@ def _simplest(models: Sequence[Candidate], found: Selection) -> Candidate | None
 
 
 def _alike(found: Selection, chosen: Candidate, rivals: Sequence[Candidate]) -> Sets:
-    """What could replace the last effect as well, with no more numbers."""
+    """What could replace one of the effects as well, with no more numbers."""
     most, size = ALIKE_LEFT * _left(found, chosen), chosen.fit.model.size
-    near = [c.effects[-1] for c in rivals if c.fit.model.size <= size and _left(found, c) <= most]
-    names = tuple(dict.fromkeys((chosen.effects[-1], *near)))
-    return (names,) if len(names) > 1 else ()
+    near = [c for c in rivals if c.fit.model.size <= size and _left(found, c) <= most]
+    out = []
+    for name in chosen.effects:
+        others = set(chosen.effects) - {name}
+        names = [n for c in near for n in c.effects if set(c.effects) - {n} == others and n not in others]
+        out.append(tuple(dict.fromkeys((name, *names))))
+    return tuple(names for names in out if len(names) > 1)
 
 
 def _still_alike(

@@ -68,16 +68,21 @@ def read_times(path: Path) -> np.ndarray | None:
     """When each mask of an NPZ was recorded, s from the beginning of the video, where it says so."""
     if path.suffix.lower() != ".npz":
         return None
+    check_there(path)
     times = read_npz(path, (TIMES,), VideoError).get(TIMES)
     if times is not None and (times.ndim != 1 or times.dtype.kind not in "biuf"):
         raise VideoError(f"{path}: `{TIMES}` is {times.dtype} {times.shape}, not numbers (T,)")
     return None if times is None else times.astype(float)
 
 
-def read_values(path: Path) -> np.ndarray:
-    """The values in a file or folder, (T, H, W) integers."""
+def check_there(path: Path) -> None:
     if not path.exists():
         raise VideoError(f"{path}: there are no masks there; valid: a folder of PNGs, a PNG, or an NPZ with `{KEY}`")
+
+
+def read_values(path: Path) -> np.ndarray:
+    """The values in a file or folder, (T, H, W) integers."""
+    check_there(path)
     if path.is_dir():
         files = sorted(p for p in path.iterdir() if p.suffix.lower() == ".png")
         if not files:
