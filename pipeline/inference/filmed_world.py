@@ -26,7 +26,6 @@ from pipeline.scene.scene import Scene
 from pipeline.vision.recordings.letterbox import Letterbox
 from pipeline.vision.rendering.camera import focal_px
 
-
 WORSE = 1.5  # factor of the errors of two fits
 
 
