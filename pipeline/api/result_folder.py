@@ -11,6 +11,7 @@ from typing import Any
 from pipeline.errors import OutputError
 from pipeline.shards.beside import beside, put_in_place
 from pipeline.shards.output_errors import writing_to
+from pipeline.untrusted import read_json
 
 RESULT = "result.json"
 
@@ -71,9 +72,9 @@ def check_replaceable(target: Path, force: bool) -> None:
 def _own_files(folder: Path) -> set[str] | None:
     """The names that the folder's result.json lists; None where it has none of ours."""
     try:
-        result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        result = read_json(folder / RESULT, OutputError)
         return set(result["files"]) if "command" in result else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OutputError, KeyError, TypeError):
         return None
 
 

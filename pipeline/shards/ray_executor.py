@@ -125,7 +125,7 @@ def _result(ray: Any, reference: Any, item: object) -> Any:
     except ray.exceptions.RayTaskError as error:
         cause = error.cause if isinstance(error.cause, Exception) else RuntimeError(str(error))
         cause.add_note(f"in {item}")
-        raise cause from RemoteTraceback(f"\n{error.traceback_str}")
+        raise cause from RemoteTraceback(f"\n{error}")
     except ray.exceptions.RayError as error:
         raise ShardError(
             f"{item}: its workers died {RETRIES + 1} times ({str(error).splitlines()[0]}); nothing half-written is "
