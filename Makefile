@@ -5,7 +5,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: install install-benchmark repro test check clean discovery-benchmark discovery-benchmark-smoke real-motion
+.PHONY: install install-benchmark repro test test-machines campaign check clean discovery-benchmark discovery-benchmark-smoke real-motion
 
 install: .venv/installed
 
@@ -20,6 +20,7 @@ install: .venv/installed
 repro: install
 	@test -d data/samples || git checkout -q -- data/samples
 	@test -d data/measured || git checkout -q -- data/measured
+	@python -m stages.graph.lock_copy
 	dvc repro
 	@echo "the report: $(CURDIR)/reports/index.html"
 	@echo "On another kind of processor the searches end with slightly different scenes, so that git status may show changed reports and dvc.lock."
@@ -27,6 +28,15 @@ repro: install
 
 test: install
 	pytest -n 2
+
+# What needs Ray and an S3 server (moto's, on this machine), which nothing else does.
+test-machines: install
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test,ray,s3,servers]"
+	pytest tests/shards/test_ray_executor.py tests/shards/test_remote.py tests/shards/test_cluster.py
+
+# Hundreds of kills, thousands of damaged files and inputs (docs/reliability.md); half an hour on 2 cores.
+campaign: install
+	DYNAMICS_CAMPAIGN=full pytest -m campaign -s
 
 check: install
 	ruff check .

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.discovery_sysid import sysid_gap
-from pipeline.discrepancy.report.gap import measure_gap
+from pipeline.discrepancy.selection.gap import measure_gap
 from pipeline.discrepancy.selection.select_effects import select_once
 from pipeline.discrepancy.selection.testable import names_of
 from pipeline.discrepancy.tracks.known_scene import KnownScene

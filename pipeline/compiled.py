@@ -15,7 +15,10 @@ import numba
 
 
 def _kernel_folder() -> Path:
-    """The cache folder: in NUMBA_CACHE_DIR, else in the user's cache, else in the temporary folder."""
+    """The cache folder: in NUMBA_CACHE_DIR, else in the user's cache, else a new temporary one.
+
+    Numba unpickles what is in it. So a folder of another user, or one that others may write to, is not used.
+    """
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parent.rglob("*.py")):
         text = source.read_bytes()
@@ -23,13 +26,14 @@ def _kernel_folder() -> Path:
             digest.update(text)
     configured = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dynamics"
-    for base in ([Path(configured)] if configured else []) + [home, Path(tempfile.gettempdir()) / "dynamics"]:
+    for base in ([Path(configured)] if configured else []) + [home]:
         folder = base / f"kernels-{digest.hexdigest()[:16]}"
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            state = folder.stat()
         except OSError:
             continue
-        if os.access(folder, os.W_OK):
+        if os.access(folder, os.W_OK) and state.st_uid == os.geteuid() and not state.st_mode & 0o002:
             return folder
     return Path(tempfile.mkdtemp(prefix="dynamics-kernels-"))
 

@@ -24,6 +24,7 @@ from pipeline.evaluation.scores_page import RunScores, scores_page, shown_clips
 from pipeline.evaluation.suite import AnsweredSuite, forecast_rows
 from pipeline.evaluation.summary import as_csv, as_json, summarise
 from pipeline.evaluation.tables import ERRORS, FORECAST, SCORES, markdown, metrics_table
+from pipeline.shards.contents import check_contents
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
 from stages.graph.answering_model import CURVE, FOLDER, AnsweringModel, answering_model
@@ -44,6 +45,7 @@ PRINTED = ("composition", "iou_initial", "iou", "epe_frame")
 def read_losses() -> dict[str, tuple[list[float], list[float]]]:
     """Steps and losses of the fine-tuning, by name."""
     out = {}
+    check_contents(DATA / "finetune")
     for name, column in (("train", "loss"), ("validation", "eval_loss")):
         rows = read_rows(DATA / "finetune" / f"{column}.csv")
         out[name] = ([float(r["step"]) for r in rows], [float(r[column]) for r in rows])

@@ -7,6 +7,8 @@ The sheet is OOXML although it is named .xls. Where a ball's weight is not given
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +43,15 @@ def read_ball_drops(folder: Path) -> list[RealSet]:
         known = {"ground": None, "objects": [{"name": "ball", "shape": "sphere", "radius": radius, "mass": mass}]}
         out.append(RealSet(key, tuple(tracks), known, SOURCE, LICENCE))
     return out
+
+
+def together(sets: Sequence[RealSet]) -> RealSet:
+    """All balls as one set: they fell beside one camera, ruler and clock."""
+    tracks, objects = [], []
+    for real in sets:
+        tracks += [replace(t, clip=f"{real.name}_{t.clip}", object=real.name) for t in real.tracks]
+        objects.append({**real.known["objects"][0], "name": real.name})
+    return RealSet("balls_together", tuple(tracks), {"ground": None, "objects": objects}, SOURCE, LICENCE)
 
 
 def _same(name: str, sheet: str) -> bool:

@@ -22,12 +22,13 @@ from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.discrepancy.report.residual_table import residual_table
 from pipeline.discrepancy.selection.testable import names_of
 from pipeline.discrepancy.tracks.known_scene import KnownScene, load_known_scene
+from pipeline.discrepancy.tracks.plausibility import check_plausible
 from pipeline.discrepancy.tracks.track import Track, read_tracks
 from pipeline.errors import ParamsError
 from pipeline.inference.progress import Progress
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.scene import Scene
-from pipeline.scene.text import write_scene
+from pipeline.scene.text import save_scene
 from pipeline.viewer.measured import save_measured
 
 REPORT = "report.json"
@@ -108,7 +109,7 @@ class DiscoveryResult:
             "seed": str(self.seed),
         }
         pq.write_table(self.residuals, folder / "residuals.parquet", compression="zstd")
-        (folder / "augmented.yaml").write_text(write_scene(self.scene), encoding="utf-8")
+        save_scene(self.scene, folder / "augmented.yaml")
         (folder / "augmented.xml").write_text(scene_xml(self.scene), encoding="utf-8")
         save_measured(self.residuals, Path(self.measured).stem, self.sentence, folder / "recording.rrd")
         page = html_page(self.found, self.report, self.residuals, facts)
@@ -167,6 +168,7 @@ def discover(
         raise ParamsError(f"effects: {error}") from None
     known = load_known_scene(Path(scene)) if isinstance(scene, str | Path) else scene
     tracks = read_tracks(Path(measured)) if isinstance(measured, str | Path) else list(measured)
+    check_plausible(tracks, known)
     with progress.step("discover"):
         rng = np.random.default_rng(seed)
         found = find_missing_physics(tracks, known, held_out, names, rng, progress=progress.detail)

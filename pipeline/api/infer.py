@@ -25,16 +25,18 @@ from pipeline.inference.asking import (
     shipped,
 )
 from pipeline.inference.filmed_world import World
-from pipeline.inference.find_scenes import LEAST_SEARCH, FoundScenes, SearchBudget, find_scenes
+from pipeline.inference.find_scenes import FoundScenes, SearchBudget, find_scenes
 from pipeline.inference.measure_clip import FlowSource, VideoStretch, measure_clip
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.method import TRACKS, Method
 from pipeline.inference.progress import Progress
+from pipeline.inference.scene_search import LEAST_SEARCH
 from pipeline.inference.trust import Grade, grade
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import UserClip
 from pipeline.scene.scene import Scene
 from pipeline.search.certainty import Certainty, weakly_identified
+from pipeline.vision.recordings.corrections import Correction
 
 if TYPE_CHECKING:
     from pipeline.model.base import Base
@@ -45,10 +47,11 @@ if TYPE_CHECKING:
 class Settings:
     """What `infer` was asked for; see there."""
 
-    start: float
-    seconds: float
+    start: float | None
+    seconds: float | None
     fps: float | None
     prompts: Prompts
+    correction: Correction
     world: World
     flow: FlowSource
     question: Question
@@ -101,7 +104,7 @@ class Inference:
 
     @property
     def metric(self) -> str:
-        """What fixed the scale: "gravity", "length", "size" or "none"."""
+        """What fixed the scale: "gravity", "length", "size", "board" or "none"."""
         answer = self.scenes.filmed.answer
         scale = answer.scale if answer and self.best.name == TRACKS else None
         return "none" if scale is None else scale.by
@@ -134,11 +137,12 @@ class Inference:
 def infer(
     clip: str | Path | UserClip | MeasuredClip,
     *,
-    start: float = 0.0,
-    seconds: float = 1.0,
+    start: float | None = None,
+    seconds: float | None = None,
     fps: float | None = None,
     masks: str | Path | None = None,
     prompts: Prompts | None = None,
+    correction: Correction | None = None,
     model: str | Base | ObjectsModel | LoadingModel = "models/tiny",
     samples: int = 8,
     temperature: float = 1.0,
@@ -158,12 +162,14 @@ def infer(
     Args:
         clip: A video, or a folder with one and masks; or what `pipeline.masks` found in one (`Masks.taken`), or a clip
             that was measured (`Inference.clip`), with which `fps`, `masks` and `prompts` count no more.
-        start: s, where the clip begins in the video.
-        seconds: Its length; the models learned from 1 s.
+        start: s, where the clip begins in the video; None: of a long one, where bodies move freely.
+        seconds: Its length; None: as long as they move, at most 12 s, or 1 s from `start` on. The models learned from
+            1 s.
         fps: Frames a second at which it was shot, where the file's header lies.
         masks: A file or folder of instance masks; `sam2:PATH` or `edgetam:PATH` for a published segmenter; None for
             masks beside the video, or those that our network finds.
         prompts: What is known of the bodies in the video: points, boxes, their number, what to ignore.
+        correction: Of the frames: lens distortion, a camera that shakes a little.
         model: A folder or hub name, or a model that is loaded, or is being loaded. It is shown what its checkpoint says
             that it was trained with (model_input.json).
         samples: Answers sampled beside the greedy one.
@@ -191,6 +197,7 @@ def infer(
     progress = progress or Progress()
     if 0 < search < LEAST_SEARCH:
         raise ParamsError(f"search: {search} simulations are too few; valid: 0 for none, or at least {LEAST_SEARCH}")
+    correction = correction or Correction()
     prompts, name = prompts or Prompts(), str(clip) if isinstance(clip, (str, Path)) else "clip"
     loading = _loading(model)
     source = FlowSource(flow_source(loading.shown, flow, loading.name), shipped(raft))
@@ -200,7 +207,15 @@ def infer(
         seen = (
             clip
             if isinstance(clip, UserClip)
-            else VideoStretch(place=Path(clip), start=start, seconds=seconds, fps=fps, masks=masks, prompts=prompts)
+            else VideoStretch(
+                place=Path(clip),
+                start=start,
+                seconds=seconds,
+                fps=fps,
+                masks=masks,
+                prompts=prompts,
+                correction=correction,
+            )
         )
         measured = measure_clip(seen, loading.shown, source, progress=progress, when_seen=when_seen)
     settings = Settings(
@@ -208,6 +223,7 @@ def infer(
         seconds=seconds,
         fps=fps,
         prompts=prompts,
+        correction=correction,
         world=world or World(),
         flow=source,
         question=Question(samples, temperature, top_p, middle, seed),

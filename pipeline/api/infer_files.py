@@ -37,6 +37,7 @@ SCALE = {
     "gravity": "gravity fixes it: the acceleration of what falls or rolls",
     "length": "the length that was given",
     "size": "the size that was given",
+    "board": "the board that was given",
 }
 TABLE_CAMERA = "at rest, at (0, -2, h) m, looking along +y; square pixels, no distortion"
 PLANAR_CAMERA = f"at rest, its picture parallel to the plane of motion, {FOV_DEG:g} degrees along its longer side"
@@ -161,8 +162,9 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "px_per_m": _number(found.scenes.filmed.answer.scale.px_per_m) if found.scenes.filmed.answer else None,
         },
         "assumed": {
-            "start_s": settings.start,
-            "seconds": settings.seconds,
+            "start_s": round(float(taken.source_times[0]), 4),
+            "start_from": "the motion" if settings.start is None else "--start",
+            "seconds": round(found.clip.schedule.seconds, 4),
             "recorded_fps": round(taken.source_fps, 4),
             "fps_from": "the file" if settings.fps is None else "--fps",
             "resampled_fps": found.clip.schedule.fps,

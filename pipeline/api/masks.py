@@ -14,7 +14,8 @@ from pipeline.inference.progress import Progress
 from pipeline.perception.found_bodies import FoundBodies
 from pipeline.perception.mask_source import FAMILIES, mask_source
 from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import UserClip, read_frames, with_masks
+from pipeline.perception.user_clip import UserClip, chosen_stretch, read_frames, with_masks
+from pipeline.vision.recordings.corrections import Correction
 from pipeline.vision.recordings.video import FPS
 
 
@@ -70,22 +71,24 @@ class Masks:
 def masks(
     clip: str | Path,
     *,
-    start: float = 0.0,
-    seconds: float = 1.0,
+    start: float | None = None,
+    seconds: float | None = None,
     fps: float | None = None,
     masks: str | None = None,
     prompts: Prompts | None = None,
+    correction: Correction | None = None,
     progress: Progress | None = None,
 ) -> Masks:
     """Find the bodies that move in a clip.
 
     Args:
         clip: A video, or a folder with one; masks that lie beside it are not used.
-        start: s, where the clip begins in the video.
-        seconds: Its length.
+        start: s, where the clip begins in the video; None: of a long one, where bodies move freely.
+        seconds: Its length; None: as long as they move, at most 12 s, or 1 s from `start` on.
         fps: Frames a second at which it was shot, where the file's header lies.
         masks: `sam2:PATH` or `edgetam:PATH` for a published segmenter that follows what is found; None: our network.
         prompts: What is known of the bodies: points, boxes, their number, what to ignore.
+        correction: Of the frames: lens distortion, a camera that shakes a little.
         progress: Told of each step; None: nothing is printed.
 
     Raises:
@@ -99,16 +102,26 @@ def masks(
     if source.given is not None:
         raise ParamsError(f"masks: {masks} is no segmenter; valid: {', '.join(f'{name}:PATH' for name in FAMILIES)}")
     with progress.step("masks"):
-        read = read_frames(Path(clip), start=start, seconds=seconds, fps=FPS, assume_fps=fps, source=source)
+        part = chosen_stretch(Path(clip), start=start, seconds=seconds, assume_fps=fps, source=source)
+        read = read_frames(
+            Path(clip),
+            start=part.start,
+            seconds=part.seconds,
+            fps=FPS,
+            assume_fps=fps,
+            source=source,
+            correction=correction or Correction(),
+        )
         taken = with_masks(read, prompts)
     found = Masks(
         name=str(clip),
-        start=start,
-        seconds=seconds,
+        start=part.start,
+        seconds=part.seconds,
         fps=fps,
         prompts=prompts,
         taken=taken,
         times=dict(progress.seconds),
     )
-    say_bodies(progress, found.name, start, taken, found.found.clip.file_notes)
+    notes = [*([part.note] if part.note else []), *found.found.clip.file_notes]
+    say_bodies(progress, found.name, part.start, taken, notes)
     return found

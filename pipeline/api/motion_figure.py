@@ -14,6 +14,7 @@ from pipeline.inference.body_tracks import BodyTrack
 from pipeline.scene.scene import Scene
 
 PANELS = ("x, m", "y, m", "z, m", "speed, m/s", "energy, J/kg")
+LEAST_SHARE = 0.1  # of the longest way along one axis, that each axis shows at least
 SMOOTH = 5  # samples of the quadratic that gives a measured speed
 
 
@@ -35,6 +36,12 @@ def write_motion_figure(path: Path, tracks: list[BodyTrack], scene: Scene, metri
             for axis, values in zip(axes, (*series.T, speed, energy), strict=True):
                 axis.plot(track.times, values, color=colour, **style)
         axes[0].plot([], [], color=colour, label=track.name)
+    ways = [axis.dataLim.height for axis in axes[:3]]
+    for axis in axes[:3]:
+        low, high = axis.dataLim.intervaly
+        half = max(0.55 * (high - low), 0.5 * LEAST_SHARE * max(ways))
+        if np.isfinite(half) and half > 0:
+            axis.set_ylim(0.5 * (low + high) - half, 0.5 * (low + high) + half)
     for axis, label in zip(axes, PANELS, strict=True):
         axis.set_ylabel(label)
         axis.spines[["top", "right"]].set_visible(False)

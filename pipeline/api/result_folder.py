@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from pipeline.errors import OutputError
+from pipeline.shards.beside import beside, put_in_place
 from pipeline.shards.output_errors import writing_to
+from pipeline.untrusted import read_json
 
 RESULT = "result.json"
 
@@ -22,21 +23,20 @@ def result_folder(target: Path, force: bool) -> Iterator[Path]:
     Raises OutputError where `target` cannot be written or holds something: with `force`, a folder of ours is replaced
     as long as there are no other files in it.
     """
-    check_replaceable(target, force)
-    place = target.absolute()
-    temporary = place.parent / f".{place.name}.partial"
+    place = _resolved(target)
     made: list[Path] = []
     with writing_to(target):
         try:
             made = _make_parents(place.parent)
-            shutil.rmtree(temporary, ignore_errors=True)  # of a run that was killed
-            temporary.mkdir()
-            yield temporary
-            _put(temporary, place)
+            with beside(place) as temporary:
+                check_replaceable(target, force)  # after `beside` has put back what a killed run had moved away
+                yield temporary
+                check_replaceable(target, force)  # another command may have written it meanwhile
+                put_in_place(temporary, place)
         except BaseException:
-            shutil.rmtree(temporary, ignore_errors=True)
             for folder in reversed(made):
-                folder.rmdir()
+                with suppress(OSError):  # another command has put something there
+                    folder.rmdir()
             raise
 
 
@@ -44,13 +44,16 @@ def write_result(folder: Path, command: str, result: dict[str, Any]) -> None:
     """Write result.json: the command, its result, and the names of all files of the folder, itself included."""
     files = sorted({RESULT, *(path.name for path in folder.iterdir())})
     text = json.dumps({"command": command, **result, "files": files}, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / RESULT).write_text(text + "\n", encoding="utf-8")
+    (folder / RESULT).write_bytes((text + "\n").encode("utf-8", "backslashreplace"))
 
 
 def check_replaceable(target: Path, force: bool) -> None:
     """Raise OutputError where `target` is in the way."""
-    if not target.exists():
-        return
+    try:
+        if not target.exists():
+            return
+    except (OSError, ValueError) as error:  # a name that is too long, or that has a null byte
+        raise OutputError(f"{target} cannot be written to: {getattr(error, 'strerror', None) or error}") from None
     if not target.is_dir():
         raise OutputError(f"{target} is a file; the results go into a folder of that name")
     there = {path.name for path in target.iterdir()}
@@ -69,9 +72,9 @@ def check_replaceable(target: Path, force: bool) -> None:
 def _own_files(folder: Path) -> set[str] | None:
     """The names that the folder's result.json lists; None where it has none of ours."""
     try:
-        result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        result = read_json(folder / RESULT, OutputError)
         return set(result["files"]) if "command" in result else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OutputError, KeyError, TypeError):
         return None
 
 
@@ -86,15 +89,9 @@ def _make_parents(folder: Path) -> list[Path]:
     return missing[::-1]
 
 
-def _put(temporary: Path, place: Path) -> None:
-    if place.exists():
-        old = place.parent / f".{place.name}.replaced"
-        place.rename(old)
-        try:
-            temporary.rename(place)
-        except OSError:
-            old.rename(place)
-            raise
-        shutil.rmtree(old)
-    else:
-        temporary.rename(place)
+def _resolved(target: Path) -> Path:
+    """The path without links and `..`. Raises OutputError for links in a circle and names that no file can have."""
+    try:
+        return target.resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # a circle, or a null byte
+        raise OutputError(f"{target} cannot be written to: {getattr(error, 'strerror', None) or error}") from None

@@ -12,6 +12,7 @@ from pipeline.language.completion import read_completion
 from pipeline.scene.mjcf import mesh_vertices
 from pipeline.scene.scene import Camera, Scene, SceneObject, half_extents
 from pipeline.scene.text import load_scene
+from pipeline.untrusted import read_bytes
 
 SCENE_FILE = "scene.yaml"
 FOV, PITCH = 40.0, -22.0  # deg, of the camera that is made
@@ -26,14 +27,9 @@ def read_scene_source(place: Path) -> Scene:
         if not (place / SCENE_FILE).is_file():
             raise SceneError(f"{place} has no {SCENE_FILE}; give a scene file, or a folder that `dynamics infer` wrote")
         return load_scene(place / SCENE_FILE)
-    if not place.exists():
-        raise SceneError(f"{place}: there is no such file")
     if place.suffix.lower() == ".xml":
         raise SceneError(f"{place} is MJCF, which is written and not read; give the {SCENE_FILE} beside it")
-    try:
-        text = place.read_bytes().decode("utf-8", errors="replace")
-    except OSError as error:
-        raise SceneError(f"{place} cannot be read: {error.strerror}") from error
+    text = read_bytes(place, SceneError).decode("utf-8", errors="replace")
     if "<answer>\n" in text:
         return read_completion(text.strip()).scene
     return load_scene(place)

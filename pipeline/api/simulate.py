@@ -24,7 +24,7 @@ from pipeline.physics.trace import Trace
 from pipeline.scene.edited import edited
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.scene import Scene
-from pipeline.scene.text import write_scene
+from pipeline.scene.text import save_scene
 from pipeline.viewer.footage import Footage, MotionLayer, Pictures
 from pipeline.viewer.recording import save
 from pipeline.vision.recordings.video import write_video
@@ -186,7 +186,7 @@ def write_trajectory(path: Path, runs: Sequence[tuple[str, Scene, Trace]]) -> No
 def _write(folder: Path, run: Simulation) -> list[str]:
     """The files beside result.json; notes on what was assumed."""
     before, after, schedule = run.original, run.scene, run.schedule
-    (folder / SCENE_FILE).write_text(write_scene(after), encoding="utf-8")
+    save_scene(after, folder / SCENE_FILE)
     (folder / "scene.xml").write_text(scene_xml(after), encoding="utf-8")
     runs = ((ORIGINAL, before, run.original_trace), (EDITED, after, run.trace))
     write_trajectory(folder / "trajectory.csv", runs)

@@ -9,7 +9,7 @@ from math import isfinite
 
 def positive(text: str) -> float:
     """A finite number greater than 0."""
-    value = _number(text)
+    value = number(text)
     if not value > 0:
         raise argparse.ArgumentTypeError(f"{text} is not greater than 0")
     return value
@@ -59,6 +59,44 @@ def add_prompts(parser: argparse.ArgumentParser) -> None:
     add("--objects", type=count, metavar="N", help="keep the N most likely bodies (default: those that are likely)")
 
 
+def start(text: str) -> float | None:
+    """auto, or a number of seconds."""
+    return None if text == "auto" else number(text)
+
+
+def add_stretch(parser: argparse.ArgumentParser) -> None:
+    """The arguments that say which part of a video is the clip."""
+    add = parser.add_argument
+    add(
+        "--start",
+        type=start,
+        metavar="S",
+        help="where the clip begins in the video, s (auto: of a video of more than 1.2 s, where bodies move freely and "
+        "no hand holds one; of masks, where they begin)",
+    )
+    add(
+        "--seconds",
+        type=positive,
+        metavar="S",
+        help="its length, s (as long as bodies move freely, at most 12; 1 where --start is given)",
+    )
+
+
+def add_corrections(parser: argparse.ArgumentParser) -> None:
+    """The arguments that ask for corrections of frames."""
+    add = parser.add_argument
+    said = "; px elsewhere are those of the corrected picture"
+    add(
+        "--distortion",
+        type=number,
+        default=0.0,
+        metavar="K",
+        help="correct the lens: what is at the picture's corner is seen at 1 + K of its distance from the centre "
+        f"(barrel: K < 0){said}",
+    )
+    add("--steady", action="store_true", help=f"remove the camera's small shake, by the background{said}")
+
+
 def length(text: str) -> tuple[float, ...]:
     """x0,y0,x1,y1=M: four px and metres."""
     ends, equals, metres = text.partition("=")
@@ -73,6 +111,25 @@ def size(text: str) -> tuple[int, str, float]:
     if found is None:
         raise argparse.ArgumentTypeError(f"{text!r}; valid: sphere_0.radius=0.033, with radius, width or height, in m")
     return int(found[1]), found[2], positive(found[3])
+
+
+def board(text: str) -> tuple[tuple[int, int] | None, float]:
+    """7x5=M or apriltag=M: inner corners across and down, or None, and metres."""
+    kind, _, metres = text.partition("=")
+    found = re.fullmatch(r"(\d+)x(\d+)|apriltag", kind)
+    if found is None or not metres or (found[1] and min(int(found[1]), int(found[2])) < 3):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}; valid: 7x5=0.025, inner corners across and down (3 or more) and m, or apriltag=0.05"
+        )
+    return (int(found[1]), int(found[2])) if found[1] else None, positive(metres)
+
+
+def fixed(text: str) -> tuple[float, ...]:
+    """box@x,y or box@x0,y0,x1,y1."""
+    shape, at, place = text.partition("@")
+    if shape != "box" or not at:
+        raise argparse.ArgumentTypeError(f"{text!r}; valid: box@x,y or box@x0,y0,x1,y1")
+    return _numbers(place, (2, 4), "box@x,y or box@x0,y0,x1,y1")
 
 
 def add_world(parser: argparse.ArgumentParser) -> None:
@@ -94,7 +151,23 @@ def add_world(parser: argparse.ArgumentParser) -> None:
         help="two points of the video's own picture, px, in the plane of motion, and their distance, m",
     )
     known.add_argument(
+        "--board",
+        type=board,
+        metavar="BOARD=M",
+        help="a board in the plane of motion, and the side of its squares, m: 7x5=0.025, a checkerboard with so many "
+        "inner corners across and down, or apriltag=0.05 (family 36h11, side of the black border)",
+    )
+    known.add_argument(
         "--size", type=size, metavar="BODY.KEY=M", help="a known size of a body, m: sphere_0.radius=0.033"
+    )
+    add(
+        "--fixed",
+        type=fixed,
+        action="append",
+        default=[],
+        metavar="box@X,Y",
+        help="a fixed box that bodies hit, where none of them moves: a point on it, told apart by its colour, or the "
+        "corners of its face, box@X0,Y0,X1,Y1 (px of the video's own picture); may be repeated",
     )
 
 
@@ -102,10 +175,11 @@ def _numbers(text: str, lengths: tuple[int, ...], form: str) -> tuple[float, ...
     parts = text.split(",")
     if len(parts) not in lengths:
         raise argparse.ArgumentTypeError(f"{text!r} has {len(parts)} numbers; valid: {form}")
-    return tuple(_number(part) for part in parts)
+    return tuple(number(part) for part in parts)
 
 
-def _number(text: str) -> float:
+def number(text: str) -> float:
+    """A finite number."""
     try:
         value = float(text)
     except ValueError:

@@ -6,7 +6,7 @@ import argparse
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from pipeline.commands.arguments import add_prompts, add_world, count, positive, share
+from pipeline.commands.arguments import add_corrections, add_prompts, add_stretch, add_world, count, positive, share
 
 SUMMARY = "find the scene that a clip shows: shapes, sizes, masses, frictions, motion, camera"
 DESCRIPTION = """\
@@ -44,8 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("clip", type=Path, metavar="CLIP", help="a video, or a folder with one and masks (masks.npz or masks/*.png)")
     add("-o", "--out", type=Path, required=True, metavar="OUT", help="folder for the results; it must not exist yet")
-    add("--start", type=float, default=0.0, metavar="S", help="where the clip begins in the video, s (0)")
-    add("--seconds", type=positive, default=1.0, metavar="S", help="its length, s (1: what the models learned from)")
+    add_stretch(parser)
     add("--fps", type=positive, metavar="F", help="frames a second at which it was shot, where the file's header lies")
     masks = (
         "instance masks: masks.npz of `dynamics masks`, or one for each frame of the recording, or of the clip at 30 "
@@ -54,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     masks += "; sam2:PATH or edgetam:PATH: a published segmenter follows what it finds"
     add("--masks", metavar="PATH", help=masks)
     add_prompts(parser)
+    add_corrections(parser)
     add_world(parser)
     add("--samples", type=count, default=8, metavar="K", help="answers sampled beside the greedy one (8)")
     add("--search", type=count, default=0, metavar="N", help="refine the best answers with N simulations (0: do not)")
@@ -84,11 +84,13 @@ def run(arguments: argparse.Namespace) -> None:
     from pipeline.inference.progress import Progress
     from pipeline.perception.prompts import Prompts
     from pipeline.vision.recordings.clip_folder import video_of
+    from pipeline.vision.recordings.corrections import Correction
     from pipeline.vision.recordings.video import check_file
 
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
-    steps = 7 + bool(a.search)
+    correction = Correction(a.distortion, a.steady)
+    steps = 8 + bool(a.search)
     with (
         result_folder(a.out, a.force) as folder,
         Progress(steps, shown=True) as progress,
@@ -112,6 +114,7 @@ def run(arguments: argparse.Namespace) -> None:
             fps=a.fps,
             masks=a.masks,
             prompts=prompts,
+            correction=correction,
             model=loading,
             samples=a.samples,
             temperature=a.temperature,
@@ -119,7 +122,7 @@ def run(arguments: argparse.Namespace) -> None:
             middle=a.middle,
             search=a.search,
             incline=a.incline,
-            world=World.of(a.view, a.gravity, a.length, a.size),
+            world=World.of(a.view, a.gravity, length=a.length, size=a.size, board=a.board, fixed=a.fixed),
             flow=a.flow,
             raft=a.raft,
             seed=a.seed,

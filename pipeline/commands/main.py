@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import logging
+import os
 import signal
 import sys
 import warnings
@@ -32,8 +34,9 @@ where to go on:
 """
 #: The subcommands: a module each, with SUMMARY (one line for `dynamics --help`), DESCRIPTION (what it does, with
 #: examples), add_arguments(parser) and run(arguments). It imports nothing heavy before `run`.
-VERBS = ("discover", "edit", "infer", "masks", "simulate", "view")
+VERBS = ("discover", "edit", "infer", "masks", "simulate", "store", "view")
 INTERRUPTED = 130
+CLOSED_PIPE = 141
 TERMINATED = 143
 
 
@@ -52,14 +55,28 @@ def parser() -> argparse.ArgumentParser:
 
 def main(words: list[str] | None = None) -> int:
     """Run `dynamics` with `words` (default: the command line's). Exit codes: 0 done; 2 the user's words, data or
-    files are at fault, said in one line; 130 interrupted. Anything else is a defect and shows its traceback."""
+    files are at fault, said in one line; 130 interrupted; 141 the reader of the
+    output ended. Anything else is a defect and shows its traceback."""
     warnings.filterwarnings("ignore", module="glfw")  # it looks for a display that nothing here needs
     logging.getLogger("absl").setLevel(logging.ERROR)  # MuJoCo's warnings, which are counted or raised
     signal.signal(signal.SIGTERM, _terminate)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # names of files that are not UTF-8, terminals that are not
     arguments = parser().parse_args(words)
     try:
         arguments.run(arguments)
+        sys.stdout.flush()
     except DynamicsError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # who reads the output has ended: nothing more can be said
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return CLOSED_PIPE
+    except MemoryError:
+        print("error: there is not enough memory for this; nothing was written", file=sys.stderr)
+        return 2
+    except OSError as error:  # of the system: a full disk, a folder that one may not read
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pipeline.commands.arguments import add_prompts, positive
+from pipeline.commands.arguments import add_corrections, add_prompts, add_stretch, positive
 
 SUMMARY = "find the bodies that move in a clip: their masks, to look at and for `dynamics infer --masks`"
 DESCRIPTION = """\
@@ -34,13 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("clip", type=Path, metavar="CLIP", help="a video, or a folder with one")
     add("-o", "--out", type=Path, required=True, metavar="OUT", help="folder for the results; it must not exist yet")
-    add("--start", type=float, default=0.0, metavar="S", help="where the clip begins in the video, s (0)")
-    add("--seconds", type=positive, default=1.0, metavar="S", help="its length, s (1)")
+    add_stretch(parser)
     add("--fps", type=positive, metavar="F", help="frames a second at which it was shot, where the file's header lies")
     add(
         "--masks", metavar="SEGMENTER", help="sam2:PATH or edgetam:PATH: follow what is found by it (our network alone)"
     )
     add_prompts(parser)
+    add_corrections(parser)
     add("--force", action="store_true", help="replace OUT where `dynamics` wrote it and nothing else is in it")
 
 
@@ -50,12 +50,20 @@ def run(arguments: argparse.Namespace) -> None:
     from pipeline.api.result_folder import result_folder
     from pipeline.inference.progress import Progress
     from pipeline.perception.prompts import Prompts
+    from pipeline.vision.recordings.corrections import Correction
 
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
     with result_folder(a.out, a.force) as folder, Progress(2, shown=True) as progress:
         found = masks(
-            a.clip, start=a.start, seconds=a.seconds, fps=a.fps, masks=a.masks, prompts=prompts, progress=progress
+            a.clip,
+            start=a.start,
+            seconds=a.seconds,
+            fps=a.fps,
+            masks=a.masks,
+            prompts=prompts,
+            correction=Correction(a.distortion, a.steady),
+            progress=progress,
         )
         write_files(folder, found, progress)
     print(f"{'written':<11}{a.out}: look at masks.png first")

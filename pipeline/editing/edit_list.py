@@ -10,10 +10,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from pipeline.errors import SceneError, did_you_mean
+from pipeline.untrusted import parse_yaml, read_text
 
 _VALID = "one of `set` (with `value`), `remove` and `add`"
 
@@ -114,9 +113,4 @@ def in_order(edits: Sequence[Edit], seconds: float) -> list[Edit]:
 
 
 def _yaml(path: Path) -> Any:
-    try:
-        return YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read as text: {error}") from None
-    except (YAMLError, ValueError, LookupError, RecursionError) as error:
-        raise SceneError(f"{path}: not YAML: {str(error).splitlines()[0]}") from None
+    return parse_yaml(read_text(path, SceneError), str(path), SceneError)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
-from ruamel.yaml import YAML
 
 from pipeline.editing.edit_list import Edit
 from pipeline.editing.view import BodyMotion
@@ -19,6 +18,7 @@ from pipeline.scene.edited import edited
 from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene, SceneObject, half_extents
 from pipeline.scene.text import scene_from_dict, write_scene
+from pipeline.untrusted import parse_yaml
 
 SOLID = 0.05  # of the smaller body's least half extent: bodies that an edit makes overlap by more cannot be so
 
@@ -151,7 +151,7 @@ def _without(scene: Scene, edit: Edit) -> Scene:
 
 
 def _with(scene: Scene, edit: Edit) -> Scene:
-    data = YAML(typ="safe", pure=True).load(write_scene(scene))
+    data = parse_yaml(write_scene(scene), "the scene", SceneError)
     data["objects"] = [*data["objects"], edit.add]
     try:
         return scene_from_dict(data, "the edited scene")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.errors import VideoError
+from pipeline.untrusted import read_npz
 
 CLIP = "clip.npz"
 _KEYS = ("frames", "masks", "fps")
@@ -39,11 +39,11 @@ def read_clip(path: Path) -> FilmedClip:
     """The clip that `write_clip` wrote. Raises VideoError where the file is missing, damaged or another one."""
     if not path.is_file():
         raise VideoError(f"{path}: there is no such file; valid: a folder that `dynamics infer` wrote, which has it")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            frames, masks, fps = (file[key] for key in _KEYS)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise VideoError(f"{path} is damaged, or no clip of `dynamics infer` ({error})") from None
+    found = read_npz(path, _KEYS, VideoError)
+    lacking = [key for key in _KEYS if key not in found]
+    if lacking:
+        raise VideoError(f"{path} is no clip of `dynamics infer`: it lacks {', '.join(lacking)}")
+    frames, masks, fps = (found[key].copy() for key in _KEYS)  # kernels are compiled for arrays that may be written
     fit = frames.ndim == 4 and frames.shape[-1] == 3 and masks.shape == frames.shape[:3] and len(frames) >= 2
     if not fit or frames.dtype != np.uint8 or masks.dtype != np.uint8 or fps.shape != () or not 0 < fps < np.inf:
         raise VideoError(f"{path}: frames {frames.shape} {frames.dtype} and masks {masks.shape} are no clip")

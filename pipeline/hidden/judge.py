@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.hidden.law_perturbation import KIN
 from pipeline.hidden.scenario import experiment_of
 from pipeline.scene.effects.kind import Parameter
 from pipeline.scene.effects.registry import effect_kinds
@@ -58,19 +59,24 @@ class Judgement:
 def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     """Judge a verdict of report.json by the truth of a hidden world (`pipeline.hidden.world`).
 
-    If the hidden effect was struck off the list, `unknown` is right, and so are its `equals_of`.
+    If the hidden effect was struck off the list, `unknown` is right, and so are its `equals_of`. An effect named where
+    an unlisted law acts is right only with a remainder: the hidden effect beside it, or one of the law's kind.
     """
     hidden = {e["name"] for e in truth["effects"]}
     named = [n for n in verdict["effects"] if n != "unknown"]
     unknown = "unknown" in verdict["effects"]
     sets = [set(s) for s in verdict["equivalent"] if len(s) <= LARGEST_SET]
-    listed = truth.get("unlisted") is None and not truth.get("struck")
+    beside = truth.get("unlisted") is not None and bool(hidden)
+    listed = (truth.get("unlisted") is None or beside) and not truth.get("struck")
     name = "+".join(sorted(hidden)) if hidden and listed else "none" if listed else "unlisted"
     answer = "unknown" if unknown else "+".join(sorted(named)) or "none"
     struck = [e for e in truth["effects"] if e["name"] == truth.get("struck")]
     equals = frozenset().union(*(equals_of(e, truth) for e in struck))
     if not listed and named and set(named) <= equals:
         return Judgement(right=True, false=False, some=True, truth=name, label=name)
+    if truth.get("unlisted") is not None and not hidden and named and verdict.get("remainder") is not None:
+        kin = set(named) <= KIN[truth["unlisted"]]
+        return Judgement(right=kin, false=not kin, some=kin, truth=name, label=name if kin else answer)
     if not listed:
         label = name if unknown else answer
         return Judgement(right=unknown, false=bool(named), some=unknown, truth=name, label=label)
@@ -80,12 +86,13 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     alike = len(named) == len(hidden) and any(
         all(h in m for h, m in zip(order, meant, strict=True)) for order in permutations(hidden)
     )
-    right = not unknown and alike
-    same_law = set(named) == hidden and truth.get("wrong") is None  # else its numbers mean something else
+    right = not unknown and alike and not (beside and verdict.get("remainder") is None)
+    # else its numbers mean something else
+    same_law = set(named) == hidden and truth.get("wrong") is None and not beside
     errors, covered = _parameters(verdict, truth) if same_law else ({}, {})
     return Judgement(
         right=right,
-        false=bool(set(named) - hidden) and not right,
+        false=bool(set(named) - hidden) and not alike,
         some=any(hidden & m for m in meant),
         truth=name,
         label=name if right else answer,

@@ -29,6 +29,10 @@ class Recipe:
         engine: The preferred one, of `ENGINES`.
         wrong: How the law is perturbed, of `WRONG_LAWS`.
         unlisted: A law that is no effect, of `UNLISTED`.
+        unlisted_share: How far that law moves bodies, over how far the first hidden effect does; without one it is as
+            strong as an effect of the recipe's strength would be.
+        spin_measured: Whether spins are measured; None: where the effects need it, else in half of the worlds.
+        smoothing: Standard deviation of a Gaussian filter of the positions, in samples; 0: they are as measured.
     """
 
     seed: int
@@ -41,6 +45,9 @@ class Recipe:
     engine: str = "mujoco"
     wrong: str | None = None
     unlisted: str | None = None
+    unlisted_share: float | None = None
+    spin_measured: bool | None = None
+    smoothing: float = 0.0
 
 
 def perturbed_kinds() -> dict[str, str]:

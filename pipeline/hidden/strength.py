@@ -13,6 +13,7 @@ import numpy as np
 
 from pipeline.errors import SimulationError
 from pipeline.hidden.events import run_events
+from pipeline.hidden.law_perturbation import NO_PERTURBATION, LawPerturbation
 from pipeline.hidden.recipe import Recipe
 from pipeline.hidden.scenario import BOUNCING, ON_THE_GROUND, Scenario
 from pipeline.physics.simulate import simulate
@@ -57,6 +58,32 @@ def scaled_effect(
         return of_size(hiding.largest)
     error = recipe.noise / unit / np.sqrt(len(launches) / min(len(launches), PROBE_CLIPS))
     return of_size(float(np.clip(recipe.strength * DETECTION_ERRORS * error, 0, hiding.largest)))
+
+
+def size_beside(
+    perturbation: LawPerturbation, effect: Effect, scenario: Scenario, launches: Launches, times: np.ndarray
+) -> float:
+    """How far an effect moves flying bodies beyond what other initial states would do, over how far a law does that
+    beyond what more or less of the effect would do.
+
+    Args:
+        perturbation: The law.
+        effect: Hidden in the same world.
+        scenario: The experiment, in the air.
+        launches: Of its clips.
+        times: (T,) s, of the samples.
+    """
+    changes, own = [], []
+    straight = np.column_stack([np.ones_like(times), times])
+    project = np.eye(len(times)) - straight @ np.linalg.pinv(straight)
+    for bodies in launches[:PROBE_CLIPS]:
+        plain, moved = (run_events(Scene(bodies), times, law)[0] for law in (NO_PERTURBATION, perturbation))
+        by_effect = run_events(Scene(bodies, effects=(effect,)), times)[0]
+        changes.append(project @ (moved - plain).reshape(len(times), -1))
+        own.append(project @ (by_effect - plain).reshape(len(times), -1))
+    change, other = np.concatenate(changes).ravel(), np.concatenate(own).ravel()
+    change = change - other * (other @ change) / (other @ other)
+    return _displacement(effect, scenario, launches, times) / float(np.linalg.norm(change))
 
 
 def _setting(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from pipeline.discrepancy.tracks.known_scene import FITTED
 from pipeline.discrepancy.tracks.track import Track
@@ -13,7 +14,7 @@ from pipeline.hidden.engine import ENGINES, SimulatedMotion, can_simulate
 from pipeline.hidden.law_perturbation import draw_perturbation
 from pipeline.hidden.recipe import Recipe
 from pipeline.hidden.scenario import BOUNCING, SECONDS, Scenario, draw_name, draw_scenario, launch
-from pipeline.hidden.strength import scaled_effect
+from pipeline.hidden.strength import scaled_effect, size_beside
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import SIZE_KEYS, Effect, Scene
 
@@ -34,9 +35,12 @@ def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
     """The world of a recipe; everything random comes from `rng`."""
     kinds = [effect_kinds()[name] for name in recipe.effects]
     name = draw_name(recipe.effects, recipe.bounces, rng)
-    if recipe.unlisted or recipe.wrong:  # balls alone: only our own integrator has such laws
+    balls_alone = recipe.unlisted or recipe.wrong  # only our own integrator has such laws
+    if balls_alone or recipe.spin_measured is not None:
         name = BOUNCING if recipe.bounces else "throw"
     scenario = draw_scenario(name, recipe.effects, rng)
+    if recipe.spin_measured is not None:
+        scenario = replace(scenario, spin=recipe.spin_measured)
     # a blow is sought at one time of all clips, whose clocks must then agree
     shifted = bool(rng.random() < 0.3) and not any(kind.kick for kind in kinds)
     launches = [launch(scenario, rng) for _ in range(recipe.clips)]
@@ -45,6 +49,9 @@ def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
     for effect in recipe.effects:
         effects.append(scaled_effect(effect, recipe, scenario, launches, times, rng=rng))
     size = recipe.strength / 10 * recipe.noise / 0.002
+    if recipe.unlisted_share is not None:
+        unit = draw_perturbation(None, recipe.unlisted, 1.0, np.random.default_rng(recipe.seed))
+        size = recipe.unlisted_share * size_beside(unit, effects[0], scenario, launches, times)
     perturbation = draw_perturbation(recipe.wrong, recipe.unlisted, size, rng)
     engine = recipe.engine if _can_simulate(recipe, scenario) else "mujoco"
     if not perturbation.is_none or not can_simulate(engine, recipe.effects):
@@ -59,6 +66,7 @@ def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
     truth = {
         "effects": [{"name": e.name, **{k: _plain(v) for k, v in e.parameters}} for e in effects],
         "unlisted": recipe.unlisted,
+        "unlisted_share": recipe.unlisted_share,
         "wrong": recipe.wrong,
         "engine": engine,
         "scenario": scenario.name,
@@ -108,6 +116,8 @@ def _measured(
                 values = {k: np.array(v, float) for k, v in e.parameters}
                 shown, position = kind.recording(values, shown, position)
         position += rng.normal(0, recipe.noise, position.shape)
+        if recipe.smoothing > 0:
+            position = gaussian_filter1d(position, recipe.smoothing, axis=0, mode="nearest")
         kept = np.ones(len(times), bool)
         if recipe.damaged:
             wild = rng.random(len(times)) < OUTLIERS

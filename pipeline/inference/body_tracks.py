@@ -1,7 +1,8 @@
-"""Measured motion of a clip's bodies in metres: the replay's poses, moved so that they agree with the tracks.
+"""Measured motion of a clip's bodies in metres: the replay's poses, moved and turned so that their outlines are those
+of the tracks.
 
-A body is moved parallel to the picture, at the depth that it has in the replay, until its centre is where that of its
-outline is. Its orientation is that of the replay.
+A body is moved parallel to the picture, at the depth that it has in the replay, and turned about the camera's axis.
+What an outline does not show of its orientation is that of the replay.
 """
 
 from __future__ import annotations
@@ -11,13 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.transform import Rotation
 
 from pipeline.clips.replay import states_at
-from pipeline.motion.image_track import ImageTrack
+from pipeline.motion.arcs import SYSTEMATIC
+from pipeline.motion.image_track import ImageTrack, image_tracks
 from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene
 from pipeline.vision.recordings.letterbox import Letterbox
 from pipeline.vision.rendering.camera import focal_px, pinhole, project
+from pipeline.vision.rendering.rasteriser import rasterise
+
+LONG = 1.15  # ratio of an outline's axes from which its angle counts
 
 
 @dataclass(frozen=True)
@@ -29,8 +35,9 @@ class BodyTrack:
         times: (T,) s from the clip's beginning.
         position: (T, 3) m, measured.
         replayed: (T, 3) m, of the replay.
-        quaternion: (T, 4) of the replay.
+        quaternion: (T, 4), measured about the camera's axis where the outline is longer than wide.
         sigma: (T,) m, standard error of each coordinate parallel to the picture.
+        angle_sigma: (T,) rad, standard error of the angle about the camera's axis; NaN where it is not measured.
     """
 
     name: str
@@ -39,6 +46,7 @@ class BodyTrack:
     replayed: np.ndarray
     quaternion: np.ndarray
     sigma: np.ndarray
+    angle_sigma: np.ndarray
 
 
 def body_tracks(scene: Scene, tracks: Mapping[int, ImageTrack], width: int, height: int) -> list[BodyTrack]:
@@ -55,28 +63,69 @@ def body_tracks(scene: Scene, tracks: Mapping[int, ImageTrack], width: int, heig
     """
     assert scene.camera is not None
     camera = pinhole(scene.camera)
-    steps = {i: np.rint(t.times * STEPS_PER_SECOND).astype(np.int64) for i, t in tracks.items()}
-    every = np.arange(max((s[-1] for s in steps.values()), default=0) + 1)
-    states = states_at(scene, every)
+    steps = np.unique(np.concatenate([[0], *(_steps(t) for t in tracks.values())])).astype(np.int64)
+    states = states_at(scene, steps)
+    shown = rasterise(
+        scene.objects, states.position[0], states.quaternion[0], camera, width, height, scene.ground, scene.fixed
+    ).mask
+    outlines = {t.body - 1: t for t in image_tracks(shown, steps / STEPS_PER_SECOND)}
     out = []
     for i, track in sorted(tracks.items()):
-        whole = track.whole
-        position = states.position[0, steps[i][whole], i]
+        own, at = track.part(track.whole), np.searchsorted(steps, _steps(track)[track.whole])
+        position = states.position[0, at, i]
         seen, depth = project(position, camera, width, height)
         metres = depth / focal_px(camera.fov_y_deg, height)
-        off = (track.centre[whole] - seen) * metres[:, None]
+        offset, turn = _differences(own, outlines.get(i), at, seen)
+        off = (own.centre - offset - seen) * metres[:, None]
         moved = position + off[:, :1] * camera.rotation_world[:, 0] - off[:, 1:] * camera.rotation_world[:, 1]
+        turned = Rotation.from_rotvec(-np.nan_to_num(turn)[:, None] * camera.rotation_world[:, 2]) * Rotation.from_quat(
+            states.quaternion[0, at, i], scalar_first=True
+        )
+        sigma = float(np.hypot(own.sigma, SYSTEMATIC * track.radius))
+        length = own.axes[:, 0] - own.axes[:, 1]  # px by which a turn of 1 rad moves the outline's ends, about
         out.append(
             BodyTrack(
                 name=scene.objects[i].name,
-                times=track.times[whole],
+                times=own.times,
                 position=moved,
                 replayed=position,
-                quaternion=states.quaternion[0, steps[i][whole], i],
-                sigma=track.sigma * metres,
+                quaternion=turned.as_quat(canonical=True, scalar_first=True),
+                sigma=sigma * metres,
+                angle_sigma=np.where(np.isnan(turn), np.nan, sigma / np.maximum(length, 1e-6)),
             )
         )
     return out
+
+
+def _steps(track: ImageTrack) -> np.ndarray:
+    return np.asarray(np.rint(track.times * STEPS_PER_SECOND).astype(np.int64))
+
+
+def _differences(
+    track: ImageTrack, replayed: ImageTrack | None, at: np.ndarray, seen: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How the replay's outline differs from its pose, and from the track.
+
+    Args:
+        track: Measured, T samples.
+        replayed: The track of the replay's outlines; None where they are never seen.
+        at: (T,) the replay's frames of these samples.
+        seen: (T, 2) px, where the replay's centres are.
+
+    Returns:
+        (T, 2) px, the outline's centre less that of the body; 0 where the replay does not show it whole. (T,) rad, the
+        angle, clockwise, from the replay's outline to the track's; NaN where one of them is nearly round.
+    """
+    offset, turn = np.zeros((len(track), 2)), np.full(len(track), np.nan)
+    if replayed is None:
+        return offset, turn
+    row = np.searchsorted(replayed.frames, at).clip(0, len(replayed) - 1)
+    there = (replayed.frames[row] == at) & replayed.whole[row]
+    offset[there] = (replayed.centre[row] - seen)[there]
+    long = there & (track.axes[:, 0] > LONG * track.axes[:, 1])
+    long &= replayed.axes[row, 0] > LONG * replayed.axes[row, 1]
+    turn[long] = ((track.angle - replayed.angle[row] + np.pi / 2) % np.pi - np.pi / 2)[long]
+    return offset, turn
 
 
 def clip_track(track: ImageTrack, letterbox: Letterbox) -> ImageTrack:
@@ -107,5 +156,6 @@ def track_table(clip: str, tracks: list[BodyTrack]) -> pd.DataFrame:
         table[["x", "y", "z"]] = track.position
         table[["qw", "qx", "qy", "qz"]] = track.quaternion
         table["sigma"] = track.sigma
+        table["angle_sigma"] = track.angle_sigma
         rows.append(table)
     return pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()

@@ -9,12 +9,24 @@ import numpy as np
 
 from pipeline.errors import ParamsError
 from pipeline.inference.trust import Forecast, forecast, gravity_doubt
+from pipeline.perception.board import Board, board_scale
 from pipeline.perception.user_clip import UserClip
-from pipeline.planar.find_planar_scene import ClipMotion, KnownSize, PlanarAnswer, find_planar_scene, measure_motion
-from pipeline.planar.scale import GRAVITY
+from pipeline.planar.blocks import Block, FixedMark, find_block
+from pipeline.planar.find_planar_scene import (
+    KNOWN_ERROR,
+    ClipMotion,
+    KnownSize,
+    PlanarAnswer,
+    background,
+    find_planar_scene,
+    measure_motion,
+)
+from pipeline.planar.scale import GRAVITY, KNOWN, Scale
 from pipeline.scene.scene import Scene
 from pipeline.vision.recordings.letterbox import Letterbox
 from pipeline.vision.rendering.camera import focal_px
+
+WORSE = 1.5  # factor of the errors of two fits
 
 
 @dataclass(frozen=True)
@@ -44,12 +56,16 @@ class World:
         gravity: m/s².
         length: A known length.
         size: A known size of a body.
+        board: A board of known size in the plane of motion.
+        fixed: Fixed boxes that the user points at, px of the video's own picture.
     """
 
     view: str | None = None
     gravity: float = GRAVITY
     length: KnownLength | None = None
     size: KnownSize | None = None
+    board: Board | None = None
+    fixed: tuple[FixedMark, ...] = ()
 
     @staticmethod
     def of(
@@ -57,8 +73,19 @@ class World:
         gravity: float = GRAVITY,
         length: Sequence[float] | None = None,
         size: tuple[int, str, float] | None = None,
+        board: tuple[tuple[int, int] | None, float] | None = None,
+        fixed: Sequence[Sequence[float]] = (),
     ) -> World:
-        """A world from plain values: a view or "auto", (x0, y0, x1, y1, m), and (body, "radius", m)."""
+        """A world from plain values.
+
+        Args:
+            view: Of `pipeline.motion.view.VIEWS`, or "auto".
+            gravity: m/s².
+            length: (x0, y0, x1, y1, m).
+            size: (body, "radius", m).
+            board: (inner corners across and down, or None for AprilTags; m, the side of a square or tag).
+            fixed: (x, y) or (x0, y0, x1, y1) of each fixed box.
+        """
         if length is not None and tuple(length[:2]) == tuple(length[2:4]):
             raise ParamsError("--length: the two points are one; valid: two points of the picture")
         return World(
@@ -66,6 +93,8 @@ class World:
             gravity=gravity,
             length=None if length is None else KnownLength(tuple(length[:4]), length[4]),
             size=None if size is None else KnownSize(*size),
+            board=None if board is None else Board(*board),
+            fixed=tuple(FixedMark(tuple(at)) for at in fixed),
         )
 
 
@@ -90,27 +119,72 @@ class FilmedWorld:
     doubts: tuple[str, ...]
 
 
-def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
-    """The world that the tracks of a clip tell of.
+def filmed_world(taken: UserClip, world: World, threads: int = 1) -> FilmedWorld:
+    """The world that the tracks of a clip tell of. threads: for simulations.
 
     Raises:
         ParamsError: The tracks do not fit what the user knows.
     """
     frames, masks, times = filmed_frames(taken)
-    told = tracked_world(masks, frames, times, world)
+    pictured, doubts = _pictured(taken, world, frames)
+    told = tracked_world(masks, frames, times, world, pictured, threads)
     seen = None
     if told.answer is not None:
         scene = told.answer.scene
         seen = scene if taken.found is None else clip_camera(scene, taken.clip.letterbox)
     doubt = _gravity_doubt(told.motion, world, taken.clip.source_fps)
+    if world.fixed and told.answer is None:
+        doubts.append("--fixed is not used: tracks give no scene, and the search knows no fixed bodies")
     return FilmedWorld(
         motion=told.motion,
         masks=masks,
         answer=told.answer,
         scene=seen,
         forecast=told.forecast,
-        doubts=() if doubt is None else (doubt,),
+        doubts=(*doubts, *([] if doubt is None else [doubt])),
     )
+
+
+@dataclass(frozen=True)
+class Pictured:
+    """What a user knows of the picture, in px of the frames in which bodies are followed.
+
+    Attributes:
+        scale: Of the plane of motion; None where it is not known.
+        blocks: Fixed bodies.
+    """
+
+    scale: Scale | None = None
+    blocks: tuple[Block, ...] = ()
+
+
+NOTHING = Pictured()
+
+
+def _pictured(taken: UserClip, world: World, frames: np.ndarray) -> tuple[Pictured, list[str]]:
+    """What a user knows of the picture, and doubts about it. frames: (T, H, W, 3), in which bodies are followed.
+
+    Raises:
+        ParamsError: A board is not seen, or a fixed body cannot be told apart.
+    """
+    box = taken.clip.letterbox
+    px, first, place = box.place[2] / box.window[2], np.array(box.window[:2]), np.array(box.place[:2])
+    if taken.found is not None:  # these frames show the whole picture
+        px, first, place = frames.shape[2] / taken.clip.source_size[0], np.zeros(2), np.zeros(2)
+    scale, doubts = None, []
+    if world.length is not None:
+        scale = Scale(px * world.length.px_per_m, "length", KNOWN_ERROR)
+    elif world.board is not None:
+        scale, doubt = board_scale(frames, world.board)
+        doubts += [] if doubt is None else [doubt]
+    blocks = []
+    for mark in world.fixed:
+        at = px * (np.array(mark.at).reshape(-1, 2) - first) + place
+        try:
+            blocks.append(find_block(background(frames), FixedMark(tuple(at.ravel().tolist()))))
+        except ValueError as error:
+            raise ParamsError(f"--fixed {mark}: {error}") from None
+    return Pictured(scale, tuple(blocks)), doubts
 
 
 @dataclass(frozen=True)
@@ -122,7 +196,14 @@ class TrackedWorld:
     forecast: Forecast | None
 
 
-def tracked_world(masks: np.ndarray, frames: np.ndarray, times: np.ndarray, world: World) -> TrackedWorld:
+def tracked_world(
+    masks: np.ndarray,
+    frames: np.ndarray,
+    times: np.ndarray,
+    world: World,
+    pictured: Pictured = NOTHING,
+    threads: int = 1,
+) -> TrackedWorld:
     """The world that bodies tell of.
 
     Args:
@@ -130,33 +211,43 @@ def tracked_world(masks: np.ndarray, frames: np.ndarray, times: np.ndarray, worl
         frames: (T, H, W, 3) uint8 RGB.
         times: (T,) s, from 0.
         world: What is known of it.
+        pictured: What is known of the picture; the world's own length, board and fixed bodies are not looked at.
+        threads: For simulations.
 
     Raises:
         ParamsError: The tracks do not fit what is known.
     """
-    motion = _measured(masks, frames, times, world)
+    motion = _measured(masks, frames, times, world, pictured)
     if not motion.tracks or (motion.view.kind == "table" and motion.table is None):
         return TrackedWorld(motion, None, None)
-    answer = find_planar_scene(motion, world.gravity)
+    answer = find_planar_scene(motion, world.gravity, threads)
     kept = renumbered_by_track(masks, motion)
 
-    def first_part(count: int) -> Scene | None:
-        early = _measured(masks[:count], frames[:count], times[:count], replace(world, view=motion.view.kind))
-        return find_planar_scene(early, world.gravity).scene if early.tracks else None
+    firsts: list[PlanarAnswer] = []
 
-    def tried(count: int) -> Scene | None:
+    def first_part(count: int) -> Scene | None:
+        same_view = replace(world, view=motion.view.kind)
         try:
-            return first_part(count)
+            early = _measured(masks[:count], frames[:count], times[:count], same_view, pictured)
         except ParamsError:  # the first part does not show the view
             return None
+        if early.tracks:
+            firsts.append(find_planar_scene(early, world.gravity, threads))
+        return firsts[0].scene if firsts else None
 
-    return TrackedWorld(motion, answer, forecast(kept, times, tried))
+    told = forecast(kept, times, first_part)
+    first = firsts[0] if firsts else answer
+    alike = first.fit.scene.shapes == answer.fit.scene.shapes
+    if alike and answer.fit.rms_px > WORSE * first.fit.rms_px:  # beyond an impact it may have ended in another one
+        again = find_planar_scene(motion, world.gravity, threads, first)
+        answer = min(answer, again, key=lambda a: a.fit.rms_px)
+    return TrackedWorld(motion, answer, told)
 
 
 def _gravity_doubt(motion: ClipMotion, world: World, fps: float) -> str | None:
     """A sentence on free fall that disagrees with gravity, where a length or a size is known."""
     view, scale = motion.view, motion.scale
-    if view.gravity_px is None or scale.by not in ("length", "size"):
+    if view.gravity_px is None or scale.by not in KNOWN:
         return None
     found = float(np.linalg.norm(view.gravity_px))
     errors = [m.arc.acceleration_sigma for m in view.arcs if m.kind == "free"]
@@ -188,7 +279,7 @@ def renumbered_by_track(masks: np.ndarray, motion: ClipMotion) -> np.ndarray:
     return table[masks]
 
 
-def _measured(masks: np.ndarray, frames: np.ndarray, times: np.ndarray, world: World) -> ClipMotion:
+def _measured(masks: np.ndarray, frames: np.ndarray, times: np.ndarray, world: World, pictured: Pictured) -> ClipMotion:
     try:
         return measure_motion(
             masks,
@@ -196,8 +287,9 @@ def _measured(masks: np.ndarray, frames: np.ndarray, times: np.ndarray, world: W
             times,
             view=world.view,
             gravity=world.gravity,
-            px_per_m=None if world.length is None else world.length.px_per_m,
+            scale=pictured.scale,
             size=world.size,
+            blocks=pictured.blocks,
         )
     except ValueError as error:
         raise ParamsError(f"--view {world.view}, --size: {error}") from None

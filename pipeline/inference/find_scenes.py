@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,11 +23,12 @@ from pipeline.inference.scene_search import (
     ClipSearch,
     clip_evaluator,
     distinct_starts,
+    explained_by_tracks,
     scene_certainties,
     search_clip,
+    search_forecast,
 )
-from pipeline.inference.trust import Forecast, forecast
-from pipeline.scene.scene import Scene
+from pipeline.inference.trust import Forecast
 from pipeline.search.best_of_k import rank
 from pipeline.search.certainty import Certainty
 from pipeline.search.evaluator import Rewards
@@ -40,9 +40,6 @@ if TYPE_CHECKING:
 #: As params.yaml has them for the graph (`search`; a test compares them).
 SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward
 STARTS = 3  # answers that a search starts from
-LEAST_SEARCH = 200
-FORECAST_SHARE = 0.35  # of the simulations of a search, that are spent again on the first part of the clip
-TRACKS_IOU = 0.6  # from which the scene of tracks needs no search beside it, which knows tables alone
 
 
 @dataclass(frozen=True)
@@ -129,12 +126,14 @@ def find_scenes(
             top = int(ranking.order[0])
             methods.append(answer_method("best of K", answers, ranking.rewards, top, clip, len(answers)))
     with progress.step("tracks"):
-        filmed = filmed_world(taken, world)
+        filmed = filmed_world(taken, world, cores())
     progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
+    explained = False
     if filmed.answer is not None and filmed.scene is not None:
         methods.append(tracks_method(filmed.answer, filmed.scene, evaluator, clip))
+        explained = explained_by_tracks(filmed.motion.view.kind, methods[-1].overlap.sequence)
     searched, forecasts = None, {TRACKS: filmed.forecast}
-    if budget.simulations and not (filmed.scene is not None and methods[-1].overlap.sequence >= TRACKS_IOU):
+    if budget.simulations and not explained:
         with progress.step("search"):
             ranked = [answers[int(i)].scene for i in ranking.order]
             starts = distinct_starts(ranked, ranking.rewards.valid[ranking.order].tolist(), STARTS)
@@ -148,7 +147,17 @@ def find_scenes(
                 ),
                 budget.incline,
             )
-            forecasts["search"] = _search_forecast(clip, starts, budget)
+            forecasts["search"] = search_forecast(
+                taken.masks,
+                clip.flow,
+                clip.schedule,
+                starts,
+                size=SEARCH_SIZE,
+                simulations=budget.simulations,
+                seed=budget.seed,
+                incline=budget.incline,
+                threads=cores(),
+            )
         methods.append(search_method(searched, answers, ranking, clip))
     best = best_of(methods)
     certain: tuple[Certainty, ...] = ()
@@ -170,24 +179,6 @@ def find_scenes(
 def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _search_forecast(clip: MeasuredClip, starts: Sequence[Scene], budget: SearchBudget) -> Forecast | None:
-    """How well a search on the first part of the clip forecasts the rest; None where the clip cannot be parted."""
-    schedule, masks = clip.schedule, clip.taken.masks
-    times = np.arange(len(masks)) / schedule.fps
-    simulations = max(LEAST_SEARCH, round(FORECAST_SHARE * budget.simulations))
-
-    def find(count: int) -> Scene | None:
-        try:
-            part = schedule.first(count / schedule.fps)
-        except ValueError:
-            return None
-        evaluator = clip_evaluator(masks, clip.flow, part, SEARCH_SIZE, cores())
-        rng = np.random.default_rng(budget.seed)
-        return search_clip(evaluator, starts, simulations, rng, incline=budget.incline).result.scene
-
-    return forecast(masks, times, find)
 
 
 def _tally(compositions: list[str]) -> str:

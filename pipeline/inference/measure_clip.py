@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.inference.asking import raw_flow, shown_flow
 from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
 from pipeline.model.model_input import ModelInput
+from pipeline.perception.mask_source import mask_source
 from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import UserClip, open_clip, with_masks
+from pipeline.perception.user_clip import UserClip, chosen_stretch, read_frames, with_masks
+from pipeline.vision.recordings.corrections import Correction
 from pipeline.vision.recordings.video import FPS
 
 
@@ -22,19 +24,21 @@ class VideoStretch:
 
     Attributes:
         place: The video, or a folder with one and masks.
-        start: s, where the stretch begins.
-        seconds: Its length.
+        start: s, where the stretch begins; None: where bodies move freely.
+        seconds: Its length; None: as long as they do, or 1 s from `start` on.
         fps: Frames a second at which it was shot; None for what the file says.
         masks: A file or folder of masks, or a published segmenter; None for masks beside the video, else our network.
         prompts: What is known of the bodies.
+        correction: Of the frames.
     """
 
     place: Path
-    start: float
-    seconds: float
+    start: float | None
+    seconds: float | None
     fps: float | None
     masks: str | Path | None
     prompts: Prompts
+    correction: Correction
 
 
 @dataclass(frozen=True)
@@ -71,32 +75,38 @@ def measure_clip(
         VideoError: For a clip that cannot be used, or in which nothing moves.
     """
     if isinstance(clip, VideoStretch):
-        name, schedule = str(clip.place), clip_schedule(clip.place, clip.seconds)
+        with progress.step("stretch"):
+            source = mask_source(clip.place, clip.masks, clip.prompts)
+            part = chosen_stretch(
+                clip.place, start=clip.start, seconds=clip.seconds, assume_fps=clip.fps, source=source
+            )
+        name, begins, schedule = str(clip.place), part.start, clip_schedule(clip.place, part.seconds)
         with progress.step("frames"):
-            read = open_clip(
+            read = read_frames(
                 clip.place,
-                start=clip.start,
-                seconds=clip.seconds,
+                start=part.start,
+                seconds=part.seconds,
                 fps=schedule.fps,
                 assume_fps=clip.fps,
-                masks=clip.masks,
-                prompts=clip.prompts,
+                source=source,
+                correction=clip.correction,
             )
-        frames = read.clip
+        frames, note = read.clip, part.note
     else:
-        name, taken, frames = "clip", clip, clip.clip
+        name, taken, frames, note = "clip", clip, clip.clip, None
         schedule = clip_schedule(Path(name), len(frames.times) / FPS)
     with ThreadPoolExecutor(1, "flow") as beside:
         measuring = beside.submit(raw_flow, frames, schedule, shown, flow.name, flow.raft)
         if isinstance(clip, VideoStretch):
             with progress.step("masks"):
                 taken = with_masks(read, clip.prompts)
-            say_bodies(progress, name, clip.start, taken, taken.clip.notes)
+            say_bodies(progress, name, begins, taken, [*([note] if note else []), *taken.clip.notes])
         if when_seen is not None:
             when_seen(taken)
         with progress.step("flow"):  # what is left of it after the masks
             field = shown_flow(measuring.result(), taken, schedule, shown)
-    return measured_clip(name, taken, schedule, field)
+    measured = measured_clip(name, taken, schedule, field)
+    return measured if note is None else replace(measured, notes=(note, *measured.notes))
 
 
 def say_bodies(progress: Progress, name: str, start: float, taken: UserClip, notes: Sequence[str]) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from pipeline.clips.schedule import Schedule
+from pipeline.inference.trust import Forecast, forecast
 from pipeline.scene.scene import Scene
 from pipeline.search.certainty import Certainty, certainties
 from pipeline.search.evaluator import Evaluator
@@ -16,6 +17,15 @@ from pipeline.search.outlines.clip_outlines import ClipOutlines
 from pipeline.search.search_result import SearchResult
 from pipeline.search.search_scene import search_scene
 from pipeline.search.target import make_target
+
+LEAST_SEARCH = 200  # simulations
+FORECAST_SHARE = 0.35  # of the simulations of a search, that are spent again on the first part of the clip
+TRACKS_IOU, TABLE_IOU = 0.6, 0.9  # from which the scene of tracks needs no search beside it; on a table
+
+
+def explained_by_tracks(view: str, sequence_iou: float) -> bool:
+    """Whether the scene of tracks needs no search beside it, which knows tables alone but is better on them."""
+    return sequence_iou >= (TABLE_IOU if view == "table" else TRACKS_IOU)
 
 
 def clip_evaluator(
@@ -114,6 +124,44 @@ def search_clip(
         certainties=known,
         shapes=shapes,
     )
+
+
+def search_forecast(
+    masks: np.ndarray,
+    flow: np.ndarray,
+    schedule: Schedule,
+    starts: Sequence[Scene],
+    *,
+    size: tuple[int, int],
+    simulations: int,
+    seed: int,
+    incline: bool,
+    threads: int,
+) -> Forecast | None:
+    """How well a search on the first part of a clip forecasts the rest; None where the clip cannot be parted.
+
+    Args:
+        masks: (F, H, W) uint8 of every frame.
+        flow: (P, h, w, 2), as for `clip_evaluator`.
+        schedule: Of the clip.
+        starts: Scenes to start from, beside the classical guess.
+        size: px, width and height, of masks and flow in the reward.
+        simulations: Of the search on the whole clip, of which this one gets FORECAST_SHARE.
+        seed: Of the search.
+        incline: Whether the ground may slope in the picture.
+        threads: For simulation and rasterising.
+    """
+
+    def find(count: int) -> Scene | None:
+        try:
+            part = schedule.first(count / schedule.fps)
+        except ValueError:
+            return None
+        evaluator = clip_evaluator(masks, flow, part, size, threads)
+        budget = max(LEAST_SEARCH, round(FORECAST_SHARE * simulations))
+        return search_clip(evaluator, starts, budget, np.random.default_rng(seed), incline=incline).result.scene
+
+    return forecast(masks, np.arange(len(masks)) / schedule.fps, find)
 
 
 def scene_certainties(evaluator: Evaluator, scene: Scene) -> tuple[np.ndarray, tuple[Certainty, ...]]:

@@ -35,6 +35,11 @@ class Forecast:
     iou: float
     constant_velocity_iou: float
 
+    @property
+    def better(self) -> bool:
+        """Whether it is better than constant velocity."""
+        return self.iou > self.constant_velocity_iou
+
 
 @dataclass(frozen=True)
 class Grade:
@@ -64,7 +69,8 @@ def forecast(masks: np.ndarray, times: np.ndarray, find: Callable[[int], Scene |
         find: The scene that the first so many frames show; None where they show none.
 
     Returns:
-        The scores; None where the clip is too short, or no scene is found from its first part.
+        The scores; None where the clip is too short, no scene is found from its first part, or no body is seen in the
+        rest.
     """
     seen = fitted_frames(times)
     scene = find(seen) if seen else None
@@ -81,11 +87,11 @@ def forecast(masks: np.ndarray, times: np.ndarray, find: Callable[[int], Scene |
     rate = (len(times) - 1) / float(times[-1] - times[0])
     moved = at_constant_velocity(masks[:seen], len(masks) - seen, rate)
     same = np.stack([np.arange(instances)] * 2, 1)
-    return Forecast(
-        from_s=float(times[seen] - times[0]),
-        iou=float(sequence_iou(_part(counts, slice(seen, None)), pairs)),
-        constant_velocity_iou=float(sequence_iou(count(moved, masks[seen:], instances, instances), same)),
-    )
+    iou = float(sequence_iou(_part(counts, slice(seen, None)), pairs))
+    rival = float(sequence_iou(count(moved, masks[seen:], instances, instances), same))
+    if not np.isfinite(iou) or not np.isfinite(rival):  # no body is seen in the rest
+        return None
+    return Forecast(from_s=float(times[seen] - times[0]), iou=iou, constant_velocity_iou=rival)
 
 
 def gravity_doubt(found: float, expected: float, error: float, fps: float) -> str | None:
@@ -122,9 +128,9 @@ def grade(sequence_iou: float, told: Forecast | None) -> Grade:
     if told is None:
         return Grade("doubtful", "the answer could not be tested on frames that were not fitted")
     against = f"IoU {told.iou:.2f} from {told.from_s:.2f} s on, constant velocity {told.constant_velocity_iou:.2f}"
-    if told.iou < told.constant_velocity_iou:
+    if not told.better:
         return Grade(
-            "doubtful", f"frames that were not fitted are forecast worse than by constant velocity ({against})"
+            "doubtful", f"frames that were not fitted are not forecast better than by constant velocity ({against})"
         )
     if sequence_iou < GOOD_IOU:
         return Grade("doubtful", f"the replay follows the clip in part only (IoU {sequence_iou:.2f})")

@@ -7,7 +7,6 @@ from functools import cached_property
 from pathlib import Path
 
 import torch
-from safetensors import SafetensorError
 from torch.nn import functional
 from transformers import (
     AutoConfig,
@@ -18,7 +17,15 @@ from transformers import (
 from transformers.utils import logging
 
 from pipeline.language.codec import Codec
-from pipeline.model.checkpoint import load_tokenizer, read_layout, unavailable, write_layout
+from pipeline.model.checkpoint import (
+    LOADING,
+    LOADING_ERRORS,
+    load_tokenizer,
+    load_weights,
+    read_layout,
+    unavailable,
+    write_layout,
+)
 from pipeline.model.constrained_decoding import TrieCache
 from pipeline.model.model_input import ModelInput, read_input, write_input
 from pipeline.model.patches import PatchLayout
@@ -84,13 +91,11 @@ def load_base(name: str, width: int = 336, height: int = 224, frames: int = 10, 
     layout = read_layout(name, width, height, frames)
     tokenizer = load_tokenizer(name)
     try:
-        kind = AutoConfig.from_pretrained(name, local_files_only=True).model_type
+        kind = AutoConfig.from_pretrained(name, **LOADING).model_type
         if kind != Qwen2_5_VLConfig.model_type:
             raise ValueError(f"it is of the type {kind}, not {Qwen2_5_VLConfig.model_type}")
-        model = Qwen2_5_VLForConditionalGeneration.from_pretrained(
-            name, local_files_only=True, dtype=getattr(torch, dtype)
-        )
-    except (OSError, ValueError, KeyError, SafetensorError) as error:
+        model = load_weights(Qwen2_5_VLForConditionalGeneration, name, dtype=getattr(torch, dtype))
+    except LOADING_ERRORS as error:
         raise unavailable(name, error) from None
     return Base(
         model=model,

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from pipeline.errors import ModelError
+from pipeline.untrusted import read_json
 
 INPUT_FILE = "model_input.json"
 
@@ -104,7 +105,7 @@ def read_input(name: str) -> ModelInput | None:
     if not file.is_file():
         return None
     try:
-        stored = json.loads(file.read_text())
+        stored = read_json(file, ModelError)
         size = stored["flow_size"]
         return ModelInput(**stored | {"flow_size": None if size is None else tuple(size)})
     except ModelError as error:

@@ -18,7 +18,11 @@ from peft import LoraConfig, PeftModel, get_peft_model
 from torch.utils.data import Dataset
 from transformers import PreTrainedModel, Trainer, TrainerCallback, TrainingArguments
 
-STATE_FILE = "trainer_state.json"  # the Trainer writes it into a checkpoint last
+from pipeline.model.checkpoint import load_weights
+from pipeline.shards.content_hash import hash_files
+
+STATE_FILE = "trainer_state.json"
+HASHES_FILE = "hashes.json"  # SHA-256 of the other files of a checkpoint, written last
 LORA_TARGETS = ("q_proj", "k_proj", "v_proj", "o_proj", "gate_proj", "up_proj", "down_proj", "qkv", "proj")
 
 Row = TypeVar("Row")
@@ -93,9 +97,7 @@ class _Trainer(Trainer):
         if not isinstance(self.model, PreTrainedModel) or isinstance(self.model, PeftModel):
             super()._load_from_checkpoint(resume_from_checkpoint, model)
             return
-        stored = type(self.base.model).from_pretrained(
-            resume_from_checkpoint, local_files_only=True, dtype=self.base.model.dtype
-        )
+        stored = load_weights(type(self.base.model), resume_from_checkpoint, dtype=self.base.model.dtype)
         self.base.model.load_state_dict(stored.state_dict())
 
 
@@ -145,7 +147,7 @@ def train(
         eval_on_start=held_out is not None and last is None,
         save_strategy="steps",
         save_steps=plan.checkpoint_steps,
-        save_total_limit=1,
+        save_total_limit=2,
         remove_unused_columns=False,
         label_names=[],
         seed=plan.seed,
@@ -162,7 +164,7 @@ def train(
         train_dataset=rows,
         eval_dataset=held_out,
         data_collator=lambda members: {"batch": collate(members)},
-        callbacks=[_Report(report)],
+        callbacks=[_Report(report), _Hash()],
     )
     trainer.base, trainer.objective, trainer.measured = base, objective, defaultdict(list)
     if last is not None:
@@ -174,7 +176,32 @@ def train(
     base.model.eval()
 
 
+class _Hash(TrainerCallback):
+    """Writes the hashes of a checkpoint's files when all are written."""
+
+    def on_save(self, args: Any, state: Any, control: Any, **_: Any) -> None:
+        write_hashes(Path(args.output_dir) / f"checkpoint-{state.global_step}")
+
+
+def write_hashes(checkpoint: Path) -> None:
+    """Write down the SHA-256 of a complete checkpoint's files."""
+    text = json.dumps(hash_files(checkpoint), indent=1) + "\n"
+    temporary = checkpoint / f"{HASHES_FILE}.part"
+    temporary.write_text(text)
+    temporary.replace(checkpoint / HASHES_FILE)
+
+
 def last_checkpoint(work: Path) -> Path | None:
-    """The newest checkpoint in `work` that was written to its end."""
-    complete = [folder for folder in work.glob("checkpoint-*") if (folder / STATE_FILE).is_file()]
-    return max(complete, key=lambda folder: int(folder.name.split("-")[1]), default=None)
+    """The newest checkpoint in `work` that was written to its end and whose files have the hashes that they had."""
+    newest_first = sorted(work.glob("checkpoint-*"), key=lambda folder: int(folder.name.split("-")[1]), reverse=True)
+    return next(filter(_is_sound, newest_first), None)
+
+
+def _is_sound(checkpoint: Path) -> bool:
+    try:
+        expected = json.loads((checkpoint / HASHES_FILE).read_bytes())
+        found = hash_files(checkpoint)
+    except (OSError, ValueError, RecursionError):
+        return False
+    found.pop(HASHES_FILE, None)
+    return bool(expected) and found == expected

@@ -15,6 +15,8 @@ from torch import nn
 from torch.nn import functional
 from transformers import VivitConfig, VivitModel, VivitPreTrainedModel
 
+from pipeline.errors import ModelError
+from pipeline.model.checkpoint import LOADING_ERRORS, load_weights
 from pipeline.model.scene_vector import CLASSES, HEAD, SLOT, SLOTS, Scale, SceneVector, decode, likeliest_shapes
 from pipeline.model.trainer import ClipDataset, Report, TrainingPlan, train
 from pipeline.scene.scene import Scene
@@ -84,7 +86,14 @@ def build_regressor(size: VivitSize, seed: int) -> Regressor:
 
 
 def load_regressor(folder: Path) -> Regressor:
-    return Regressor(VivitRegressor.from_pretrained(folder, local_files_only=True).eval())
+    """The model of a folder. Raises ModelError."""
+    try:
+        model = load_weights(VivitRegressor, folder)
+    except LOADING_ERRORS as error:
+        raise ModelError(
+            f"{str(folder)!r} has no regressor ({str(error).splitlines()[0]}); `dvc repro` makes it"
+        ) from None
+    return Regressor(model.eval())
 
 
 def picture_size(regressor: Regressor) -> tuple[int, int]:

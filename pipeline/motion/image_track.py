@@ -52,6 +52,11 @@ class ImageTrack:
         area = self.area[self.whole] if self.whole.any() else self.area
         return float(np.sqrt(np.median(area) / np.pi))
 
+    def part(self, which: np.ndarray) -> ImageTrack:
+        """The samples of an index or mask (T,)."""
+        names = ("frames", "times", "centre", "axes", "angle", "area", "whole")
+        return replace(self, **{name: getattr(self, name)[which] for name in names})
+
     def in_picture(self, scale: float, offset: np.ndarray) -> ImageTrack:
         """The track in a picture whose point is scale times that of this one plus offset (2,) px."""
         return replace(

@@ -24,6 +24,7 @@ LEVEL_DEG = 2.0  # of a line to the horizontal, below which it counts as level
 OFF_DOWN_DEG = 25.0  # largest angle of free fall to the picture's vertical
 LEAST_PATH, SLOW = 0.6, 0.2  # radii, and share of the body's fastest arc: what goes less far and as slow rests
 LEAST_SHARE_FREE, LEAST_SHARE_SLOPE = 0.2, 0.5  # of the way of all bodies that must fall, or speed up on a slope
+LEAST_SHARE_BENT = 0.5  # of the way, along curves of one acceleration: more tells of falls, whatever bodies' sizes do
 ALIKE = 0.3  # largest mean deviation of the accelerations of free arcs, as a share
 ALIKE_DEG = 3.0  # largest deviation of slopes of one incline from their median
 LEAST_ERROR = 0.05  # of an acceleration, as a share: outlines are blurred and shaded alike
@@ -237,7 +238,9 @@ def _likely_kind(
     larger = growth(tracks).over_way
     if total == 0:
         return "table", "no body moves far enough to tell the view"
-    if larger > LEAST_GROWTH:
+    # A body that turns in the air shows more or less of itself, too.
+    thrown = gravity is not None and sum(m.path for m in _of_kind(moving, "free") if bent(m)) > LEAST_SHARE_BENT * total
+    if larger > LEAST_GROWTH and not thrown:
         return "table", f"bodies are {np.expm1(larger):.0%} larger where they are lower in the picture"
     if slope is not None:
         return "incline", f"bodies speed up along a line of {abs(slope):.1f}°"
@@ -251,6 +254,11 @@ def _likely_kind(
             return "table", "balls move along straight lines in several directions, and may come nearer"
         return "top", "bodies move along straight lines in several directions and grow nowhere"
     return "side", "bodies move along level lines"
+
+
+def bent(motion: ArcMotion) -> bool:
+    """Whether an arc that falls is a curve, and not the steep line of a body that comes nearer, or drops."""
+    return motion.kind == "free" and abs(motion.slope_deg) <= STEEP_DEG
 
 
 def free_fall(free: Sequence[ArcMotion], total: float) -> np.ndarray | None:

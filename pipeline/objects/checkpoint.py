@@ -11,6 +11,7 @@ from safetensors.torch import load_file, save_file
 
 from pipeline.errors import ModelError
 from pipeline.objects.network import ObjectsNetwork, ObjectsSize
+from pipeline.untrusted import read_json
 
 MODEL_TYPE = "objects"
 CONFIG_FILE, WEIGHTS_FILE = "config.json", "model.safetensors"
@@ -20,8 +21,8 @@ def is_objects(name: str) -> bool:
     """Whether a folder has a checkpoint of this kind."""
     file = Path(name) / CONFIG_FILE
     try:
-        return file.is_file() and json.loads(file.read_text()).get("model_type") == MODEL_TYPE
-    except (OSError, ValueError, AttributeError):
+        return file.is_file() and read_json(file, ModelError).get("model_type") == MODEL_TYPE
+    except ModelError:
         return False
 
 
@@ -36,7 +37,7 @@ def save_objects(folder: Path, network: ObjectsNetwork) -> None:
 def load_objects_network(folder: Path) -> ObjectsNetwork:
     """The network of a folder. Raises `ModelError`."""
     try:
-        config = json.loads((folder / CONFIG_FILE).read_text())
+        config = read_json(folder / CONFIG_FILE, ModelError)
         kind = config.pop("model_type")
         if kind != MODEL_TYPE:
             raise ValueError(f"it is of the type {kind}, not {MODEL_TYPE}")

@@ -9,19 +9,22 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.errors import VideoError, naming
+from pipeline.errors import ParamsError, VideoError, naming
 from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.found_bodies import FoundBodies, find_in_clip
-from pipeline.perception.mask_source import MaskSource, mask_source
+from pipeline.perception.free_motion import Stretch, stretch_of
+from pipeline.perception.mask_source import MaskSource
 from pipeline.perception.prompts import Prompts
 from pipeline.segmentation import MaskNetworks, load_mask_networks
 from pipeline.vision.recordings.clip_folder import video_of
+from pipeline.vision.recordings.corrections import Correction
 from pipeline.vision.recordings.given_masks import given_masks
 from pipeline.vision.recordings.letterbox import letterbox_for
 from pipeline.vision.recordings.mask_file import letterboxed, renumbered
 from pipeline.vision.recordings.video import Clip, read_clip, resampled
 
 WEIGHTS = Path(__file__).resolve().parents[2] / "models" / "masks"  # the network that ships
+UNCORRECTED = Correction()
 LEAST_FRAMES = 30  # in which the network looks for bodies, where so many were filmed
 NETWORK = "the network for masks"
 
@@ -77,6 +80,7 @@ def read_frames(
     fps: float = 30.0,
     assume_fps: float | None = None,
     source: MaskSource | None = None,
+    correction: Correction = UNCORRECTED,
 ) -> ReadClip:
     """Read a clip.
 
@@ -90,15 +94,26 @@ def read_frames(
         fps: Frame rate of the clip.
         assume_fps: Frame rate of the recording where its time stamps are wrong; None: they are used.
         source: Where its masks come from; None: our network finds them.
+        correction: Of the frames.
 
     Raises:
         VideoError: The video cannot be used.
+        ParamsError: A correction of frames whose masks are given.
     """
     video, source = video_of(place), source or MaskSource()
+    if source.given is not None and correction:
+        raise ParamsError(
+            f"--distortion, --steady: the masks in {source.given} are those of frames that are not corrected; valid: "
+            "masks that are found"
+        )
     if source.given is not None:
         return ReadClip(place, read_clip(video, start, seconds, fps, assume_fps=assume_fps), source, None, assume_fps)
     every = max(math.ceil(LEAST_FRAMES / max(round(seconds * fps), 1)), 1)
     own = read_clip(video, start, seconds, fps * every, size=None, assume_fps=assume_fps)
+    if correction:
+        with naming(str(place)):
+            frames, notes = correction.apply(own.frames)
+        own = replace(own, frames=frames, file_notes=[*own.file_notes, *notes])
     distinct = np.unique(own.source_times, return_index=True)[1]
     if len(distinct) < 2:
         raise VideoError(f"{place}: the clip has one frame only; at least two are needed")
@@ -111,34 +126,34 @@ def read_frames(
     return ReadClip(place, resampled(own, every), source, filmed, assume_fps)
 
 
-def open_clip(
+def chosen_stretch(
     place: Path,
     *,
-    start: float,
-    seconds: float,
-    fps: float,
+    start: float | None,
+    seconds: float | None,
     assume_fps: float | None,
-    masks: str | Path | None,
-    prompts: Prompts,
-) -> ReadClip:
-    """Check what the user said of masks, then read the clip.
+    source: MaskSource,
+) -> Stretch:
+    """The stretch of a clip that is inferred from, as `stretch_of` chooses it.
 
     Args:
-        place: A video, or a folder with one and masks.
-        start: Start of the clip, s.
-        seconds: Length of the clip, s.
-        fps: Frame rate of the clip.
+        place: A video, or a folder with one.
+        start: s; None: the motion chooses.
+        seconds: Its length; None: as long as the motion lasts, or 1 s where the start is given.
         assume_fps: Frame rate of the recording where its time stamps are wrong; None: they are used.
-        masks: As `mask_source` takes it.
-        prompts: What is known of the bodies.
+        source: Where its masks come from.
 
     Raises:
         VideoError: The video cannot be used.
-        ParamsError: For a file of masks and prompts at once.
-        ModelError: For a segmenter without a path.
     """
-    source = mask_source(place, masks, prompts)
-    return read_frames(place, start=start, seconds=seconds, fps=fps, assume_fps=assume_fps, source=source)
+    return stretch_of(
+        video_of(place),
+        lambda: mask_networks().moving,
+        start=start,
+        seconds=seconds,
+        assume_fps=assume_fps,
+        masks=source.given,
+    )
 
 
 def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:

@@ -13,12 +13,13 @@ from pipeline.motion.image_track import ImageTrack, image_tracks
 from pipeline.motion.upright import camera_roll
 from pipeline.motion.view import View, find_view, growth
 from pipeline.planar.apparent_size import with_apparent_sizes
+from pipeline.planar.blocks import Block
 from pipeline.planar.bounces import changes_between, meeting_time
 from pipeline.planar.fit import PlanarFit, fit_planar
 from pipeline.planar.parameters import planar_parameters
 from pipeline.planar.planar_scene import planar_scene
 from pipeline.planar.plane import Plane
-from pipeline.planar.scale import GRAVITY, Scale, find_scale
+from pipeline.planar.scale import GRAVITY, KNOWN, Scale, find_scale
 from pipeline.planar.silhouette import Silhouette, silhouette
 from pipeline.planar.supports import Support, find_supports, find_walls
 from pipeline.planar.table_view import TableView, may_be_oblique, table_view
@@ -26,7 +27,7 @@ from pipeline.planar.tumbling import Tumbling, tumbling
 from pipeline.scene.scene import HOLLOW_SHAPES, Scene, SceneObject
 
 START_HOLLOW = 0.6
-KNOWN_ERROR = 0.01  # of a length that is given, as a share
+KNOWN_ERROR = 0.01  # of a size that is given, as a share
 BACKGROUND_FRAMES = 15  # whose median is the background
 
 
@@ -45,6 +46,7 @@ class ClipMotion:
         flat: The tracks in the picture of the plane: of a table that is seen from aside, as if from straight above.
         table: How the camera sees a table from aside; None for other views.
         solids: Of each body that turns freely in the air, its shape, orientation and spin; None of others.
+        blocks: Fixed bodies that a user pointed at, in the picture of the plane.
     """
 
     tracks: tuple[ImageTrack, ...]
@@ -57,6 +59,7 @@ class ClipMotion:
     flat: tuple[ImageTrack, ...]
     table: TableView | None
     solids: tuple[Tumbling | None, ...]
+    blocks: tuple[Block, ...]
 
 
 @dataclass(frozen=True)
@@ -98,8 +101,9 @@ def measure_motion(
     *,
     view: str | None = None,
     gravity: float = GRAVITY,
-    px_per_m: float | None = None,
+    scale: Scale | None = None,
     size: KnownSize | None = None,
+    blocks: Sequence[Block] = (),
 ) -> ClipMotion:
     """Tracks, view, shapes, scale and supports of a clip.
 
@@ -109,8 +113,9 @@ def measure_motion(
         times: (T,) s, from 0.
         view: Of `pipeline.motion.view.VIEWS`, where it is known.
         gravity: m/s².
-        px_per_m: Where a length is known.
+        scale: Where it is known.
         size: Where a body's size is known.
+        blocks: Fixed bodies that are known, in the picture.
 
     Raises:
         ValueError: The tracks do not fit the view, or there is no body of that size's index.
@@ -125,11 +130,9 @@ def measure_motion(
     level, sizes = Plane(masks.shape[2], masks.shape[1], 1.0, level=True), growth(tracks)
     oblique = may_be_oblique(sizes, silhouettes, level.distance)
     found = find_view(tracks, arcs, background_roll(frames), view, oblique=oblique)
-    if px_per_m is not None:
-        scale = Scale(px_per_m, "length", KNOWN_ERROR)
-    elif size is not None:
+    if scale is None and size is not None:
         scale = Scale(size_px(silhouettes, size) / size.m, "size", KNOWN_ERROR)
-    else:
+    elif scale is None:
         scale = find_scale(found, silhouettes, gravity)
     if found.kind in ("table", "top"):
         plane = replace(level, px_per_m=scale.px_per_m)
@@ -146,6 +149,7 @@ def measure_motion(
         flat=tuple(tracks),
         table=None,
         solids=(None,) * len(tracks),
+        blocks=tuple(blocks),
     )
     if found.kind == "table":
         balls = bool(tracks) and all(s.shape == "sphere" for s in silhouettes)
@@ -154,7 +158,7 @@ def measure_motion(
         None if s.disc else tumbling(t, masks[: _in_the_air(t, own, found)], times, plane)
         for t, own, s in zip(tracks, arcs, silhouettes, strict=True)
     )
-    return replace(motion, supports=tuple(find_supports(found, tracks, masks)), solids=solids)
+    return replace(motion, supports=tuple(find_supports(found, tracks, masks, blocks)), solids=solids)
 
 
 def _in_the_air(track: ImageTrack, arcs: Sequence[Arc], view: View) -> int:
@@ -176,12 +180,14 @@ def seen_from_above(motion: ClipMotion, table: TableView) -> ClipMotion:
     silhouettes = tuple(
         replace(s, width=2 * t.radius, height=2 * t.radius) for s, t in zip(motion.silhouettes, flat, strict=True)
     )
+    blocks = tuple(table.block_from_above(b) for b in motion.blocks)
     return replace(
         motion,
         arcs=tuple(arcs),
         view=view,
         silhouettes=silhouettes,
-        supports=tuple(find_walls(view, flat)),
+        blocks=blocks,
+        supports=tuple(find_walls(view, flat, blocks)),
         flat=tuple(flat),
         table=table,
     )
@@ -197,35 +203,36 @@ def size_px(silhouettes: Sequence[Silhouette], size: KnownSize) -> float:
 
 def background_roll(frames: np.ndarray) -> float:
     """deg: the camera's roll by lines of the background of frames (T, H, W, 3) uint8; 0 where they do not tell."""
+    return camera_roll(background(frames)) or 0.0
+
+
+def background(frames: np.ndarray) -> np.ndarray:
+    """The picture (H, W, 3) uint8 of frames (T, H, W, 3) without what moves."""
     some = frames[np.linspace(0, len(frames) - 1, min(len(frames), BACKGROUND_FRAMES)).round().astype(int)]
-    return camera_roll(np.median(some, axis=0).astype(np.uint8)) or 0.0
+    return np.median(some, axis=0).astype(np.uint8)
 
 
-def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAnswer:
+def find_planar_scene(
+    motion: ClipMotion, gravity: float = GRAVITY, threads: int = 1, first: PlanarAnswer | None = None
+) -> PlanarAnswer:
     """The planar scene whose simulation follows the tracks.
 
     Where gravity fixes the scale, the fit's gravity, in the metres that were assumed first, tells how long a metre is.
     Where a length is known, gravity is what the fit finds.
+
+    Args:
+        motion: What the tracks tell.
+        gravity: m/s².
+        threads: For simulations.
+        first: Of the clip's first part: the fit goes on from its scene. None: it begins with what the tracks tell.
     """
-    start = planar_scene(
-        motion.view,
-        motion.flat,
-        motion.arcs,
-        motion.silhouettes,
-        motion.supports,
-        motion.solids,
-        plane=motion.plane,
-        gravity=gravity,
-        start=0.0,
-    )
-    if motion.table is None:
-        start = with_apparent_sizes(start, motion.flat, motion.plane, [s is None for s in motion.solids])
-    rolls = motion.view.kind == "incline" and motion.scale.by in ("length", "size")
-    if rolls:
-        start = replace(start, objects=tuple(_half_hollow(o) for o in start.objects))
+    if first is not None:
+        motion = replace(motion, plane=first.motion.plane, scale=first.motion.scale, table=first.motion.table)
+    rolls = motion.view.kind == "incline" and motion.scale.by in KNOWN
+    start = _start(motion, gravity, rolls) if first is None else first.fit.scene
     gravity_shows = not motion.plane.level and not rolls
     parameters = planar_parameters(start, motion.plane, gravity=gravity_shows, hollow=rolls)
-    fit = fit_planar(start, motion.flat, motion.plane, parameters, impacts(motion))
+    fit = fit_planar(start, motion.flat, motion.plane, parameters, impacts(motion), threads)
     if motion.table is not None:
         return PlanarAnswer(motion, fit, replace(fit.scene, camera=motion.table.camera()), motion.scale)
     if motion.scale.by != "gravity":
@@ -233,6 +240,25 @@ def find_planar_scene(motion: ClipMotion, gravity: float = GRAVITY) -> PlanarAns
     factor = gravity / float(np.linalg.norm(fit.scene.gravity))
     scale = replace(motion.scale, px_per_m=motion.scale.px_per_m / factor)
     return PlanarAnswer(motion, fit, scaled(fit.scene, factor), scale)
+
+
+def _start(motion: ClipMotion, gravity: float, rolls: bool) -> Scene:
+    """The scene that the tracks tell of. rolls: bodies may roll, and a known length tells how hollow they are."""
+    start = planar_scene(
+        motion.view,
+        motion.flat,
+        motion.arcs,
+        motion.silhouettes,
+        motion.supports,
+        motion.solids,
+        motion.blocks,
+        plane=motion.plane,
+        gravity=gravity,
+        start=0.0,
+    )
+    if motion.table is None:
+        start = with_apparent_sizes(start, motion.flat, motion.plane, [s is None for s in motion.solids])
+    return replace(start, objects=tuple(_half_hollow(o) for o in start.objects)) if rolls else start
 
 
 def impacts(motion: ClipMotion) -> list[float]:

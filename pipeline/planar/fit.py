@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.motion.image_track import ImageTrack
 from pipeline.physics.batch import BatchSimulator, fixed_kinds, stack_scenes
-from pipeline.planar.parameters import Parameter
+from pipeline.planar.parameters import Parameter, changed
 from pipeline.planar.plane import Plane
 from pipeline.planar.robust_descent import DAMPINGS, POPULATION, robust_descent
 from pipeline.scene.mjcf import STEPS_PER_SECOND
@@ -52,6 +52,7 @@ def fit_planar(
     plane: Plane,
     parameters: Sequence[Parameter],
     impacts: Sequence[float] = (),
+    threads: int = 1,
 ) -> PlanarFit:
     """Fit the parameters so that the simulated centres follow the tracks.
 
@@ -61,27 +62,21 @@ def fit_planar(
         plane: In which bodies move.
         parameters: Of `planar_parameters`.
         impacts: Times, s, at which velocities jump: the fit goes beyond one when it follows the tracks up to it.
+        threads: For simulations.
     """
     size = max(len(parameters), len(DAMPINGS), POPULATION)
-    simulator = BatchSimulator(scene.shapes, scene.ground is not None, size, 1, fixed_kinds(scene))
+    simulator = BatchSimulator(scene.shapes, scene.ground is not None, size, threads, fixed_kinds(scene))
     weights = [t.whole[:, None] / np.sqrt(t.sigma**2 + LEAST_SIGMA**2 + (SYSTEMATIC * t.radius) ** 2) for t in tracks]
 
-    def changed(x: np.ndarray) -> Scene:
-        out = scene
-        for value, parameter in zip(x, parameters, strict=True):
-            if value:
-                out = parameter.change(out, float(value))
-        return out
-
     def residuals(x: np.ndarray) -> np.ndarray:
-        off = centre_errors(simulator, [changed(row) for row in x], tracks, plane)
+        off = centre_errors(simulator, [changed(scene, parameters, row) for row in x], tracks, plane)
         return np.concatenate([(w * e).reshape(len(x), -1) for w, e in zip(weights, off, strict=True)], 1)
 
     steps, prior = np.array([p.step for p in parameters]), np.array([p.prior for p in parameters])
     times = np.concatenate([np.repeat(t.times, 2) for t in tracks])
     parts = [times <= end for end in first_ends(impacts, float(times.max()))]
     found = robust_descent(residuals, steps, prior, parts=parts, rough=len(tracks) > 1)
-    best = changed(found.x)
+    best = changed(scene, parameters, found.x)
     off = centre_errors(simulator, [best], tracks, plane)
     whole = [np.linalg.norm(e[0][t.whole], axis=1) for e, t in zip(off, tracks, strict=True)]
     return PlanarFit(

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.planar.plane import Plane
-from pipeline.scene.scene import HOLLOW_SHAPES, FixedBody, Scene, SceneObject
+from pipeline.scene.scene import HOLLOW_SHAPES, Scene
 
 MOST_HOLLOW = 0.98
-Change = Callable[[Scene, float], Scene]
+Fields = dict[str, Any]  # of a body or of the scene, by the name of the attribute
+Edit = Callable[[Fields, float], None]
 
 
 @dataclass(frozen=True)
@@ -23,13 +25,36 @@ class Parameter:
         name: "objects[0].velocity.x" and the like; "log" before a number that is changed by a factor.
         step: Of finite differences.
         prior: Standard deviation of the difference.
-        change: Adds a difference to a scene.
+        place: What it belongs to: ("objects", 0), ("fixed", 0), or ("scene", 0).
+        edit: Adds a difference to the fields of that.
     """
 
     name: str
     step: float
     prior: float
-    change: Change
+    place: tuple[str, int]
+    edit: Edit
+
+
+def changed(scene: Scene, parameters: Sequence[Parameter], x: np.ndarray) -> Scene:
+    """The scene with the differences x (P,) of its parameters, each body built but once."""
+    edited: dict[tuple[str, int], Fields] = {}
+    for value, parameter in zip(x, parameters, strict=True):
+        if value:
+            kind, index = parameter.place
+            if parameter.place not in edited:
+                edited[parameter.place] = dict(vars(scene if kind == "scene" else getattr(scene, kind)[index]))
+            parameter.edit(edited[parameter.place], float(value))
+    if not edited:
+        return scene
+
+    def bodies(kind: str) -> tuple[Any, ...]:
+        return tuple(
+            replace(b, **edited[kind, i]) if (kind, i) in edited else b for i, b in enumerate(getattr(scene, kind))
+        )
+
+    world = edited.get(("scene", 0), {"gravity": scene.gravity})
+    return replace(scene, objects=bodies("objects"), fixed=bodies("fixed"), gravity=world["gravity"])
 
 
 def planar_parameters(scene: Scene, plane: Plane, *, gravity: bool = True, hollow: bool = False) -> list[Parameter]:
@@ -43,134 +68,99 @@ def planar_parameters(scene: Scene, plane: Plane, *, gravity: bool = True, hollo
     """
     px = 1 / plane.px_per_m
     touching = bool(scene.fixed) or plane.level or len(scene.objects) > 1
-    out = [Parameter("log gravity", 0.02, 0.3, _gravity)] if gravity else []
+    out = [Parameter("log gravity", 0.02, 0.3, ("scene", 0), _gravity)] if gravity else []
     for i, body in enumerate(scene.objects):
         size, speed = float(max(body.size)), float(np.linalg.norm(body.velocity))
-        name = f"objects[{i}]"
+        name, place = f"objects[{i}]", ("objects", i)
         for axis in "xy" if plane.level else "xz":
             part = "xyz".index(axis)
-            out.append(Parameter(f"{name}.position.{axis}", 1.5 * px, 0.5 * size, _position(i, part)))
+            out.append(Parameter(f"{name}.position.{axis}", 1.5 * px, 0.5 * size, place, _moving("position", part)))
             if speed:
-                out.append(Parameter(f"{name}.velocity.{axis}", 6 * px, 0.5 * speed + 3 * px, _velocity(i, part)))
+                out.append(Parameter(f"{name}.velocity.{axis}", 6 * px, 0.5 * speed + 3 * px, place, _velocity(part)))
         if touching:
-            out.append(Parameter(f"log {name}.sliding_friction", 0.1, 1.0, _log("sliding_friction", i)))
-            out.append(Parameter(f"log {name}.damping", 0.1, 0.7, _log("damping", i)))
+            out.append(Parameter(f"log {name}.sliding_friction", 0.1, 1.0, place, _log("sliding_friction")))
+            out.append(Parameter(f"log {name}.damping", 0.1, 0.7, place, _log("damping")))
         if body.rolling_friction:
-            out.append(Parameter(f"log {name}.rolling_friction", 0.2, 1.0, _log("rolling_friction", i)))
+            out.append(Parameter(f"log {name}.rolling_friction", 0.2, 1.0, place, _log("rolling_friction")))
         if hollow and body.shape in HOLLOW_SHAPES and any(body.angular_velocity):
-            out.append(Parameter(f"{name}.hollow²", 0.05, 0.5, _hollow(i)))
+            out.append(Parameter(f"{name}.hollow²", 0.05, 0.5, place, _hollow))
         if len(scene.objects) > 1:
-            out.append(Parameter(f"log {name}.size", 0.01, 0.015, _size(i)))
+            out.append(Parameter(f"log {name}.size", 0.01, 0.015, place, _size))
             if i:
-                out.append(Parameter(f"log {name}.mass", 0.1, 0.7, _log("mass", i)))
+                out.append(Parameter(f"log {name}.mass", 0.1, 0.7, place, _log("mass")))
     for k, support in enumerate(scene.fixed):
-        thickness, length = support.size[2], support.size[0]
+        thickness, length, place = support.size[2], support.size[0], ("fixed", k)
         into, axis = (1, "z") if plane.level else (2, "y")
-        out.append(Parameter(f"fixed[{k}].offset", 0.5 * px, 0.1 * thickness, _shift(k, into)))
-        out.append(Parameter(f"fixed[{k}].end", 2 * px, 0.05 * length, _shift(k, 0)))
-        out.append(Parameter(f"fixed[{k}].angle", 0.004, 0.2 if plane.level else 0.03, _turn(k, axis)))
+        out.append(Parameter(f"fixed[{k}].offset", 0.5 * px, 0.1 * thickness, place, _shift(into)))
+        out.append(Parameter(f"fixed[{k}].end", 2 * px, 0.05 * length, place, _shift(0)))
+        out.append(Parameter(f"fixed[{k}].angle", 0.004, 0.2 if plane.level else 0.03, place, _turn(axis)))
         if support.damping is not None:
-            out.append(Parameter(f"log fixed[{k}].damping", 0.1, 0.7, _bouncing(k)))
+            out.append(Parameter(f"log fixed[{k}].damping", 0.1, 0.7, place, _log("damping")))
     return out
 
 
-def _gravity(scene: Scene, difference: float) -> Scene:
-    x, y, z = scene.gravity
-    factor = float(np.exp(difference))
-    return replace(scene, gravity=(x * factor, y * factor, z * factor))
+def _gravity(scene: Fields, difference: float) -> None:
+    scene["gravity"] = tuple(float(np.exp(difference)) * g for g in scene["gravity"])
 
 
-def _position(index: int, part: int) -> Change:
-    def edit(body: SceneObject, difference: float) -> SceneObject:
-        return replace(body, position=_moved(body.position, part, difference))
+def _moving(key: str, part: int) -> Edit:
+    def edit(body: Fields, difference: float) -> None:
+        body[key] = _moved(body[key], part, difference)
 
-    return _of_object(index, edit)
+    return edit
 
 
-def _velocity(index: int, part: int) -> Change:
+def _velocity(part: int) -> Edit:
     """Of a rolling body, the spin changes with the velocity."""
 
-    def edit(body: SceneObject, difference: float) -> SceneObject:
-        velocity = _moved(body.velocity, part, difference)
-        spin = body.angular_velocity
+    def edit(body: Fields, difference: float) -> None:
+        before, spin = np.array(body["velocity"]), body["angular_velocity"]
+        body["velocity"] = _moved(body["velocity"], part, difference)
         if any(spin):
-            before = np.array(body.velocity)
             size = max(float(before @ before), 1e-18)
-            ratio = float(np.linalg.norm(velocity)) / np.sqrt(size)
-            turn = np.cross(before, velocity) / size
-            spin = tuple(ratio * np.array(spin) + np.cross(turn, spin))
-        return replace(body, velocity=velocity, angular_velocity=spin)
+            ratio = float(np.linalg.norm(body["velocity"])) / np.sqrt(size)
+            turn = np.cross(before, body["velocity"]) / size
+            body["angular_velocity"] = tuple(ratio * np.array(spin) + np.cross(turn, spin))
 
-    return _of_object(index, edit)
-
-
-def _size(index: int) -> Change:
-    def edit(body: SceneObject, difference: float) -> SceneObject:
-        return replace(body, size=tuple(float(np.exp(difference)) * s for s in body.size))
-
-    return _of_object(index, edit)
+    return edit
 
 
-def _hollow(index: int) -> Change:
+def _size(body: Fields, difference: float) -> None:
+    body["size"] = tuple(float(np.exp(difference)) * s for s in body["size"])
+
+
+def _hollow(body: Fields, difference: float) -> None:
     """The square of the ratio of radii, on which inertia depends most evenly."""
-
-    def edit(body: SceneObject, difference: float) -> SceneObject:
-        square = float(np.clip(body.hollow**2 + difference, 0.0, MOST_HOLLOW**2))
-        return replace(body, hollow=float(np.sqrt(square)))
-
-    return _of_object(index, edit)
+    square = float(np.clip(body["hollow"] ** 2 + difference, 0.0, MOST_HOLLOW**2))
+    body["hollow"] = float(np.sqrt(square))
 
 
-def _log(name: str, index: int) -> Change:
-    def edit(body: SceneObject, difference: float) -> SceneObject:
-        return replace(body, **{name: float(getattr(body, name) * np.exp(difference))})  # type: ignore[arg-type]
+def _log(key: str) -> Edit:
+    def edit(body: Fields, difference: float) -> None:
+        body[key] = float(body[key] * np.exp(difference))
 
-    return _of_object(index, edit)
+    return edit
 
 
-def _shift(index: int, part: int) -> Change:
+def _shift(part: int) -> Edit:
     """Along an axis of the support's own frame."""
 
-    def edit(body: FixedBody, difference: float) -> FixedBody:
-        axis = Rotation.from_quat(body.orientation, scalar_first=True).as_matrix()[:, part]
-        return replace(body, position=tuple(np.array(body.position) + difference * axis))
+    def edit(body: Fields, difference: float) -> None:
+        axis = Rotation.from_quat(body["orientation"], scalar_first=True).as_matrix()[:, part]
+        body["position"] = tuple(np.array(body["position"]) + difference * axis)
 
-    return _of_fixed(index, edit)
-
-
-def _bouncing(index: int) -> Change:
-    def edit(body: FixedBody, difference: float) -> FixedBody:
-        assert body.damping is not None
-        return replace(body, damping=float(body.damping * np.exp(difference)))
-
-    return _of_fixed(index, edit)
+    return edit
 
 
-def _turn(index: int, axis: str) -> Change:
+def _turn(axis: str) -> Edit:
     """About an axis of the world, through the support's centre."""
 
-    def edit(body: FixedBody, difference: float) -> FixedBody:
-        turn = Rotation.from_euler(axis, difference) * Rotation.from_quat(body.orientation, scalar_first=True)
-        return replace(body, orientation=tuple(turn.as_quat(canonical=True, scalar_first=True)))
+    def edit(body: Fields, difference: float) -> None:
+        turn = Rotation.from_euler(axis, difference) * Rotation.from_quat(body["orientation"], scalar_first=True)
+        body["orientation"] = tuple(turn.as_quat(canonical=True, scalar_first=True))
 
-    return _of_fixed(index, edit)
+    return edit
 
 
 def _moved(vector: tuple[float, ...], part: int, difference: float) -> tuple[float, ...]:
     return tuple(v + difference * (k == part) for k, v in enumerate(vector))
-
-
-def _of_object(index: int, edit: Callable[[SceneObject, float], SceneObject]) -> Change:
-    def change(scene: Scene, difference: float) -> Scene:
-        bodies = (edit(b, difference) if i == index else b for i, b in enumerate(scene.objects))
-        return replace(scene, objects=tuple(bodies))
-
-    return change
-
-
-def _of_fixed(index: int, edit: Callable[[FixedBody, float], FixedBody]) -> Change:
-    def change(scene: Scene, difference: float) -> Scene:
-        bodies = (edit(b, difference) if i == index else b for i, b in enumerate(scene.fixed))
-        return replace(scene, fixed=tuple(bodies))
-
-    return change

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.motion.arcs import Arc, design
 from pipeline.motion.image_track import ImageTrack
 from pipeline.motion.view import View
+from pipeline.planar.blocks import Block, block_body
 from pipeline.planar.bounces import changes_between
 from pipeline.planar.collisions import find_collisions
 from pipeline.planar.plane import Plane
@@ -44,6 +45,7 @@ def planar_scene(
     silhouettes: Sequence[Silhouette],
     supports: Sequence[Support],
     solids: Sequence[Tumbling | None],
+    blocks: Sequence[Block] = (),
     *,
     plane: Plane,
     gravity: float,
@@ -58,6 +60,7 @@ def planar_scene(
         silhouettes: Of each body.
         supports: What carries bodies, or what they bounce off.
         solids: Of each body that turns freely in the air, its shape, orientation and spin at time 0; None of others.
+        blocks: Fixed bodies that a user pointed at.
         plane: In which they move.
         gravity: m/s².
         start: s, of the scene's initial state.
@@ -75,13 +78,18 @@ def planar_scene(
     if bounces:
         objects = [replace(o, damping=damping_of(float(np.median(bounces)))) for o in objects]
     fastest = max(_fastest(a) for own in arcs for a in own) / plane.px_per_m
-    fixed = tuple(support_body(s, plane, largest, fastest, f"support_{i}") for i, s in enumerate(supports))
+    top = max(2 * o.position[2] for o in objects) if plane.level else 0.0
+    fixed = tuple(
+        wall_body(s, plane, top, f"support_{i}")
+        if plane.level
+        else support_body(s, plane, largest, fastest, f"support_{i}")
+        for i, s in enumerate(supports)
+    )
+    fixed += tuple(block_body(b, plane, radius=largest, top=top, name=f"block_{i}") for i, b in enumerate(blocks))
     camera = plane.camera()
     if plane.level:
-        top = max(2 * o.position[2] for o in objects)
         x, y, z = camera.position
         camera = replace(camera, position=(x, y, z + top))
-        fixed = tuple(wall_body(s, plane, top, f"support_{i}") for i, s in enumerate(supports))
         return Scene(tuple(objects), camera, (0.0, 0.0, -gravity), ground=0.0, fixed=fixed)
     return Scene(tuple(objects), camera, (0.0, 0.0, -gravity), ground=None, fixed=fixed)
 

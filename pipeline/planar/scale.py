@@ -11,6 +11,7 @@ from pipeline.motion.view import View
 from pipeline.planar.silhouette import Silhouette
 
 GRAVITY = 9.81  # m/s²
+KNOWN = ("length", "size", "board")  # what a user says of the scale
 RELATIVE_RADIUS = 0.05  # m, of the largest body where nothing fixes the scale
 SLIDING_FRICTION = 0.3  # of a box on an incline whose scale is not known
 #: Acceleration of a solid body that rolls down an incline, over that of one that slides without friction.
@@ -23,7 +24,7 @@ class Scale:
 
     Attributes:
         px_per_m: px of the picture.
-        by: "gravity", "length", "size" or "none", as result.json says it.
+        by: "gravity", "length", "size", "board" or "none", as result.json says it.
         error: Standard error, as a share.
     """
 

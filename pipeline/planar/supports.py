@@ -11,6 +11,7 @@ import numpy as np
 from pipeline.motion.arcs import Arc
 from pipeline.motion.image_track import ImageTrack
 from pipeline.motion.view import View, down
+from pipeline.planar.blocks import Block, at_block
 from pipeline.planar.bounces import bounce_between
 
 MARGIN = 4.0  # radii that a support goes on beyond what is seen of the motion along it
@@ -58,11 +59,20 @@ def reach(track: ImageTrack, masks: np.ndarray, direction: np.ndarray) -> float:
     return float(np.median(values)) if values else track.radius
 
 
-def find_supports(view: View, tracks: Sequence[ImageTrack], masks: np.ndarray) -> list[Support]:
-    """The supports that the tracks of a side view tell of: what bodies move along, then what they bounce off."""
+def find_supports(
+    view: View, tracks: Sequence[ImageTrack], masks: np.ndarray, blocks: Sequence[Block] = ()
+) -> list[Support]:
+    """The supports that the tracks of a side view tell of: what bodies move along, then what they bounce off.
+
+    Args:
+        view: Of the clip.
+        tracks: Of its bodies.
+        masks: (T, H, W) ids.
+        blocks: Fixed bodies that are known: there is no other support where a body bounces off them.
+    """
     by_body = {t.body: t for t in tracks}
     if view.kind == "top":
-        return find_walls(view, tracks)
+        return find_walls(view, tracks, blocks)
     carried = _ways(view, by_body)
     supports = []
     for group in carried:
@@ -83,12 +93,12 @@ def find_supports(view: View, tracks: Sequence[ImageTrack], masks: np.ndarray) -
             high = max(high, places.max() + (0 if ends[1] else margin))
         offset = float(np.median(np.concatenate(offsets)))
         supports.append(Support(offset * into + low * along, offset * into + high * along))
-    return _with_bounces(view, by_body, lambda track, into: reach(track, masks, into), supports)
+    return _with_bounces(view, by_body, lambda track, into: reach(track, masks, into), supports, blocks)
 
 
-def find_walls(view: View, tracks: Sequence[ImageTrack]) -> list[Support]:
-    """What bodies bounce off on level ground that is seen from above."""
-    return _with_bounces(view, {t.body: t for t in tracks}, lambda track, _: track.radius, [])
+def find_walls(view: View, tracks: Sequence[ImageTrack], blocks: Sequence[Block] = ()) -> list[Support]:
+    """What bodies bounce off on level ground that is seen from above, beside the blocks."""
+    return _with_bounces(view, {t.body: t for t in tracks}, lambda track, _: track.radius, [], blocks)
 
 
 def _ways(view: View, tracks: dict[int, ImageTrack]) -> list[list[tuple[Arc, float]]]:
@@ -126,6 +136,7 @@ def _with_bounces(
     tracks: dict[int, ImageTrack],
     reach_of: Callable[[ImageTrack, np.ndarray], float],
     carried: Sequence[Support],
+    blocks: Sequence[Block],
 ) -> list[Support]:
     """The supports, and those where the velocity of a body jumps and no other body is near.
 
@@ -145,6 +156,8 @@ def _with_bounces(
         into = bounce.into
         along = np.array([into[1], -into[0]])
         contact = bounce.place + reach_of(track, into) * into
+        if at_block(blocks, contact, track.radius):
+            continue
         half = MARGIN * track.radius
         for k, known in enumerate(found):
             if abs((contact - known.start) @ known.into) < track.radius and known.into @ into > 0.9:

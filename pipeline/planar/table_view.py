@@ -14,6 +14,7 @@ import numpy as np
 
 from pipeline.motion.image_track import ImageTrack
 from pipeline.motion.view import Growth
+from pipeline.planar.blocks import DEPTH, Block
 from pipeline.planar.plane import Plane
 from pipeline.planar.silhouette import Silhouette
 from pipeline.scene.scene import Camera
@@ -78,6 +79,14 @@ class TableView:
             sigma=track.sigma * stretch,
         )
         return flat, radius
+
+    def block_from_above(self, block: Block) -> Block:
+        """The footprint of a block that stands on the table: its lower edge is that of its near side."""
+        left, right = block.corners[:, 0].min(), block.corners[:, 0].max()
+        foot = block.corners[:, 1].max()
+        (a, b), _ = self.to_ground(np.array([[left, foot], [right, foot]]), 0.0)
+        away = DEPTH * np.array([a[1] - b[1], b[0] - a[0]])
+        return Block(self.plane.to_picture(np.array([a, b, b + away, a + away])))
 
 
 def slope_error(growth: Growth) -> float:

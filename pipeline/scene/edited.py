@@ -6,12 +6,10 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from pipeline.errors import SceneError, did_you_mean
 from pipeline.scene.scene import CONTACT_KEYS, HOLLOW_SHAPES, Scene
 from pipeline.scene.text import scene_from_dict, write_scene
+from pipeline.untrusted import parse_yaml
 
 #: Keys that may be set though the canonical text leaves them out, by place; those of bodies are in `_absent`.
 ABSENT = {"": ("camera", "ground", "fixed"), "camera": ("pitch", "orientation"), "ground": ("height",)}
@@ -26,7 +24,7 @@ def edited(scene: Scene, edits: Sequence[str]) -> Scene:
 
     An object is named by its index or its name. Raises SceneError, which names the edit and what is valid there.
     """
-    data = _yaml(write_scene(scene))
+    data = parse_yaml(write_scene(scene), "the scene", SceneError)
     for edit in edits:
         path, equals, value = edit.partition("=")
         if not equals or not path.strip():
@@ -38,14 +36,10 @@ def edited(scene: Scene, edits: Sequence[str]) -> Scene:
         raise SceneError(f"{' '.join(edits)}: {error}") from None
 
 
-def _yaml(text: str) -> Any:
-    return YAML(typ="safe", pure=True).load(text)
-
-
 def _value(text: str, edit: str) -> Any:
     try:
-        return _yaml(text)
-    except YAMLError:
+        return parse_yaml(text, edit, SceneError)
+    except SceneError:
         raise SceneError(f"{edit}: {text!r} is no value; valid: a number, or a list as [1, 0, 0]") from None
 
 

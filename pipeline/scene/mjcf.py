@@ -25,6 +25,7 @@ from pipeline.scene.effects.text import effect_kind
 from pipeline.scene.rotation import matrix_from_quaternion, quaternion_multiply
 from pipeline.scene.scene import Camera, FixedBody, Scene, SceneObject, half_extents
 from pipeline.scene.solid import geom_sizes, principal_moments
+from pipeline.untrusted import MOST_MESH_BYTES, open_untrusted
 
 STEPS_PER_SECOND = 240
 #: Time constant of contacts, s; the damping ratio is each object's own (MuJoCo manual, "Solver parameters").
@@ -190,8 +191,11 @@ def mesh_vertices(file: str) -> np.ndarray:
 
     Raises SceneError where the file is missing or cannot be read.
     """
-    if not Path(file).is_file():
-        raise SceneError(f"mesh file {file}: not found")
+    try:
+        with open_untrusted(Path(file), SceneError, MOST_MESH_BYTES):
+            pass
+    except SceneError as error:
+        raise SceneError(f"mesh file {error}") from None
     spec = mujoco.MjSpec()
     spec.add_mesh(name="mesh", file=str(Path(file).resolve()))
     try:

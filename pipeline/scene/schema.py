@@ -13,12 +13,16 @@ from pydantic_core import PydanticCustomError
 
 from pipeline.scene.scene import FIXED_SIZE_KEYS, SIZE_KEYS
 
-Number = Annotated[float, Field(allow_inf_nan=False, strict=True)]
-Positive = Annotated[float, Field(allow_inf_nan=False, strict=True, gt=0)]
-NonNegative = Annotated[float, Field(allow_inf_nan=False, strict=True, ge=0)]
+MOST = 1e7  # of any number, in its unit: larger ones are mistakes, and overflow in the simulation
+MOST_BODIES, MOST_EFFECTS = 500, 100
+Number = Annotated[float, Field(allow_inf_nan=False, strict=True, ge=-MOST, le=MOST)]
+Positive = Annotated[float, Field(allow_inf_nan=False, strict=True, gt=0, le=MOST)]
+NonNegative = Annotated[float, Field(allow_inf_nan=False, strict=True, ge=0, le=MOST)]
 Ratio = Annotated[float, Field(allow_inf_nan=False, strict=True, ge=0, le=1)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
+Quaternion = Annotated[
+    list[Annotated[float, Field(allow_inf_nan=False, strict=True)]], Field(min_length=4, max_length=4)
+]
 
 
 class _Strict(BaseModel):
@@ -33,9 +37,9 @@ def _nonzero_quaternion(value: list[float] | None) -> list[float] | None:
 
 class CameraText(_Strict):
     position: Vector
-    pitch: Annotated[float, Field(strict=True, ge=-90, le=90)] | None = None
+    pitch: Annotated[float, Field(allow_inf_nan=False, strict=True, ge=-90, le=90)] | None = None
     orientation: Quaternion | None = None
-    fov: Annotated[float, Field(strict=True, gt=0, lt=180)]
+    fov: Annotated[float, Field(allow_inf_nan=False, strict=True, gt=0, lt=180)]
 
     _check = field_validator("orientation")(_nonzero_quaternion)
 
@@ -50,7 +54,7 @@ class GroundText(_Strict):
     height: Number
 
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=100)]
 
 
 class ObjectText(_Strict):
@@ -177,9 +181,9 @@ class SceneText(_Strict):
     camera: CameraText | None = None
     gravity: Number | Vector
     ground: GroundText | None = None
-    fixed: list[_FixedOfAnyShape] = []
-    objects: list[_ObjectOfAnyShape]
-    effects: list[Any] = []  # read by pipeline.scene.effects.text
+    fixed: Annotated[list[_FixedOfAnyShape], Field(max_length=MOST_BODIES)] = []
+    objects: Annotated[list[_ObjectOfAnyShape], Field(max_length=MOST_BODIES)]
+    effects: Annotated[list[Any], Field(max_length=MOST_EFFECTS)] = []  # read by pipeline.scene.effects.text
 
     @model_validator(mode="before")
     @classmethod

@@ -5,19 +5,21 @@ The format is described in docs/formats.md. Reading a written scene gives an equ
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from pipeline.errors import SceneError, did_you_mean
 from pipeline.scene.effects.text import effect_from_dict
 from pipeline.scene.scene import CONTACT_KEYS, FIXED_SIZE_KEYS, SIZE_KEYS, Camera, Effect, FixedBody, Scene, SceneObject
 from pipeline.scene.schema import PLACES, SHAPE_MODELS, CameraText, FixedText, ObjectText, SceneText
+from pipeline.untrusted import parse_yaml, read_text
+
+Body = TypeVar("Body", SceneObject, FixedBody)
 
 OBJECT_KEYS = (
     "mass",
@@ -33,31 +35,46 @@ OBJECT_KEYS = (
 
 def read_scene(text: str, source: str = "scene") -> Scene:
     """The scene that `text` describes. Raises SceneError, which names the place of the fault (`objects[1].mass`)."""
-    try:
-        data = YAML(typ="safe", pure=True).load(text)
-    except (YAMLError, ValueError, LookupError, RecursionError) as error:  # the last three: bad scalars, deep nesting
-        mark = getattr(error, "problem_mark", None)
-        place = f" at line {mark.line + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise SceneError(f"{source}: not YAML{place}: {problem}") from None
+    data = parse_yaml(text, source, SceneError)
     if not isinstance(data, dict):
         raise SceneError(f"{source}: a mapping with the keys {', '.join(SceneText.model_fields)} is expected")
     return scene_from_dict(data, source)
 
 
 def load_scene(path: Path | str) -> Scene:
-    """The scene in a file. Paths of mesh files are relative to its folder. Raises SceneError."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read as text: {error}") from None
-    scene = read_scene(text, str(path))
+    """The scene in a file. Mesh files are relative to its folder and in or below it. Raises SceneError."""
+    scene = read_scene(read_text(Path(path), SceneError), str(path))
     folder = Path(path).resolve().parent
+
+    def found(body: Body, place: str) -> Body:
+        if body.file is None:
+            return body
+        file = (folder / body.file).resolve()
+        if not file.is_relative_to(folder):
+            raise SceneError(
+                f"{path}: {place}.file: {body.file!r} is outside of the scene's folder; valid: a file in it"
+            )
+        return replace(body, file=str(file))
+
     return replace(
         scene,
-        objects=tuple(o if o.file is None else replace(o, file=str(folder / o.file)) for o in scene.objects),
-        fixed=tuple(b if b.file is None else replace(b, file=str(folder / b.file)) for b in scene.fixed),
+        objects=tuple(found(o, f"objects[{i}]") for i, o in enumerate(scene.objects)),
+        fixed=tuple(found(b, f"fixed[{i}]") for i, b in enumerate(scene.fixed)),
     )
+
+
+def save_scene(scene: Scene, path: Path) -> None:
+    """Write the scene's text to a file, and copies of its mesh files beside it."""
+
+    def beside(body: Body) -> Body:
+        if body.file is None:
+            return body
+        copy = path.parent / f"{body.name}{Path(body.file).suffix}"
+        shutil.copyfile(body.file, copy)
+        return replace(body, file=copy.name)
+
+    copied = replace(scene, objects=tuple(map(beside, scene.objects)), fixed=tuple(map(beside, scene.fixed)))
+    path.write_text(write_scene(copied), encoding="utf-8")
 
 
 def scene_from_dict(data: dict[str, Any], source: str = "scene") -> Scene:

@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.segmentation.cast_shadows import cast_shadows
 from pipeline.segmentation.grouping import Track, follow
 from pipeline.segmentation.inference import Prediction, predict, steadied
-from pipeline.segmentation.inputs import clip_features, steady_exposure
+from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exposure
 from pipeline.segmentation.joining import joined, typical_radius
 from pipeline.segmentation.mask_networks import MaskNetworks
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
@@ -69,10 +69,8 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     The network looks twice. A body that rests for most of the clip, or is slow, is in the median picture; the second
     look has a background without the bodies that the first one found.
     """
-    size = working_size(frames.shape[2], frames.shape[1])
-    small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
-    features = clip_features(small)
-    first = _tracked(predict(network, small, features, MIRRORED), small, features.background)
+    first, features = _first_look(frames, network)
+    small = first.frames
     scores = candidate_scores(first, network)
     covered = np.zeros(small.shape[:3], bool)
     probable = [t for t, s in zip(first.tracks, scores, strict=True) if s >= PLATE_SCORE]
@@ -86,6 +84,13 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     # Where the background is not known, a body that the first look saw there stays.
     moving = np.where(covered & filled, np.maximum(second.moving, first.prediction.moving), second.moving)
     return _tracked(replace(second, moving=moving), small, plate)
+
+
+def _first_look(frames: np.ndarray, network: SegmentationNetwork) -> tuple[Candidates, ClipFeatures]:
+    size = working_size(frames.shape[2], frames.shape[1])
+    small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
+    features = clip_features(small)
+    return _tracked(predict(network, small, features, MIRRORED), small, features.background), features
 
 
 def _tracked(prediction: Prediction, small: np.ndarray, background: np.ndarray) -> Candidates:

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from pipeline.errors import ModelError
 from pipeline.segmentation.inputs import FULL_CHANNELS, HALF_CHANNELS
+from pipeline.untrusted import read_json
 
 N = TypeVar("N", bound=nn.Module)
 
@@ -141,7 +142,7 @@ def read_weights(
     if not (folder / weights).is_file():
         raise ModelError(f"{folder} has no {weights}: a folder of segmentation weights is needed, as models/masks")
     try:
-        values = json.loads((folder / config).read_text())
+        values = read_json(folder / config, ModelError)
         network = build(values)
         state = {k: v.float() for k, v in load_file(folder / weights).items()}
         missing, unexpected = network.load_state_dict(state, strict=False)

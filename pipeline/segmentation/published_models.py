@@ -6,7 +6,6 @@ Nothing is downloaded, and no code of the folder is run.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import torch
 
 from pipeline.errors import ModelError, did_you_mean, naming
+from pipeline.untrusted import read_json
 
 CONFIG = "config.json"
 
@@ -80,9 +80,9 @@ def _load(family: str, folder: Path) -> Any:
     kind = FAMILIES[family]
     architecture = getattr(transformers, kind.architecture)
     try:
-        stored = json.loads((folder / CONFIG).read_text())
+        stored = read_json(folder / CONFIG, ModelError)
         found = stored["model_type"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (KeyError, ModelError) as error:
         raise ModelError(f"{folder / CONFIG} is not the configuration of a model: {_first_line(error)}") from error
     if found != kind.model_type:
         raise ModelError(f"{folder} holds a model of the type {found!r}; {family}:PATH takes {_needed(family)}")

@@ -17,6 +17,8 @@ PACKAGES = ("pipeline", "stages", "training")
 PLUMBING = (
     "pipeline.shards",
     "pipeline.errors",
+    "pipeline.untrusted",
+    "stages.graph.lock_copy",
     "stages.graph.params",
     "stages.graph.params_file",
     "stages.graph.run",

@@ -1,16 +1,16 @@
 """One result that cannot be cut into shards (a trained model), kept in the store by the same kind of key.
 
 DVC runs a stage again when a byte of its `deps` changed. Where that changed neither code, nor parameters, nor inputs,
-the folder is taken from the store.
+the folder is taken from the store. The output has the folder's files and `contents.json` with their hashes.
 """
 
-import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
 from pipeline.shards.content_hash import hash_value
+from pipeline.shards.contents import write_contents
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keys import common_parts
 from pipeline.shards.manifest import notes_text
@@ -61,17 +61,21 @@ def keep_folder(
     contents = [hash_value([entry.content for entry in dataset.manifest.shards]) for dataset in datasets]
     parts = {**parts, "stage": stage, "inputs": [list(pair) for pair in zip(names, contents, strict=True)]}
     key = hash_value(parts)
-    stored, outcome = store.lookup(key), "from the store"
-    if stored is None:
-        outcome = "computed"
-        store.check_writable()
-        for dataset in datasets:
-            dataset.verify()
-        with writing_to(store.folder):
-            scratch = store.scratch(key)
-        stored = store.commit(key, lambda folder: make(folder, scratch, datasets, parameters), parts)
-        shutil.rmtree(scratch, ignore_errors=True)
-    with replacing(output_dir) as temporary:
-        for name in stored.files:
-            place(stored.folder / name, temporary / name)
+    with store.using([key]):
+        stored, outcome = store.lookup(key), "from the store"
+        if stored is not None:
+            store.clear_scratch(key)
+        else:
+            store.check_writable()
+            for dataset in datasets:
+                dataset.verify()
+            with writing_to(store.folder), store.scratch(key) as scratch:
+                stored = store.lookup(key)  # another process may have made it meanwhile
+                if stored is None:
+                    outcome = "computed"
+                    stored = store.commit(key, lambda folder: make(folder, scratch, datasets, parameters), parts)
+        with replacing(output_dir) as temporary:
+            for name in stored.files:
+                place(stored.folder / name, temporary / name)
+            write_contents(temporary, key, stored.files)
     print(f"{stage}: {outcome}, {time.monotonic() - started:.1f} s{notes_text(stored.notes)}", flush=True)

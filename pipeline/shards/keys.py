@@ -10,6 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 from pipeline.errors import ShardError
 from pipeline.shards.code_hash import function_code
 from pipeline.shards.content_hash import hash_path, hash_value
+from pipeline.shards.contents import check_contents
 from pipeline.shards.shard import Shard
 
 FORMAT = 1
@@ -60,12 +61,13 @@ def common_parts(
         files: Named files and folders (a checkpoint) that every shard reads; their content counts, their path does not.
 
     Raises:
-        ShardError: One of the files is missing.
+        ShardError: One of the files is missing, or an output of a stage that is damaged.
     """
     assert "<" not in compute.__qualname__, f"{compute.__qualname__} must be a function of a module"
     for name, path in files.items():
         if not path.exists():
             raise ShardError(f"{path} is missing ({name}); `dvc repro` makes it, or `dvc checkout` brings it back")
+        check_contents(path)
     return {
         "code": function_code(compute),
         "compute": compute.__qualname__,

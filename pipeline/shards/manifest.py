@@ -1,6 +1,7 @@
 """What a stage's output folder holds: `manifest.json`, written last.
 
-It has no times, no worker counts and no absolute paths, so that the same work gives the same bytes.
+It has no times, no worker counts and no absolute paths, so that the same work gives the same bytes. Its `checksum` is
+the hash of all its other fields.
 """
 
 import json
@@ -11,9 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import ShardError
+from pipeline.shards.content_hash import hash_value
 from pipeline.shards.shard import MAIN_TABLE
 
 MANIFEST = "manifest.json"
+CHECKSUM = "checksum"
 ARRAYS = "arrays.zarr"  # as it is called in the store
 
 
@@ -69,28 +72,32 @@ class Manifest:
 
     def write(self, folder: Path) -> None:
         temporary = folder / f".{MANIFEST}.{os.getpid()}"
-        temporary.write_text(json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        fields = asdict(self)
+        text = json.dumps({**fields, CHECKSUM: hash_value(fields)}, indent=1, ensure_ascii=False)
+        temporary.write_text(text + "\n", encoding="utf-8")
         temporary.rename(folder / MANIFEST)
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read a stage's manifest. Raises ShardError where it is missing or is none."""
+    """Read a stage's manifest. Raises ShardError where it is missing, damaged or no manifest."""
     path = folder / MANIFEST
     try:
         fields = json.loads(path.read_bytes())
+        if fields.pop(CHECKSUM, None) != hash_value(fields):
+            raise ValueError("its checksum is not that of its content")
         shards = tuple(ShardEntry(**entry) for entry in fields.pop("shards"))
         return Manifest(
             **{**fields, "tables": tuple(fields["tables"]), "arrays": tuple(fields["arrays"])}, shards=shards
         )
     except (FileNotFoundError, NotADirectoryError):
         raise ShardError(f"{path} is missing; {how_to_mend(folder)}") from None
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise ShardError(f"{path} is not a manifest of shards ({error}); {how_to_mend(folder)}") from error
+    except (OSError, RecursionError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise ShardError(f"{path} is damaged or not a manifest of shards ({error}); {how_to_mend(folder)}") from error
 
 
 def how_to_mend(folder: Path) -> str:
     """What to run where something in `folder` is missing or damaged."""
-    return f"run `dvc checkout --force {folder}`, or `dvc repro` to make it"
+    return f"run `dynamics store fsck` to mend it from another copy, or `dvc repro` to make it ({folder})"
 
 
 def total_notes(notes: Iterable[Mapping[str, int | float]]) -> dict[str, int | float]:
@@ -113,7 +120,16 @@ def shard_name(index: int, count: int) -> str:
 
 def placed_name(stored: str, shard: str) -> str:
     """Where a file of the store goes in the output folder: `clips.parquet` to `shard-00000-of-00004.parquet`."""
-    if stored.startswith(f"{ARRAYS}/"):
-        return f"{shard}.zarr/{stored.removeprefix(f'{ARRAYS}/')}"
+    group, slash, inside = stored.partition("/")
+    if group == ARRAYS:
+        return f"{shard}.zarr{slash}{inside}"
     table = stored.removesuffix(".parquet")
     return f"{shard}.parquet" if table == MAIN_TABLE else f"{table}/{shard}.parquet"
+
+
+def stored_name(placed: str, shard: str) -> str:
+    """What the store calls a file of the output folder; the inverse of `placed_name`."""
+    table, slash, inside = placed.partition("/")
+    if table == f"{shard}.zarr":
+        return f"{ARRAYS}{slash}{inside}"
+    return f"{table if slash else MAIN_TABLE}.parquet"

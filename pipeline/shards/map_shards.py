@@ -11,12 +11,13 @@ from tqdm import tqdm
 from pipeline.errors import ShardError
 from pipeline.shards.arrays import write_arrays
 from pipeline.shards.dataset import ShardedDataset, open_shards
-from pipeline.shards.executor import RANK, WORLD_SIZE, SliceFinished, make_executor
+from pipeline.shards.executor import make_executor
 from pipeline.shards.keys import common_parts, shard_key
-from pipeline.shards.manifest import ARRAYS, Manifest, notes_text, total_notes
+from pipeline.shards.manifest import ARRAYS, Manifest, notes_text
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.output_folder import FilledShard, check_replaceable, write_output
 from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.shared_files import file_key, place_file, share_file
 from pipeline.shards.store import SECONDS, Store, StoredShard, default_store
 from pipeline.shards.tables import write_table
 
@@ -36,7 +37,8 @@ class _Task:
         compute: The stage's function.
         parameters: The stage's record of parameters.
         parts: What the keys of all shards of the run have in common.
-        store: The store's folder.
+        store: Where the shard goes, and where inputs come from on a machine without them.
+        files: By path, the key under which the store has it for such a machine.
     """
 
     shard: Shard
@@ -46,7 +48,8 @@ class _Task:
     compute: Compute[Any]
     parameters: Any
     parts: Mapping[str, Any]
-    store: Path
+    store: Store
+    files: Mapping[str, str]
 
     def __str__(self) -> str:
         return str(self.shard)
@@ -105,6 +108,8 @@ def map_shards(
     datasets = [open_shards(folder) for folder in inputs]
     shards = _cut(stage, suite, clips, shard_size, datasets)
     common = common_parts(compute, parameters, versions, files or {})
+    chosen = make_executor(executor, workers, threads)
+    shared = {str(path): file_key(path) for path in (files or {}).values()} if chosen.distant else {}
     tasks = []
     for shard in shards:
         views, hashes = _input_views(shard, datasets)
@@ -117,36 +122,31 @@ def map_shards(
                 compute=compute,
                 parameters=parameters,
                 parts=common,
-                store=store.folder,
+                store=store,
+                files=shared,
             )
         )
 
     check_replaceable(output_dir)
-    chosen = make_executor(executor, workers, threads)
-    share = chosen.share(tasks)
-    stored = {task.key: found for task in share if (found := store.lookup(task.key)) is not None}
-    missing = [task for task in share if task.key not in stored]
-    if missing:
-        store.check_writable()
-    with tqdm(total=len(share), initial=len(stored), desc=f"{stage} {suite}", unit="shard", disable=None) as progress:
-        for done in chosen.map(_compute_task, missing):
-            stored[done.key] = done
-            progress.update()
-
-    computed, clip_count = len(missing), sum(len(task.shard) for task in share)
-    notes = total_notes(stored[task.key].notes for task in share)
-    outcome = (
-        f"{stage} {suite}: {_plural(len(share), 'shard')}, {computed} computed, {len(share) - computed} from the store"
-        f", {_plural(clip_count, 'clip')}, {time.monotonic() - started:.1f} s{notes_text(notes)}"
+    with store.using([task.key for task in tasks]):
+        stored = {task.key: found for task in tasks if (found := store.lookup(task.key)) is not None}
+        missing = [task for task in tasks if task.key not in stored]
+        if missing:
+            store.check_writable()
+            for path, key in shared.items():
+                share_file(store, Path(path), key)
+        label = f"{stage} {suite}"
+        with tqdm(total=len(tasks), initial=len(stored), desc=label, unit="shard", disable=None) as progress:
+            for done in chosen.map(_compute_task, missing):
+                stored[done.key] = _found(store, done.key) if chosen.distant else done
+                progress.update()
+        filled = [FilledShard(task.shard, task.input_hashes, stored[task.key]) for task in tasks]
+        manifest = write_output(output_dir, stage, suite, filled, common)
+    print(
+        f"{stage} {suite}: {_plural(len(tasks), 'shard')}, {len(missing)} computed, {len(tasks) - len(missing)} from "
+        f"the store, {_plural(manifest.clips, 'clip')}, {time.monotonic() - started:.1f} s{notes_text(manifest.notes)}",
+        flush=True,
     )
-    if not chosen.collects:
-        raise SliceFinished(
-            f"{outcome}. The shards are in {store.folder}; when all ranks are done, a last call without {RANK} and "
-            f"{WORLD_SIZE} collects them in {output_dir}"
-        )
-    filled = [FilledShard(task.shard, task.input_hashes, stored[task.key]) for task in tasks]
-    manifest = write_output(output_dir, stage, suite, filled, common)
-    print(outcome, flush=True)
     return manifest
 
 
@@ -196,10 +196,36 @@ def _input_views(shard: Shard, datasets: Sequence[ShardedDataset]) -> tuple[tupl
 
 def _compute_task(task: _Task) -> StoredShard:
     """Compute one shard and commit it to the store; runs in a worker."""
-    for opened in task.inputs:
-        opened.verify()  # else damaged input would be kept under the key of sound input
+    store = task.store.here()
+    with store.using([task.key, *task.files.values(), *(opened.entry.key for opened in task.inputs)]):
+        for path, key in task.files.items():
+            place_file(store, Path(path), key)
+        inputs = [_located(opened, store) for opened in task.inputs]
+        for opened in inputs:
+            opened.verify()  # else damaged input would be kept under the key of sound input
+        return _computed(task, inputs, store)
+
+
+def _located(opened: OpenShard, store: Store) -> OpenShard:
+    """The shard in data/, or on a machine without it in the store."""
+    if opened.folder.is_dir():
+        return opened
+    return opened.in_store(_found(store, opened.entry.key).folder)
+
+
+def _found(store: Store, key: str) -> StoredShard:
+    found = store.lookup(key)
+    if found is None:
+        raise ShardError(
+            f"{store.place} has no shard {key}: machines that share work need one store (DYNAMICS_STORE=s3://…, or a "
+            "folder that all of them have)"
+        )
+    return found
+
+
+def _computed(task: _Task, inputs: Sequence[OpenShard], store: Store) -> StoredShard:
     began = time.monotonic()
-    result = task.compute(task.shard, task.inputs, task.parameters)
+    result = task.compute(task.shard, inputs, task.parameters)
     seconds = round(time.monotonic() - began, 3)
     result.check(task.shard)
 
@@ -210,7 +236,7 @@ def _compute_task(task: _Task) -> StoredShard:
             write_arrays(result.arrays, folder / ARRAYS)
         return result.notes
 
-    return Store(task.store).commit(task.key, write, {**task.parts, "shard": str(task.shard), SECONDS: seconds})
+    return store.commit(task.key, write, {**task.parts, "shard": str(task.shard), SECONDS: seconds})
 
 
 def _size(dataset: ShardedDataset) -> int:

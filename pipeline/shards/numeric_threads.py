@@ -10,11 +10,16 @@ from threadpoolctl import threadpool_limits
 _VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
+def thread_variables(count: int) -> dict[str, str]:
+    """The environment in which every numeric library uses `count` threads from its first import on."""
+    return dict.fromkeys(_VARIABLES, str(count))
+
+
 @contextmanager
 def threads_of_children(count: int) -> Iterator[None]:
     """Processes started meanwhile get `count` threads in every numeric library, from their first import on."""
     before = {name: os.environ.get(name) for name in _VARIABLES}
-    os.environ.update(dict.fromkeys(_VARIABLES, str(count)))
+    os.environ.update(thread_variables(count))
     try:
         yield
     finally:

@@ -1,6 +1,6 @@
 """A shard opened for reading: all clips of it, or a run of them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
@@ -12,7 +12,7 @@ import pyarrow as pa
 from pipeline.errors import ShardError
 from pipeline.shards.arrays import ArrayGroup, ShardArray, open_arrays
 from pipeline.shards.content_hash import hash_file
-from pipeline.shards.manifest import ARRAYS, ShardEntry, how_to_mend, placed_name
+from pipeline.shards.manifest import ARRAYS, ShardEntry, how_to_mend, placed_name, stored_name
 from pipeline.shards.shard import MAIN_TABLE
 from pipeline.shards.tables import CLIP_COLUMN, read_table
 
@@ -23,6 +23,8 @@ T = TypeVar("T")
 class OpenShard:
     """A view of some clips of one shard of a folder. Nothing is read before it is asked for.
 
+    A file is hashed before it is read for the first time.
+
     Files that are missing or damaged raise ShardError, which names the file and what to run.
 
     Attributes:
@@ -32,6 +34,7 @@ class OpenShard:
         arrays: The names of its arrays.
         start: The first clip of the view.
         stop: The clip after the last one.
+        stored: The shard's folder in the store, from which is read where data/ is on another machine.
     """
 
     folder: Path
@@ -40,6 +43,7 @@ class OpenShard:
     arrays: tuple[str, ...]
     start: int
     stop: int
+    stored: Path | None = None
 
     @property
     def clips(self) -> range:
@@ -75,38 +79,51 @@ class OpenShard:
         assert self.start <= start <= stop <= self.stop
         return replace(self, start=start, stop=stop)
 
+    def in_store(self, folder: Path) -> "OpenShard":
+        """The same, read from the store."""
+        return replace(self, stored=folder)
+
     def verify(self) -> None:
         """Hash every file. Raises ShardError for one that is missing or not what the manifest says."""
-        for name, expected in self.entry.files.items():
-            path = self.folder / name
-            if self._guarded(path, partial(hash_file, path)) != expected:
-                raise ShardError(f"{path} is damaged (its hash is not the manifest's); {how_to_mend(self.folder)}")
+        self._verify(self.entry.files)
 
     def table_path(self, name: str = MAIN_TABLE) -> Path:
         if name not in self.tables:
             raise ShardError(f"{self.folder} has no table `{name}`; it has {list(self.tables)}")
-        return self.folder / placed_name(f"{name}.parquet", self.entry.name)
+        return self._path(placed_name(f"{name}.parquet", self.entry.name))
 
     def array_path(self, name: str) -> Path:
         if name not in self.arrays:
             raise ShardError(f"{self.folder} has no array `{name}`; it has {list(self.arrays)}")
-        return self.folder / placed_name(f"{ARRAYS}/{name}", self.entry.name)
+        return self._path(placed_name(f"{ARRAYS}/{name}", self.entry.name))
+
+    def _path(self, placed: str) -> Path:
+        if self.stored is not None:
+            return self.stored / stored_name(placed, self.entry.name)
+        return self.folder / placed
 
     def _rows_between(self, name: str, start: int, stop: int) -> pa.Table:
         path = self.table_path(name)
+        self._verify([placed_name(f"{name}.parquet", self.entry.name)])
         table, clips = self._guarded(path, lambda: _table_and_clips(path, path.stat().st_mtime_ns))
         first, last = np.searchsorted(clips, (start, stop))
         return table.slice(first, last - first)
 
     def _array(self, name: str) -> ShardArray:
-        for file in self.entry.files:
-            if file.startswith(placed_name(f"{ARRAYS}/{name}/", self.entry.name)):
-                (self.folder / file).stat()  # where a file is missing, Zarr reads zeros
+        group, own = (placed_name(f"{ARRAYS}/{part}", self.entry.name) for part in ("zarr.json", f"{name}/"))
+        self._verify([file for file in self.entry.files if file == group or file.startswith(own)])
         return self._group[name]
+
+    def _verify(self, files: Iterable[str]) -> None:
+        """Hash files, each once per process as long as it does not change."""
+        for name in files:
+            path = self._path(name)
+            if not self._guarded(path, partial(_is_sound, path, self.entry.files[name])):
+                raise ShardError(f"{path} is damaged (its hash is not the manifest's); {how_to_mend(self.folder)}")
 
     @cached_property
     def _group(self) -> ArrayGroup:
-        return open_arrays(self.folder / f"{self.entry.name}.zarr")
+        return open_arrays(self._path(placed_name(ARRAYS, self.entry.name)))
 
     def _check_clip(self, clip: int) -> None:
         if clip not in self.clips:
@@ -119,6 +136,16 @@ class OpenShard:
         except (OSError, ValueError, RuntimeError, KeyError) as error:  # what pyarrow, zarr and numcodecs raise
             state = "damaged" if path.exists() else "missing"
             raise ShardError(f"{path} is {state} ({error}); {how_to_mend(self.folder)}") from error
+
+
+def _is_sound(path: Path, expected: str) -> bool:
+    state = path.stat()
+    return _hash_of(path, state.st_ino, state.st_ctime_ns, state.st_size) == expected
+
+
+@lru_cache(maxsize=100_000)
+def _hash_of(path: Path, _inode: int, _ctime_ns: int, _size: int) -> str:
+    return hash_file(path)
 
 
 @lru_cache(maxsize=8)

@@ -15,6 +15,8 @@ _REASONS = {
     errno.EROFS: "the file system is read-only",
     errno.EACCES: "writing is not permitted",
     errno.EPERM: "writing is not permitted",
+    errno.ENAMETOOLONG: "the name is too long",
+    errno.ELOOP: "it is a link in a circle",
     errno.ENOTDIR: "a part of the path is a file, not a folder",
 }
 

@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.errors import OutputError
+from pipeline.shards.beside import beside, put_in_place
 from pipeline.shards.manifest import ARRAYS, MANIFEST, Manifest, ShardEntry, placed_name, shard_name, total_notes
 from pipeline.shards.output_errors import writing_to
 from pipeline.shards.shard import Shard
@@ -85,17 +86,9 @@ def replacing(folder: Path) -> Iterator[Path]:
 
     Raises OutputError where that cannot be written.
     """
-    temporary = folder.absolute().parent / f".{folder.name}.partial"
-    with writing_to(folder):
-        shutil.rmtree(temporary, ignore_errors=True)  # of a run that was killed
-        try:
-            temporary.mkdir(parents=True)
-            yield temporary
-            if folder.exists():
-                shutil.rmtree(folder)
-            temporary.rename(folder)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
+    with writing_to(folder), beside(folder.absolute()) as temporary:
+        yield temporary
+        put_in_place(temporary, folder.absolute())
 
 
 def place(source: Path, target: Path) -> None:

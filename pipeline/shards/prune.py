@@ -1,80 +1,85 @@
-"""Remove old shards from the store: `python -m pipeline.shards.prune --keep-days 30` or `--keep-gib 50`.
+"""What the store takes, and the removal of what was not used for the longest time; safe beside runs.
 
-The shards that were last used the longest time ago are removed first. A stage that needs one computes it again.
+A stage that needs a removed shard computes it again.
 """
 
-import argparse
-import sys
+import os
 import time
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.errors import DynamicsError
-from pipeline.shards.store import Store, default_store
+from pipeline.shards.store import Store
 
 _DAY_S = 24 * 3600.0
-_GIB = 2**30
 
 
 @dataclass(frozen=True)
-class Pruned:
-    """How much was removed and how much is left."""
+class Usage:
+    """How many shards, and the bytes of these, of scratch folders and of temporary files."""
 
-    removed: int
-    removed_bytes: int
-    kept: int
-    kept_bytes: int
+    shards: int
+    shard_bytes: int
+    scratch_bytes: int
+    temporary_bytes: int
+
+    @property
+    def bytes(self) -> int:
+        return self.shard_bytes + self.scratch_bytes + self.temporary_bytes
 
 
-def prune(store: Store, *, keep_days: float | None = None, keep_bytes: int | None = None) -> Pruned:
-    """Remove shards last used more than `keep_days` ago, then the oldest until `keep_bytes` are left."""
+def usage(store: Store) -> Usage:
+    sizes = [_size_bytes(path) for path in store.shards()]
+    scratch = sum(_size_bytes(path) for path in store.scratches())
+    return Usage(len(sizes), sum(sizes), scratch, _size_bytes(store.temporary))
+
+
+def prune(store: Store, *, keep_days: float | None = None, keep_bytes: int | None = None) -> Usage:
+    """Remove what was last used more than `keep_days` ago, then the oldest until `keep_bytes` are left in all.
+
+    Temporary files of processes that have ended go first. What a run uses stays, even beyond the limit. Returns what
+    was removed. Raises OutputError.
+    """
+    before = usage(store)
+    store.sweep()
     now = time.time()
-    newest_first = sorted(((path.stat().st_mtime, path) for path in store.shards()), reverse=True)
-    removed = removed_bytes = kept = kept_bytes = 0
-    for used, path in newest_first:
-        size = _size_bytes(path)
-        too_old = keep_days is not None and now - used > keep_days * _DAY_S
-        too_large = keep_bytes is not None and kept_bytes + size > keep_bytes
-        if too_old or too_large:
-            store.discard(path)
-            removed, removed_bytes = removed + 1, removed_bytes + size
-        else:
-            kept, kept_bytes = kept + 1, kept_bytes + size
-    for path in store.scratches():
-        if keep_days is not None and now - _last_written(path) > keep_days * _DAY_S:
-            store.discard(path)
-    return Pruned(removed, removed_bytes, kept, kept_bytes)
+    with store.pruning() as used:
+        left = usage(store).bytes
+        oldest_first = sorted((last_use(path), path) for path in (*store.shards(), *store.scratches()))
+        for used_at, path in oldest_first:
+            too_old = keep_days is not None and now - used_at > keep_days * _DAY_S
+            too_large = keep_bytes is not None and left > keep_bytes
+            if (too_old or too_large) and path.name not in used:
+                size = _size_bytes(path)
+                if store.discard_unused(path):
+                    left -= size
+    after = usage(store)
+    return Usage(
+        before.shards - after.shards,
+        before.shard_bytes - after.shard_bytes,
+        before.scratch_bytes - after.scratch_bytes,
+        before.temporary_bytes - after.temporary_bytes,
+    )
 
 
-def _last_written(folder: Path) -> float:
-    return max(path.stat().st_mtime for path in (folder, *folder.rglob("*")))
+def last_use(folder: Path) -> float:
+    """Of a shard (its folder's time) or of scratch (its newest file's), s since 1970."""
+    whole = len(folder.parent.name) == 2
+    return max((state.st_mtime for state in _states([folder] if whole else [folder, *_files(folder)])), default=0.0)
 
 
 def _size_bytes(folder: Path) -> int:
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    return sum(state.st_size for state in _states(_files(folder)))
 
 
-def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m pipeline.shards.prune", description=__doc__)
-    parser.add_argument("--keep-days", type=float, help="keep what was used in the last days")
-    parser.add_argument("--keep-gib", type=float, help="keep at most so much, the last used first")
-    parser.add_argument("--store", type=Path, help="the store (default: $DYNAMICS_STORE, else .shards)")
-    options = parser.parse_args(arguments)
-    if options.keep_days is None and options.keep_gib is None:
-        parser.error("give --keep-days or --keep-gib")
-    store = Store(options.store) if options.store else default_store()
-    keep_bytes = None if options.keep_gib is None else int(options.keep_gib * _GIB)
-    try:
-        result = prune(store, keep_days=options.keep_days, keep_bytes=keep_bytes)
-    except DynamicsError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    print(
-        f"{store.folder}: {result.removed} shards removed ({result.removed_bytes / _GIB:.2f} GiB), "
-        f"{result.kept} kept ({result.kept_bytes / _GIB:.2f} GiB)"
-    )
-    return 0
+def _files(folder: Path) -> Iterator[Path]:
+    """The files of a folder, of which other processes may remove some meanwhile."""
+    for place, _, names in os.walk(folder):
+        yield from (Path(place, name) for name in names)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def _states(paths: Iterable[Path]) -> Iterator[os.stat_result]:
+    for path in paths:
+        with suppress(OSError):
+            yield path.stat()

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import ShardError
+from pipeline.shards.contents import check_contents
 from stages.graph.run import DATA
 
 FOLDER = DATA / "prefer"
@@ -40,10 +41,11 @@ class AnsweringModel:
 
 
 def answering_model(folder: Path = FOLDER) -> AnsweringModel:
-    """What `prefer` wrote down. Raises ShardError where it has not run."""
+    """What `prefer` wrote down. Raises ShardError where it has not run, or is damaged."""
     file = folder / FILE
     if not file.is_file():
         raise ShardError(f"{file} is missing; `dvc repro` makes it, or `dvc checkout` brings it back")
+    check_contents(folder)
     stored = json.loads(file.read_text())
     return AnsweringModel(stored["preferred"], stored["suite"], tuple(stored["used"]))
 

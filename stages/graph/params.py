@@ -4,37 +4,72 @@
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from pipeline.clips.schedule import Schedule
+from pipeline.scene.scene import BASIC_SHAPES
 from stages.graph.params_file import Section
 
 PARAMS_FILE = Path("params.yaml")
 
-Count = Annotated[int, Field(ge=1)]
+MOST_CLIPS, MOST_PIXELS, MOST = 10**9, 8192, 1e6
+
+
+def _in_order(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] > value[1]:
+        raise PydanticCustomError("range", "the low end is above the high end; valid: [low, high]")
+    return value
+
+
+def _some_weight(value: dict[Any, float]) -> dict[Any, float]:
+    if not sum(value.values()) > 0:
+        raise PydanticCustomError("weights", "at least one weight must be greater than 0")
+    return value
+
+
+def _composition(value: str) -> str:
+    shapes = value.split("+")
+    unknown = [shape for shape in shapes if shape not in BASIC_SHAPES]
+    if unknown:
+        valid = {"shape": unknown[0], "valid": ", ".join(BASIC_SHAPES)}
+        raise PydanticCustomError("composition", "unknown shape `{shape}`; valid: {valid}, joined by +", valid)
+    if shapes != sorted(shapes):
+        raise PydanticCustomError(
+            "composition", "the shapes must be sorted: {valid}", {"valid": "+".join(sorted(shapes))}
+        )
+    return value
+
+
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+Count = Annotated[int, Field(ge=1, le=MOST_CLIPS)]
+Clips = Annotated[int, Field(ge=0, le=MOST_CLIPS)]
+Side = Annotated[int, Field(le=MOST_PIXELS)]
 Share = Annotated[float, Field(ge=0, le=1)]
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Range = tuple[float, float]
-Weights = dict[str, NonNegative]
+Positive = Annotated[float, Field(gt=0, le=MOST)]
+NonNegative = Annotated[float, Field(ge=0, le=MOST)]
+Range = Annotated[tuple[float, float], AfterValidator(_in_order)]
+PositiveRange = Annotated[tuple[Positive, Positive], AfterValidator(_in_order)]
+NonNegativeRange = Annotated[tuple[NonNegative, NonNegative], AfterValidator(_in_order)]
+Weights = Annotated[dict[str, NonNegative], AfterValidator(_some_weight)]
+Composition = Annotated[str, AfterValidator(_composition)]
 
 
 class SuiteSettings(Section):
     """A set of sampled clips."""
 
-    clips: Annotated[int, Field(ge=0)]
-    objects: dict[Annotated[int, Field(ge=1, le=6)], NonNegative]
-    only: list[str]
-    without: list[str]
+    clips: Clips
+    objects: Annotated[dict[Annotated[int, Field(ge=1, le=6)], NonNegative], AfterValidator(_some_weight)]
+    only: list[Composition]
+    without: list[Composition]
 
 
 class ViewsSuiteSettings(Section):
     """Sampled clips whose kinds of views take turns."""
 
-    clips: Annotated[int, Field(ge=0)]
+    clips: Clips
 
 
 class RealSuiteSettings(Section):
@@ -65,27 +100,27 @@ class FilterSettings(Section):
 
 
 class DistributionSettings(Section):
-    camera_height: Range
+    camera_height: PositiveRange
     camera_distance: Positive
     camera_target_height: Range
-    camera_fov: Range
-    gravity: Range
-    sphere_radius: Range
-    cylinder_radius: Range
-    cylinder_height: Range
-    box_side: Range
-    mass: Range
-    sliding_friction: Range
-    rolling_friction: Range
-    damping: Range
+    camera_fov: PositiveRange
+    gravity: NonNegativeRange
+    sphere_radius: PositiveRange
+    cylinder_radius: PositiveRange
+    cylinder_height: PositiveRange
+    box_side: PositiveRange
+    mass: PositiveRange
+    sliding_friction: NonNegativeRange
+    rolling_friction: NonNegativeRange
+    damping: PositiveRange
     x: Range
     y: Range
     airborne: Share
-    drop_height: Range
-    speed: Range
+    drop_height: NonNegativeRange
+    speed: NonNegativeRange
     toward: Share
     rolling: Share
-    spin: Range
+    spin: NonNegativeRange
     lying: Share
 
 
@@ -113,8 +148,8 @@ class ClipSettings(Section):
 
 
 class RenderSettings(Section):
-    width: Annotated[int, Field(ge=32)]
-    height: Annotated[int, Field(ge=32)]
+    width: Annotated[Side, Field(ge=32)]
+    height: Annotated[Side, Field(ge=32)]
     backend: Literal["auto", "mujoco", "raycast"]
     shadows: bool
     textures: Weights
@@ -130,8 +165,8 @@ class FlowSettings(Section):
     source: Literal["raft", "exact", "dis"]
     train_source: Literal["raft", "exact", "dis"]
     raft: str
-    width: Annotated[int, Field(ge=64)]
-    height: Annotated[int, Field(ge=64)]
+    width: Annotated[Side, Field(ge=64)]
+    height: Annotated[Side, Field(ge=64)]
     iterations: Count
     confidence: bool
     noise: NonNegative
@@ -186,8 +221,8 @@ class PreferSettings(Section):
 
 class RegressSettings(Section):
     enabled: bool
-    width: Annotated[int, Field(ge=16, multiple_of=16)]
-    height: Annotated[int, Field(ge=16, multiple_of=16)]
+    width: Annotated[Side, Field(ge=16, multiple_of=16)]
+    height: Annotated[Side, Field(ge=16, multiple_of=16)]
     hidden: Count
     layers: Count
     heads: Count
@@ -215,8 +250,8 @@ class InferSettings(Section):
 
 
 class SearchSettings(Section):
-    width: Annotated[int, Field(ge=24)]
-    height: Annotated[int, Field(ge=16)]
+    width: Annotated[Side, Field(ge=24)]
+    height: Annotated[Side, Field(ge=16)]
     starts: Count
 
     @property
@@ -240,6 +275,10 @@ class PredictSettings(Section):
     simulations: Count
 
 
+class TracksSettings(Section):
+    simulations: Annotated[int, Field(ge=200)]
+
+
 class ScoreSettings(Section):
     bootstrap: Count
     gallery: Annotated[int, Field(ge=0)]
@@ -259,12 +298,12 @@ class DiscoverSettings(Section):
 
 
 class ExecutorSettings(Section):
-    name: Literal["local", "slice", "ray"]
+    name: Literal["local", "ray"]
     workers: Count | None  # null: one a core
 
 
 class Params(Section):
-    seed: int
+    seed: Seed
     suites: SuitesSettings
     sample: SampleSettings
     clip: ClipSettings
@@ -280,6 +319,7 @@ class Params(Section):
     cmaes: CmaesSettings
     fit: FitSettings
     predict: PredictSettings
+    tracks: TracksSettings
     score: ScoreSettings
     hide: HideSettings
     discover: DiscoverSettings

@@ -8,16 +8,15 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
-from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from pipeline.errors import ParamsError, did_you_mean
+from pipeline.untrusted import parse_yaml, read_text
 
 
 class Section(BaseModel):
     """A section of the file: every key is required unless it has a default, and no other is allowed."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, protected_namespaces=())
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, protected_namespaces=(), allow_inf_nan=False)
 
 
 Model = TypeVar("Model", bound=Section)
@@ -25,16 +24,9 @@ Model = TypeVar("Model", bound=Section)
 
 def read_params_file(path: Path, model: type[Model]) -> Model:
     """Read and check the whole file. Raises ParamsError for the first thing that is wrong with it."""
-    try:
-        text = path.read_text(encoding="utf-8")
-        data = YAML(typ="safe", pure=True).load(text)
-    except FileNotFoundError:
-        raise ParamsError(f"{path} is missing: run in the folder of the repository") from None
-    except MarkedYAMLError as error:
-        where = f"line {error.problem_mark.line + 1}" if error.problem_mark else "somewhere"
-        raise ParamsError(f"{path}, {where}: {error.problem}") from None
-    except (OSError, UnicodeDecodeError, YAMLError) as error:
-        raise ParamsError(f"{path} cannot be read: {error}") from None
+    if not path.exists():
+        raise ParamsError(f"{path} is missing: run in the folder of the repository")
+    data = parse_yaml(read_text(path, ParamsError), str(path), ParamsError)
     if not isinstance(data, dict):
         raise ParamsError(f"{path} must have the sections {', '.join(model.model_fields)}")
     try:

@@ -1,14 +1,15 @@
 """How a stage runs: its command line, and its shards in data/<stage>/<suite>."""
 
+import importlib
 import inspect
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from pipeline.errors import DynamicsError
-from pipeline.shards.executor import SliceFinished
 from pipeline.shards.manifest import Manifest
 from pipeline.shards.map_shards import Compute, Parameters, map_shards
+from stages.graph.lock_copy import keep
 from stages.graph.stage_params import load_executor
 
 DATA = Path("data")
@@ -29,10 +30,9 @@ def run(main: Callable[..., None], arguments: list[str] | None = None) -> None:
         expected = " ".join(parameter.upper() for parameter in inspect.signature(main).parameters)
         print(f"error: usage: python -m {name} {expected}".rstrip(), file=sys.stderr)
         sys.exit(2)
+    keep()
     try:
-        main(*words)
-    except SliceFinished as finished:
-        print(finished)
+        _of_module(main)(*words)
     except DynamicsError as error:
         notes = "".join(f" ({note})" for note in getattr(error, "__notes__", []))
         print(f"error: {error}{notes}", file=sys.stderr)
@@ -40,6 +40,14 @@ def run(main: Callable[..., None], arguments: list[str] | None = None) -> None:
     except KeyboardInterrupt:
         print("error: interrupted; what was computed is in the store, run it again to go on", file=sys.stderr)
         sys.exit(130)
+
+
+def _of_module(main: Callable[..., None]) -> Callable[..., None]:
+    """`main` of the module by its own name instead of `__main__`, which processes on other machines do not have."""
+    module = sys.modules[main.__module__]
+    if main.__module__ != "__main__" or module.__spec__ is None or main.__qualname__ != main.__name__:
+        return main
+    return getattr(importlib.import_module(module.__spec__.name), main.__name__)
 
 
 def folder(stage: str, suite: str) -> Path:

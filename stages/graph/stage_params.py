@@ -46,6 +46,7 @@ READS: dict[str, tuple[str, ...]] = {
     "cmaes": ("seed", "clip", "search", "cmaes"),
     "fit": ("seed", "clip", "search", "fit"),
     "predict": ("seed", "clip", "search.width", "search.height", "predict"),
+    "tracks": ("clip", "search", "tracks"),
     "hide": ("seed", "hide"),
     "discover": ("seed", "discover"),
     "score": ("seed", "clip", "score", "model", "flow.source", "infer.shots", "regress.enabled"),

@@ -169,7 +169,8 @@ def test_a_doubtful_verdict_says_so_and_a_sure_one_does_not(
     effects: list[str], equivalent: list[list[str]], words: str
 ) -> None:
     for confidence in (0.5, 0.95):
-        verdict = {"effects": effects, "equivalent": equivalent, "confidence": confidence, "form": "F/m = 0.1 v"}
+        verdict = {"effects": effects, "equivalent": equivalent, "confidence": confidence}
+        verdict |= {"form": "F/m = 0.1 v", "remainder": None}
         gap = {"before": 0.01, "after": 0.002, "noise_floor": 0.002}
         said = sentence({"verdict": verdict, "gap": gap, "clips": {"held_out": ["c"]}})
         assert said.startswith("Doubtful. ") == (confidence == 0.5)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.published.ball_drops import read_ball_drops
+from benchmarks.published.ball_drops import read_ball_drops, together
 from benchmarks.published.cube_tosses import read_cube_tosses
 from benchmarks.published.published_set import real_motion_folder
 from benchmarks.published.table_tennis import read_table_tennis
@@ -52,8 +52,20 @@ def test_a_cube_that_rests_touches_the_ground(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_table_tennis_balls_have_drag(folder: Path) -> None:
-    real = read_table_tennis(folder / "table_tennis", 10)
+def test_table_tennis_balls_have_drag_and_lift(folder: Path) -> None:
+    real = read_table_tennis(folder / "table_tennis", 20)
     found = discover(real.tracks, known_scene(real.known), 0.3, tuple(effect_kinds()), np.random.default_rng(0))
-    named = set(found.verdict.effects) | {c.name for c in found.selection.singles[:3]}
-    assert named & {"air_drag", "linear_drag", "wind"}
+    assert found.verdict.effects == ("air_drag", "magnus_lift")
+    assert found.gap.after < 0.5 * found.gap.before and found.verdict.remainder is not None
+    drag = found.verdict.parameters["air_drag.coefficient"].value
+    assert drag == pytest.approx(0.5 * 1.2 * 0.4 * np.pi * 0.02**2, rel=0.3)  # of a smooth ball
+
+
+@pytest.mark.slow
+def test_heavy_balls_show_the_drag_of_the_basketballs(folder: Path) -> None:
+    pytest.importorskip("openpyxl", reason="an extra: benchmark")
+    heavy_and_light = ("bowlingball", "golfball", "bluebasketball", "greenbasketball")
+    real = together([s for s in read_ball_drops(folder / "ball_drops") if s.name in heavy_and_light])
+    found = discover(real.tracks, known_scene(real.known), 0.3, tuple(effect_kinds()), np.random.default_rng(0))
+    assert {"linear_drag", "air_drag"} & {*found.verdict.effects, *(n for s in found.verdict.equivalent for n in s)}
+    assert "unknown" not in found.verdict.effects

@@ -163,6 +163,20 @@ def test_verdicts_are_right_by_name_or_by_a_small_set() -> None:
     assert both.some and not both.right
 
 
+def test_beside_an_unlisted_law_the_remainder_has_to_be_reported() -> None:
+    rest = {"remainder": {"share": 0.3}}
+    beside = truth("air_drag", unlisted="swirl")
+    assert judge({**verdict("air_drag"), **rest}, beside).right
+    assert not judge(verdict("air_drag"), beside).right
+    assert not judge(verdict("unknown"), beside).right
+    assert judge({**verdict("tilted_gravity"), **rest}, beside).false
+    alone = truth(unlisted="cubic_drag")
+    assert judge({**verdict("air_drag"), **rest}, alone).right  # of the same kind
+    assert judge(verdict("air_drag"), alone).false
+    assert judge({**verdict("tilted_gravity"), **rest}, alone).false
+    assert judge({**verdict("air_drag"), **rest}, truth(unlisted="swirl")).false
+
+
 def test_each_of_two_effects_may_be_named_by_an_equal() -> None:
     scales, hidden = ("gravity_error", "buoyancy", "length_scale"), truth("wind", "buoyancy")
     by_equal = judge(verdict("wind", "gravity_error", equivalent=(scales,)), hidden)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pipeline.clips.replay import replay_poses
 from pipeline.clips.schedule import Schedule
@@ -107,6 +108,24 @@ def test_measured_tracks_are_in_the_scenes_metres(throw: UserClip) -> None:
     table = track_table("throw", [ball])
     assert list(table.columns[:6]) == ["clip", "object", "time", "x", "y", "z"]
     assert set(table["object"]) == {"sphere_0"}
+
+
+def test_a_box_that_slides_is_measured_with_its_angle_and_honest_errors() -> None:
+    turn = Rotation.from_euler("y", 25, degrees=True)
+    thrown = SceneObject("box", (0.3, 0.1, 0.12), 1.0, position=(-0.7, 0, 0.2), velocity=(1.5, 0, 1.5))
+    tilted = replace(thrown, orientation=tuple(turn.as_quat(scalar_first=True)))
+    camera = Plane(480, 320, 200.0).camera()
+    shown = replay_poses(Scene((tilted,), camera, ground=None), SCHEDULE)
+    tracks = dict(enumerate(image_tracks(shown.masks, TIMES)))
+    (box,) = body_tracks(
+        Scene((thrown,), camera, ground=None), tracks, 480, 320
+    )  # whose replay does not know the angle
+    use = np.searchsorted(TIMES, box.times)
+    errors = (box.position - shown.position[use, 0])[:, [0, 2]]
+    assert np.abs(errors).max() < 4 * box.sigma.max()
+    found = Rotation.from_quat(box.quaternion, scalar_first=True) * turn.inv()
+    assert found.magnitude().max() < 0.05
+    assert box.angle_sigma.max() < 0.1
 
 
 def test_tracks_of_a_cropped_picture_are_moved_into_the_clip() -> None:

@@ -8,7 +8,7 @@ from small_base import random_clips, random_tokens, small_base
 from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
 from pipeline.model.finetune import batch_loss, finetune, make_batch
-from pipeline.model.trainer import ClipDataset, TrainingPlan, last_checkpoint
+from pipeline.model.trainer import ClipDataset, TrainingPlan, last_checkpoint, write_hashes
 
 
 def plan(**values: object) -> TrainingPlan:
@@ -98,9 +98,20 @@ def test_a_checkpoint_that_was_not_written_to_its_end_is_passed_over(tmp_path: P
     assert last_checkpoint(tmp_path) is None
     for step in (4, 8, 12):
         (tmp_path / f"checkpoint-{step}").mkdir()
-    for step in (4, 8):
         (tmp_path / f"checkpoint-{step}" / "trainer_state.json").write_text("{}")
+    for step in (4, 8):
+        write_hashes(tmp_path / f"checkpoint-{step}")
     assert last_checkpoint(tmp_path) == tmp_path / "checkpoint-8"
+
+
+@pytest.mark.parametrize("damage", [b"", b"z", b"ab"])
+def test_of_a_damaged_checkpoint_the_one_before_is_used(tmp_path: Path, damage: bytes) -> None:
+    for step in (4, 8):
+        (tmp_path / f"checkpoint-{step}").mkdir()
+        (tmp_path / f"checkpoint-{step}" / "optimizer.pt").write_bytes(b"a")
+        write_hashes(tmp_path / f"checkpoint-{step}")
+    (tmp_path / "checkpoint-8" / "optimizer.pt").write_bytes(damage)
+    assert last_checkpoint(tmp_path) == tmp_path / "checkpoint-4"
 
 
 def test_the_loss_is_the_cross_entropy_of_the_free_tokens_alone(rng: np.random.Generator) -> None:

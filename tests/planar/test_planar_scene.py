@@ -12,6 +12,7 @@ from pipeline.metrics.overlap import overlap
 from pipeline.planar.collisions import find_collisions
 from pipeline.planar.find_planar_scene import PlanarAnswer, find_planar_scene, measure_motion, scaled
 from pipeline.planar.plane import Plane
+from pipeline.planar.scale import Scale
 from pipeline.scene.scene import FixedBody, Scene, SceneObject
 
 SCHEDULE = Schedule()
@@ -22,7 +23,8 @@ SIDE = Plane(480, 320, px_per_m=200.0)
 def found(scene: Scene, px_per_m: float | None = None) -> tuple[PlanarAnswer, float]:
     """What is found in a scene's clip, and the sequence IoU of its replay."""
     shown = replay_poses(scene, SCHEDULE)
-    motion = measure_motion(shown.masks, shown.pictures("raycast"), TIMES, px_per_m=px_per_m)
+    scale = None if px_per_m is None else Scale(px_per_m, "length", 0.01)
+    motion = measure_motion(shown.masks, shown.pictures("raycast"), TIMES, scale=scale)
     answer = find_planar_scene(motion)
     own = masks_at(answer.scene, TIMES, 480, 320)
     return answer, overlap(own, shown.masks, len(answer.scene.objects), len(scene.objects)).sequence

@@ -278,12 +278,12 @@ def test_text_too_deep_to_read_is_a_scene_error() -> None:
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match=r"missing\.yaml: cannot be read as text"):
+    with pytest.raises(SceneError, match=r"missing\.yaml: there is no such file"):
         load_scene(tmp_path / "missing.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(SceneError, match=r"binary\.yaml: cannot be read as text"):
         load_scene(tmp_path / "binary.yaml")
-    with pytest.raises(SceneError, match="cannot be read as text"):
+    with pytest.raises(SceneError, match="is a folder"):
         load_scene(tmp_path)
     (tmp_path / "bad.yaml").write_text("gravity: 3")
     with pytest.raises(SceneError, match=r"bad\.yaml: camera: missing key"):

@@ -121,7 +121,7 @@ GRAPH_PLUMBING = {name.rpartition(".")[2] for name in PLUMBING if name.startswit
 
 
 def test_of_stages_graph_only_the_parameters_and_how_a_stage_runs_are_plumbing() -> None:
-    assert {"params", "params_file", "run", "stage_params"} == GRAPH_PLUMBING
+    assert {"lock_copy", "params", "params_file", "run", "stage_params"} == GRAPH_PLUMBING
 
 
 @pytest.mark.parametrize("stage", sorted(path.stem for path in (ROOT / "stages").glob("[!_]*.py")))

@@ -61,10 +61,10 @@ def test_the_error_of_an_unknown_name_lists_the_names(folder: Path) -> None:
 
 
 def test_the_error_of_a_folder_without_a_manifest_says_what_to_run(tmp_path: Path) -> None:
-    with pytest.raises(ShardError, match=r"manifest.json is missing; run `dvc checkout"):
+    with pytest.raises(ShardError, match=r"manifest.json is missing; run `dynamics store fsck"):
         open_shards(tmp_path / "data")
     (tmp_path / "manifest.json").write_text('{"stage": "drop"}')
-    with pytest.raises(ShardError, match=r"manifest.json is not a manifest of shards"):
+    with pytest.raises(ShardError, match=r"manifest.json is damaged or not a manifest of shards"):
         open_shards(tmp_path)
 
 
@@ -87,4 +87,4 @@ def test_a_file_that_is_missing_or_damaged_is_named_with_what_to_run(folder: Pat
     with pytest.raises(ShardError) as caught:
         access(open_shards(folder))
     assert name.split("/c.")[0].removesuffix("/zarr.json") in str(caught.value)
-    assert "dvc checkout --force" in str(caught.value)
+    assert "dynamics store fsck" in str(caught.value)

@@ -8,6 +8,7 @@ import pytest
 from toy_stage import make
 
 from pipeline.errors import ShardError
+from pipeline.shards.contents import check_contents
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
 from pipeline.shards.prune import prune
@@ -56,7 +57,7 @@ def test_a_result_is_computed_once_and_then_kept(tmp_path: Path, capsys: pytest.
     assert first.startswith("train: computed, ")
     assert second.startswith("train: from the store, ")
     assert second.endswith("; first step 0")
-    assert [path.name for path in (tmp_path / "model").iterdir()] == ["weights"]
+    assert {path.name for path in (tmp_path / "model").iterdir()} == {"contents.json", "weights"}
     assert (tmp_path / "model" / "weights" / "mean").read_text() == mean
 
 
@@ -91,13 +92,40 @@ def test_a_run_that_is_stopped_goes_on_from_its_scratch_and_leaves_none_at_the_e
     assert not list(Store(tmp_path / "store").scratches())
 
 
-def test_old_scratch_is_pruned(tmp_path: Path) -> None:
+def test_old_scratch_is_pruned_where_no_process_uses_it(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    store.scratch("ab" * 32)
+
+    def stopped() -> None:
+        with store.scratch("ab" * 32):
+            prune(store, keep_days=0)
+            assert len(list(store.scratches())) == 1
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
     prune(store, keep_days=1)
     assert len(list(store.scratches())) == 1
     prune(store, keep_days=0)
     assert not list(store.scratches())
+
+
+def test_a_flipped_file_of_the_folder_is_noticed_by_those_who_read_it(tmp_path: Path) -> None:
+    make(tmp_path)
+    run(tmp_path)
+    file = next(path for path in (tmp_path / "model" / "weights").iterdir())
+    check_contents(tmp_path / "model")
+    check_contents(file)
+    file.chmod(0o644)
+    file.write_bytes(b"\0" + file.read_bytes()[1:])
+    for place in (tmp_path / "model", file):
+        with pytest.raises(ShardError, match=f"{file.name} is damaged .*dynamics store fsck"):
+            check_contents(place)
+    file.unlink()
+    with pytest.raises(ShardError, match=f"{file.name} is missing"):
+        check_contents(file)
+    (tmp_path / "model" / "contents.json").write_text("{}")
+    with pytest.raises(ShardError, match=r"contents.json is damaged"):
+        check_contents(file)
 
 
 def test_damaged_input_is_refused(tmp_path: Path) -> None:

@@ -203,7 +203,9 @@ def test_damaged_input_is_refused_and_nothing_is_kept_of_it(tmp_path: Path) -> N
     data = file.read_bytes()
     file.unlink()
     file.write_bytes(data[:-1] + b"?")
-    with pytest.raises(ShardError, match=r"shard-00001-of-00005.parquet is damaged .* run `dvc checkout") as caught:
+    with pytest.raises(
+        ShardError, match=r"shard-00001-of-00005.parquet is damaged .* run `dynamics store fsck"
+    ) as caught:
         make_weights(tmp_path)
     assert "in weigh train, clips 4 to 7" in caught.value.__notes__
     assert not (tmp_path / "weigh" / "train").exists()

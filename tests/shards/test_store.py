@@ -12,12 +12,12 @@ import pytest
 import toy_stage
 from toy_stage import make
 
-from pipeline.errors import OutputError
+from pipeline.commands.main import main as dynamics
+from pipeline.errors import OutputError, ShardError
 from pipeline.shards import output_folder
 from pipeline.shards.code_hash import ROOT
 from pipeline.shards.content_hash import hash_files
-from pipeline.shards.prune import main as prune_main
-from pipeline.shards.prune import prune
+from pipeline.shards.prune import prune, usage
 from pipeline.shards.store import Store, default_store
 
 KEY = "ab" * 32
@@ -29,7 +29,7 @@ def put(text: str, notes: dict[str, int] | None = None) -> Callable[[Path], dict
 
 
 def files_under(folder: Path) -> list[str]:
-    return [path.name for path in folder.rglob("*") if path.is_file()]
+    return [path.name for path in folder.rglob("*") if path.is_file() and path.suffix != ".lock"]
 
 
 def test_what_was_committed_is_found_again(tmp_path: Path) -> None:
@@ -181,23 +181,89 @@ def test_pruning_by_days_keeps_what_was_used_lately(tmp_path: Path) -> None:
     store = Store(tmp_path)
     old, new = (store.commit(key * 32, put("rows"), {}) for key in ("ab", "cd"))
     os.utime(old.folder, (0, 0))
-    result = prune(store, keep_days=30)
-    assert (result.removed, result.kept) == (1, 1)
+    assert prune(store, keep_days=30).shards == 1
     assert list(store.shards()) == [new.folder]
 
 
-def test_pruning_by_size_keeps_the_last_used_that_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pruning_by_size_keeps_the_last_used_that_fit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DYNAMICS_STORE", str(tmp_path))
     store = Store(tmp_path)
     shards = [store.commit(key * 32, put("x" * 1000), {}) for key in ("ab", "cd", "ef")]
     for age, shard in enumerate(shards):
         os.utime(shard.folder, (1000 - age, 1000 - age))
-    assert prune_main(["--keep-gib", str(3000 / 2**30), "--store", str(tmp_path)]) == 0
+    assert dynamics(["store", "prune", "--keep-gib", str(3000 / 2**30)]) == 0
     assert list(store.shards()) == [shards[0].folder, shards[1].folder]
-    assert "1 shards removed" in capsys.readouterr().out
+    assert "removed 1 shards" in capsys.readouterr().out
+    assert dynamics(["store", "info"]) == 0
+    assert "2 shards" in capsys.readouterr().out
+    assert dynamics(["store", "prune"]) == 2
+    assert "give --keep-days or --keep-gib" in capsys.readouterr().err
 
 
 def test_a_use_counts_for_pruning(tmp_path: Path) -> None:
     store = Store(tmp_path)
     os.utime(store.commit(KEY, put("rows"), {}).folder, (0, 0))
     store.lookup(KEY)
-    assert prune(store, keep_days=30).kept == 1
+    assert prune(store, keep_days=30).shards == 0
+
+
+def test_what_a_run_uses_is_not_pruned_before_it_ends(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.commit(KEY, put("rows"), {})
+    with store.using([KEY, "cd" * 32]):
+        assert prune(store, keep_bytes=0).shards == 0
+        assert store.lookup(KEY) is not None
+    assert prune(store, keep_bytes=0).shards == 1
+
+
+def test_what_a_killed_run_used_and_wrote_is_pruned(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.commit(KEY, put("rows"), {})
+    program = f"""
+import os
+from pathlib import Path
+from pipeline.shards.store import Store
+store = Store(Path({str(tmp_path)!r}))
+def write(folder):
+    (folder / "clips.parquet").write_text("x" * 10000)
+    os.kill(os.getpid(), 9)
+with store.using([{KEY!r}]):
+    store.commit("cd" * 32, write, {{}})
+"""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    assert subprocess.run([sys.executable, "-c", program], env=environment).returncode == -9
+    assert usage(store).temporary_bytes == 10000
+    removed = prune(store, keep_bytes=0)
+    assert (removed.shards, removed.temporary_bytes) == (1, 10000)
+    assert usage(store).bytes == 0
+
+
+def test_a_writer_s_folder_is_left_alone_whatever_its_process_id_means_here(tmp_path: Path) -> None:
+    """In a container of its own, another process may have any id, and the same host name."""
+    store = Store(tmp_path)
+
+    def write(folder: Path) -> dict[str, int]:
+        (folder / "clips.parquet").write_text("rows")
+        Store(tmp_path).check_writable()  # what another process calls, and what sweeps
+        return {}
+
+    assert list(store.commit(KEY, write, {}).files) == ["clips.parquet"]
+
+
+def test_other_bytes_under_a_key_are_an_error_and_change_nothing(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    first = store.commit(KEY, put("rows"), {})
+    with pytest.raises(ShardError, match=r"computed a second time with another result \(clips.parquet\)"):
+        store.commit(KEY, put("other rows"), {})
+    assert store.lookup(KEY) == first
+
+
+def test_a_damaged_shard_is_replaced_by_one_that_is_computed_meanwhile(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    first = store.commit(KEY, put("rows"), {})
+    (first.folder / "clips.parquet").chmod(0o644)
+    (first.folder / "clips.parquet").write_text("flip")
+    assert store.commit(KEY, put("rows"), {}) == first
+    assert store.lookup(KEY) == first

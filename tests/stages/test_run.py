@@ -5,7 +5,6 @@ from collections.abc import Callable
 import pytest
 
 from pipeline.errors import ParamsError
-from pipeline.shards.executor import SliceFinished
 from stages.graph.run import run
 
 
@@ -52,11 +51,6 @@ def test_ctrl_c_is_exit_code_130_without_a_traceback(capsys: pytest.CaptureFixtu
         run(raising(KeyboardInterrupt()), [])
     assert done.value.code == 130
     assert "interrupted" in capsys.readouterr().err
-
-
-def test_a_finished_slice_is_a_success(capsys: pytest.CaptureFixture[str]) -> None:
-    run(raising(SliceFinished("3 shards computed")), [])
-    assert capsys.readouterr().out == "3 shards computed\n"
 
 
 def test_a_defect_shows_its_traceback() -> None:

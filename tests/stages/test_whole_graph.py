@@ -25,10 +25,11 @@ SMALLEST = {
     "cmaes": {"population": 4, "iterations": 1},
     "fit": {"simulations": 200},
     "predict": {"simulations": 200},
+    "tracks": {"simulations": 200},
     "hide": {"worlds": 1, "clips": 2},
     "executor": {"workers": 1},
 }
-WITHOUT_DATA = ("score", "verify")  # they write reports
+WITHOUT_DATA = ("score", "score_views", "verify")  # they write reports
 
 
 def runs() -> Iterator[tuple[str, list[str], list[str]]]:

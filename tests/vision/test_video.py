@@ -218,3 +218,13 @@ def test_a_clip_of_nothing_is_an_error(tmp_path, asked):
     write_video(tmp_path / "clip.mp4", numbered(40), 30)
     with pytest.raises(VideoError):
         read_clip(tmp_path / "clip.mp4", **asked)
+
+
+@pytest.mark.parametrize(
+    "text", ["#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nsound.mp4\n", "ffconcat version 1.0\nfile sound.mp4\n"]
+)
+def test_a_playlist_that_names_other_files_is_refused(tmp_path, text):
+    write_video(tmp_path / "sound.mp4", np.zeros((10, 32, 48, 3), np.uint8))
+    (tmp_path / "list.mp4").write_text(text)
+    with pytest.raises(VideoError, match=r"list\.mp4 is not a video"):
+        read_clip(tmp_path / "list.mp4", 0.0, 0.2)

@@ -14,6 +14,7 @@ from pipeline.discrepancy.fitting.model import OBJECT
 from pipeline.discrepancy.tracks.known_scene import SCENE_FITTABLE
 from pipeline.scene.effects.contact_damping import damping_of
 from pipeline.scene.effects.discovery_rules import Number
+from pipeline.scene.effects.kind import EffectKind
 from pipeline.scene.effects.registry import effect_kinds, kind_of_scene_parameter
 
 ENOUGH_FREEDOM = 30  # degrees of freedom that tell how large the noise is
@@ -48,8 +49,32 @@ def standard_errors(found: Candidate) -> np.ndarray:
 
 
 def effect_estimates(found: Candidate, effect: str) -> dict[str, ParameterEstimate]:
-    """The parameters of one of a candidate's effects."""
+    """The parameters of one of a candidate's effects; `object.parameter` where objects have their own."""
+    out: dict[str, ParameterEstimate] = {}
+    for body, estimates in estimates_by_body(found, effect).items():
+        owner = "" if body is None else f"{found.problem.known.scene.objects[body].name}."
+        out |= {f"{owner}{name}": estimate for name, estimate in estimates.items()}
+    return out
+
+
+def estimates_by_body(found: Candidate, effect: str) -> dict[int | None, dict[str, ParameterEstimate]]:
+    """The parameters of one of a candidate's effects, by the object whose own they are; None: of all objects."""
     kind, model = effect_kinds()[effect], found.fit.model
+    if kind.fitted_to_arcs and kind.name not in model.names:  # by convention, with spins that were not measured
+        names = [o.name for o in found.problem.known.scene.objects]
+        units = {p.name: p.unit for p in kind.parameters}
+        return {
+            names.index(e.objects[0]) if e.objects and len(names) > 1 else None: {
+                name: ParameterEstimate(value, None, units[name]) for name, value in e.parameters
+            }
+            for e in model.stated
+            if e.name == effect
+        }
+    return {body: _estimates(found, kind, body) for body in model.bodies(effect) or (None,)}
+
+
+def _estimates(found: Candidate, kind: EffectKind, body: int | None) -> dict[str, ParameterEstimate]:
+    model = found.fit.model
     if kind.bounce_ratio is not None:
         assert found.restitution is not None
         (p,) = kind.parameters
@@ -62,7 +87,7 @@ def effect_estimates(found: Candidate, effect: str) -> dict[str, ParameterEstima
     values: dict[str, Number] = {}
     spreads: dict[str, Number] = {}
     for p in kind.parameters:
-        columns = [c for i in range(p.length) if (c := model.column(effect, p.name, i)) is not None]
+        columns = model.columns(kind.name, p, body)
         value, spread = ([float(v) for v in array[columns]] for array in (found.fit.theta, errors))
         values[p.name], spreads[p.name] = (value, spread) if p.length > 1 else (value[0], spread[0])
     if kind.discovery.canonical is not None:

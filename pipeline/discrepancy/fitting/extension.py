@@ -13,8 +13,9 @@ from pipeline.discrepancy.fitting.initial_states import initial_states
 from pipeline.discrepancy.fitting.model import OBJECT, Model, with_effect, without_effect
 from pipeline.discrepancy.fitting.screening import Guess, ScreeningRegression
 from pipeline.discrepancy.fitting.velocity_jump_hits import velocity_jump_hits
-from pipeline.discrepancy.tracks.problem import split_at_jumps
+from pipeline.discrepancy.tracks.problem import recorded_alone, split_at_jumps, with_unmeasured_spins
 from pipeline.scene.effects.kind import EffectKind
+from pipeline.scene.scene import Effect, half_extents
 
 CLAIM = 8.0  # by how much the score of a first effect must win; frozen on development worlds (benchmarks/discovery.py)
 WORTH_FITTING = 0.5  # share of the best screening gain that makes a further fit worthwhile
@@ -50,10 +51,11 @@ def extend(
     for kind in kinds:
         if kind.name in base.effects:
             continue
-        if kind.fitted_to_arcs:
+        fit_effect = _special_fit(calibration, kind)
+        if fit_effect is None:
             promising.append((kind, screening.guesses(kind)))
             continue
-        fit_effect = _with_bounce_effect if kind.bounce_ratio is not None else _with_hit_effect
+        progress(kind.name)
         found = fit_effect(calibration, kind, base)
         if found is not None:
             out.append(found)
@@ -66,6 +68,18 @@ def extend(
             if found is not None:
                 out.append(found)
     return sorted(out, key=lambda c: c.score)
+
+
+def _special_fit(
+    calibration: Calibration, kind: EffectKind
+) -> Callable[[Calibration, EffectKind, Candidate], Candidate | None] | None:
+    """How an effect is fitted that has no parameters of its own in the arcs; None for all others."""
+    if kind.bounce_ratio is not None:
+        return _with_bounce_effect
+    if kind.discovery.fit_hits is not None:
+        return _with_hit_effect
+    spins_measured = any(s.has_spin.any() for s in calibration.problem.stacks)
+    return None if kind.discovery.unmeasured_spin is None or spins_measured else _with_unmeasured_spins
 
 
 def _with_arc_effect(
@@ -90,9 +104,26 @@ def _with_arc_effect(
         found = _completed(calibration, found, base)
         if np.isfinite(found.score) and (best is None or found.score < best.score):
             best = found
+    if best is not None and kind.discovery.of_a_body:
+        best = _with_own_numbers(calibration, kind, base, best)
     if best is not None and kind.discovery.must_beat_shuffled_spins and not _beats_shuffled(calibration, base, best):
         return None
     return best
+
+
+def _with_own_numbers(calibration: Calibration, kind: EffectKind, base: Candidate, found: Candidate) -> Candidate:
+    """`found`, or the same effect with each body's own numbers where bodies were recorded one by one and that wins.
+
+    found: `base` with the effect, whose numbers all bodies share.
+    """
+    bodies = recorded_alone(base.problem)
+    if len(bodies) < 2:
+        return found
+    shared = base.fit.model.size
+    model = with_effect(base.fit.model, kind, calibration.problem.known, bodies=bodies)
+    theta = np.concatenate([found.fit.theta[:shared], np.tile(found.fit.theta[shared:], len(bodies))])
+    own = fit_model(calibration, base.problem, model, theta, found.fit.starts, effects=found.effects)
+    return min(found, _completed(calibration, own, base), key=lambda c: c.score)
 
 
 def _completed(calibration: Calibration, found: Candidate, base: Candidate) -> Candidate:
@@ -124,6 +155,21 @@ def _with_hit_effect(calibration: Calibration, kind: EffectKind, base: Candidate
     price = HIT_PARAMETERS * np.log(calibration.problem.effective_rows) + PIECE_PRICE * added + lost
     found = with_hits(found, found_hits, price)
     return with_bounces(calibration, found, base.restitution is not None)
+
+
+def _with_unmeasured_spins(calibration: Calibration, kind: EffectKind, base: Candidate) -> Candidate:
+    """`base` with an effect of spins, of which each flight has an unknown one."""
+    assert kind.discovery.unmeasured_spin is not None
+    spinning = with_unmeasured_spins(base.problem)
+    balls = [o for o in calibration.problem.known.scene.objects if o.shape == "sphere"]
+    acting = tuple(
+        Effect(kind.name, tuple(kind.discovery.unmeasured_spin(float(half_extents(o)[0])).items()), objects=(o.name,))
+        for o in balls
+    )
+    model = replace(base.fit.model, stated=(*base.fit.model.stated, *acting))
+    effects = (*base.effects, kind.name)
+    found = fit_model(calibration, spinning, model, base.fit.theta, base.fit.starts, effects=effects)
+    return _completed(calibration, found, base)
 
 
 def _beats_shuffled(calibration: Calibration, base: Candidate, found: Candidate) -> bool:

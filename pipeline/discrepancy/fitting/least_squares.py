@@ -13,7 +13,6 @@ import numpy as np
 
 from pipeline.discrepancy.fitting.model import Model
 from pipeline.discrepancy.fitting.predictions import (
-    SCALE_PLACE,
     Linearisation,
     free_state,
     linearise,
@@ -21,7 +20,7 @@ from pipeline.discrepancy.fitting.predictions import (
     run,
     tie_spins,
 )
-from pipeline.discrepancy.fitting.priors import occam_price, own_covariance, scale_precision, slip_price
+from pipeline.discrepancy.fitting.priors import centred_precision, occam_price, own_covariance, prior_chi2, slip_price
 from pipeline.discrepancy.tracks.stack import ArcStack
 
 MOST_ITERATIONS = 12
@@ -164,12 +163,11 @@ def fit_initial_states(
 
 
 def _own_gradient(stack: ArcStack, local: np.ndarray, residual: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Negative half gradient of chi squared with respect to each arc's own parameters, (A, L), with the prior of the
-    length scale."""
-    gradient = np.einsum("alr,ar->al", local, residual)
-    if stack.length_scale_sigma > 0:
-        gradient[:, -1] -= scale_precision(stack) * start[:, SCALE_PLACE]
-    return gradient
+    """Negative half gradient of chi squared with respect to each arc's own parameters, (A, L), with the priors of the
+    spin and of the length scale."""
+    places = free_state(stack)
+    prior: np.ndarray = centred_precision(stack)[places] * start[:, places]
+    return np.einsum("alr,ar->al", local, residual) - prior
 
 
 def _is_finite(linear: Linearisation) -> bool:
@@ -191,7 +189,7 @@ def _best_shift(
     tie_spins(stack, begin, start)
     with np.errstate(all="ignore"):
         rows, _ = run(stack, model, np.tile(theta, (len(shares), 1)), begin)
-        left = ((measured_rows(stack) - rows) ** 2).sum(-1) + scale_precision(stack) * begin[..., SCALE_PLACE] ** 2
+        left = ((measured_rows(stack) - rows) ** 2).sum(-1) + prior_chi2(stack, begin)
     best = np.nanargmin(np.where(np.isfinite(left), left, 1e30), axis=0)
     arcs = np.arange(len(stack))
     return begin[best, arcs], left[best, arcs]
@@ -204,7 +202,7 @@ def _chi2(
     starts: Sequence[np.ndarray],
     positions_only: bool = False,
 ) -> list[np.ndarray]:
-    """Per stack (A,), chi squared of each arc with the prior of its length scale, or of its positions alone."""
+    """Per stack (A,), chi squared of each arc with the priors of its own numbers, or of its positions alone."""
     out = []
     with np.errstate(all="ignore"):  # a trial that diverges is refused
         for stack, start in zip(stacks, starts, strict=True):
@@ -213,7 +211,7 @@ def _chi2(
             if positions_only:
                 out.append(squares[:, : stack.weight[0].size].sum(1))
             else:
-                out.append(squares.sum(1) + scale_precision(stack) * start[:, SCALE_PLACE] ** 2)
+                out.append(squares.sum(1) + prior_chi2(stack, start))
     return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -34,6 +35,7 @@ class Unknown:
         high: Upper bound.
         step: Of finite differences.
         sigma: Of the weak prior about `start`, which keeps undetermined numbers bounded.
+        body: Index of the object whose own number of an effect it is; None: all objects share it.
     """
 
     owner: str
@@ -45,6 +47,7 @@ class Unknown:
     high: float
     step: float
     sigma: float
+    body: int | None = None
 
 
 @dataclass(frozen=True)
@@ -78,30 +81,40 @@ class Model:
         """Where a fit begins, (G,)."""
         return np.array([u.start for u in self.unknowns])
 
-    def column(self, owner: str, name: str, component: int = 0) -> int | None:
+    def column(self, owner: str, name: str, component: int = 0, body: int | None = None) -> int | None:
         """Index of a number in the vector; None where it is not fitted."""
         for i, u in enumerate(self.unknowns):
-            if (u.owner, u.name, u.component) == (owner, name, component):
+            if (u.owner, u.name, u.component, u.body) == (owner, name, component, body):
                 return i
         return None
+
+    def columns(self, effect: str, parameter: Parameter, body: int | None) -> list[int]:
+        """Indices of the components of an effect's parameter. body: of `bodies`."""
+        found = (self.column(effect, parameter.name, c, body) for c in range(parameter.length))
+        return [i for i in found if i is not None]
+
+    def bodies(self, effect: str) -> tuple[int | None, ...]:
+        """The objects that have their own numbers of an effect; only None where all share them."""
+        return tuple(dict.fromkeys(u.body for u in self.unknowns if u.owner == effect))
 
     def acting(self, stack: ArcStack, theta: np.ndarray) -> list[ActingEffect]:
         """The effects with the parameters theta (P, G), and those of the known scene."""
         out = []
-        everywhere = np.ones(len(stack), bool)
         for kind in self.effects:
-            values: dict[str, np.ndarray] = {}
-            for p in kind.parameters:
-                columns = [i for c in range(p.length) if (i := self.column(kind.name, p.name, c)) is not None]
-                assert len(columns) == p.length
-                rows = theta[:, columns]  # (P, length)
-                shape = (len(theta), len(stack))
-                values[p.name] = (
-                    np.broadcast_to(rows, shape)
-                    if p.length == 1
-                    else np.broadcast_to(rows[:, None], (*shape, p.length))
-                )
-            out.append(ActingEffect(kind, values, everywhere))
+            for body in self.bodies(kind.name):
+                values: dict[str, np.ndarray] = {}
+                for p in kind.parameters:
+                    columns = self.columns(kind.name, p, body)
+                    assert len(columns) == p.length
+                    rows = theta[:, columns]  # (P, length)
+                    shape = (len(theta), len(stack))
+                    values[p.name] = (
+                        np.broadcast_to(rows, shape)
+                        if p.length == 1
+                        else np.broadcast_to(rows[:, None], (*shape, p.length))
+                    )
+                acts = np.ones(len(stack), bool) if body is None else stack.object == body
+                out.append(ActingEffect(kind, values, acts))
         return [*out, *self._stated(stack)]
 
     def _stated(self, stack: ArcStack) -> list[ActingEffect]:
@@ -168,11 +181,23 @@ def without_effect(model: Model, name: str) -> tuple[Model, np.ndarray]:
 
 
 def with_effect(
-    model: Model, kind: EffectKind, known: KnownScene, values: Mapping[str, np.ndarray] | None = None
+    model: Model,
+    kind: EffectKind,
+    known: KnownScene,
+    values: Mapping[str, np.ndarray] | None = None,
+    bodies: Sequence[int | None] = (None,),
 ) -> Model:
-    """The model with one more effect, whose fit begins at `values`, by default at no effect."""
+    """The model with one more effect.
+
+    Args:
+        model: Without the effect.
+        kind: Of the effect.
+        known: The known scene.
+        values: Where fits begin, by default at no effect.
+        bodies: Indices of the objects that have their own numbers; (None,): all share them.
+    """
     more = []
-    for p in kind.parameters:
+    for body, p in itertools.product(bodies, kind.parameters):
         neutral = np.full(p.length, neutral_value(p, known))
         start = neutral if values is None else np.broadcast_to(values[p.name], (p.length,))
         for c in range(p.length):
@@ -187,6 +212,7 @@ def with_effect(
                     high=p.high,
                     step=2e-3 * p.scale,
                     sigma=300 * p.scale,
+                    body=body,
                 )
             )
     return replace(model, effects=(*model.effects, kind), unknowns=(*model.unknowns, *more))

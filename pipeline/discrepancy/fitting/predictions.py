@@ -42,7 +42,7 @@ def free_state(stack: ArcStack) -> np.ndarray:
     """Indices of the free parameters of an initial state, (L,)."""
     scale = [SCALE_PLACE] if stack.length_scale_sigma > 0 else []
     if not stack.grounded:
-        return np.array([*range(6), *scale])
+        return np.array([*range(6), *([6, 7, 8] if stack.spin_sigma > 0 else []), *scale])
     return np.array([0, 1, 3, 4, *([6, 7, 8] if (stack.radius > 0).any() else []), *scale])
 
 

@@ -30,20 +30,36 @@ def _prior_precision(stack: ArcStack) -> np.ndarray:
     places = free_state(stack)
     shown: np.ndarray = np.max(stack.weight, axis=1) > 0  # (A, 3)
     weak = np.where(places < 3, 1e-2, np.where(places < 6, 1e-4, 1 / SPIN_PRIOR**2))
-    prior = np.tile(np.where(places == SCALE_PLACE, scale_precision(stack), weak), (len(stack), 1))
+    centred = centred_precision(stack)[places]
+    prior = np.tile(np.where(centred > 0, centred, weak), (len(stack), 1))
     fixed = (places < 6) & ~shown[:, places % 3]
+    if not stack.grounded:
+        fixed |= (places >= 6) & (places < SCALE_PLACE) & ~stack.unmeasured_spin[:, None]
     if stack.tied is not None:  # a free spin would fit the noise of the first samples, the better the more friction
         fixed |= (places >= 6) & (places < 9) & stack.tied[:, None]
     return np.where(fixed, FIXED, prior)
 
 
-def scale_precision(stack: ArcStack) -> float:
-    """Precision of the prior of an arc's own length scale; 0 where it has none."""
-    return 1 / stack.length_scale_sigma**2 if stack.length_scale_sigma > 0 else 0.0
+def centred_precision(stack: ArcStack) -> np.ndarray:
+    """Precisions of the priors about 0 of an initial state's numbers, (10,): of a spin that was not measured, and of a
+    length scale; 0 where there is none."""
+    out = np.zeros(SCALE_PLACE + 1)
+    if stack.spin_sigma > 0:
+        out[6:9] = 1 / stack.spin_sigma**2
+    if stack.length_scale_sigma > 0:
+        out[SCALE_PLACE] = 1 / stack.length_scale_sigma**2
+    return out
+
+
+def prior_chi2(stack: ArcStack, start: np.ndarray) -> np.ndarray:
+    """Chi squared (..., A) of the priors about 0 of initial states (..., A, 10)."""
+    precision = np.tile(centred_precision(stack), (len(stack), 1))
+    precision[~stack.unmeasured_spin, 6:9] = 0.0
+    return (precision * start * start).sum(-1)
 
 
 def occam_price(stack: ArcStack, local: np.ndarray) -> np.ndarray:
-    """Price of the arcs' own length scales and measured spins, (A,): the Occam factors of their priors in Laplace's
+    """Price of the arcs' own length scales and spins, (A,): the Occam factors of their priors in Laplace's
     approximation of the evidence. local (A, L, R): derivatives.
 
     Without it, a law that lets balls slide almost without friction wins: spins and velocities then fit their own noise,
@@ -58,7 +74,8 @@ def occam_price(stack: ArcStack, local: np.ndarray) -> np.ndarray:
     if stack.length_scale_sigma > 0:
         out += _occam_factor(own, prior, places == SCALE_PLACE)
     if spins.any():
-        out += np.where(stack.has_spin, _occam_factor(own, prior, spins), 0.0)
+        priced = stack.has_spin if stack.grounded else stack.unmeasured_spin
+        out += np.where(priced, _occam_factor(own, prior, spins), 0.0)
     return out
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.discrepancy.fitting.candidate import Candidate
-from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated, effect_estimates
+from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated, estimates_by_body
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.tracks.arc import Arc
 from pipeline.discrepancy.tracks.known_scene import FITTED
@@ -33,8 +33,9 @@ def augmented_scene(found: Selection) -> Scene:
         objects.append(obj)
     effects = [*scene.effects]
     for name in answer.effects:
-        values = {k: e.value for k, e in effect_estimates(answer, name).items()}
-        effects.append(Effect(name, tuple((k, tuple(v) if isinstance(v, list) else v) for k, v in values.items())))
+        for body, estimates in estimates_by_body(answer, name).items():
+            values = tuple((k, tuple(e.value) if isinstance(e.value, list) else e.value) for k, e in estimates.items())
+            effects.append(Effect(name, values, None if body is None else (scene.objects[body].name,)))
     gravity = scene.gravity
     if "gravity" in numbers:
         gravity = tuple(np.array(gravity) / np.linalg.norm(gravity) * numbers["gravity"].value)

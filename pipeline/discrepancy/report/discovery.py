@@ -11,10 +11,12 @@ from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated
 from pipeline.discrepancy.fitting.predictions import SCALE_PLACE
 from pipeline.discrepancy.report.augmented_scene import augmented_scene
 from pipeline.discrepancy.report.formula import residual_formula
-from pipeline.discrepancy.report.gap import Gap, measure_gap
 from pipeline.discrepancy.report.localisation import Stretch, stretches
+from pipeline.discrepancy.report.remainder import Remainder, remainder_of
 from pipeline.discrepancy.selection.confidence import SMOOTHED, confidence, probabilities
 from pipeline.discrepancy.selection.equivalence import equivalent_sets, next_experiment
+from pipeline.discrepancy.selection.established import models_without
+from pipeline.discrepancy.selection.gap import Gap, measure_gap
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.tracks.problem import Problem
 from pipeline.scene.scene import Scene
@@ -23,6 +25,24 @@ UNKNOWN = "unknown"
 MOST_DISAGREEMENTS = 40
 NOTABLE_Z = 3.0
 NOTABLE_CORRELATION = 0.1
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """One effect of a verdict.
+
+    Attributes:
+        effect: Its name.
+        confidence: Probability that it is there.
+        share: Of the explained gap (of its square), that goes back to it; None where the model without it was not
+            fitted.
+        parameters: By name.
+    """
+
+    effect: str
+    confidence: float
+    share: float | None
+    parameters: dict[str, ParameterEstimate]
 
 
 @dataclass(frozen=True)
@@ -36,6 +56,8 @@ class Verdict:
         equivalent: Sets of effects that the data cannot tell apart.
         experiment: What would tell them apart.
         form: The residual force as a formula, where the effect is unknown.
+        named: Each named effect by itself.
+        remainder: What the named effects leave unexplained; None where that is noise.
     """
 
     effects: tuple[str, ...]
@@ -44,6 +66,8 @@ class Verdict:
     equivalent: tuple[tuple[str, ...], ...]
     experiment: str
     form: str | None = None
+    named: tuple[NamedEffect, ...] = ()
+    remainder: Remainder | None = None
 
 
 @dataclass(frozen=True)
@@ -83,12 +107,13 @@ class Discovery:
 
 def discovery_of(found: Selection) -> Discovery:
     """The discovery that a selection amounts to."""
-    disagreement = [s for s in stretches(found.none) if s.z > NOTABLE_Z]
+    disagreement = [s for s in stretches(found.baseline) if s.z > NOTABLE_Z]
+    gap = measure_gap(found.measured, found.baseline, found.answer)
     return Discovery(
         selection=found,
-        verdict=_verdict(found),
+        verdict=_verdict(found, gap),
         calibrated=calibrated(found.calibration, found.none),
-        gap=measure_gap(found.problem, found.baseline, found.answer),
+        gap=gap,
         disagreement=tuple(disagreement[:MOST_DISAGREEMENTS]),
         probability=probabilities(found),
         scene=augmented_scene(found),
@@ -96,22 +121,30 @@ def discovery_of(found: Selection) -> Discovery:
     )
 
 
-def _verdict(found: Selection) -> Verdict:
+def _verdict(found: Selection, gap: Gap) -> Verdict:
     answer = found.answer
     names = (UNKNOWN,) if found.unknown else answer.effects
     equivalent = equivalent_sets(found)
-    parameters: dict[str, ParameterEstimate] = {}
-    for name in answer.effects:
-        for key, estimate in effect_estimates(answer, name).items():
-            parameters[key if len(answer.effects) == 1 else f"{name}.{key}"] = estimate
+    own = {name: effect_estimates(answer, name) for name in answer.effects}
+    several = len(own) > 1
+    sure, shares = confidence(found, names), _shares(found)
     return Verdict(
         effects=names,
-        parameters=parameters,
-        confidence=confidence(found, names),
+        parameters={f"{n}.{k}" if several else k: e for n, numbers in own.items() for k, e in numbers.items()},
+        confidence=sure,
         equivalent=equivalent,
         experiment=next_experiment(names, equivalent),
         form=residual_formula(found.none) if found.unknown else None,
+        named=tuple(NamedEffect(name, sure, shares.get(name), numbers) for name, numbers in own.items()),
+        remainder=remainder_of(found, gap),
     )
+
+
+def _shares(found: Selection) -> dict[str, float]:
+    """Each named effect's share of the explained chi squared, by the models without it."""
+    lost = {n: without.position_chi2 - found.chosen.position_chi2 for n, without in models_without(found).items()}
+    whole = sum(max(v, 0.0) for v in lost.values())
+    return {n: max(v, 0.0) / whole for n, v in lost.items()} if whole else {}
 
 
 def _notes(found: Selection) -> tuple[str, ...]:
@@ -122,6 +155,12 @@ def _notes(found: Selection) -> tuple[str, ...]:
     if scatter > 0:
         notes.append(
             f"the length scales of the clips seem to differ, by {scatter:.1%}: each clip was fitted with one of its own"
+        )
+    spin = _unmeasured_spin(found.answer)
+    if spin > 0:
+        notes.append(
+            f"spins were not measured: each flight was fitted with one of its own ({spin:.3g} rad/s, root mean square, "
+            "for the lift coefficient of a ball in air); only the product of spin and coefficient is determined"
         )
     if problem.floor.correlation > NOTABLE_CORRELATION:
         notes.append(
@@ -142,6 +181,16 @@ def _notes(found: Selection) -> tuple[str, ...]:
     if found.untestable:
         notes.append("not testable with these measurements: " + ", ".join(found.untestable))
     return tuple(notes)
+
+
+def _unmeasured_spin(answer: Candidate) -> float:
+    """Root mean square of the sizes of the spins that were fitted to flights, rad/s; 0 where there are none."""
+    own = [
+        start[stack.unmeasured_spin & (stack.samples > 0), 6:9]
+        for stack, start in zip(answer.problem.stacks, answer.fit.starts, strict=True)
+        if stack.spin_sigma
+    ]
+    return float(np.sqrt((np.concatenate(own) ** 2).sum(1).mean())) if own else 0.0
 
 
 def _length_scale_scatter(answer: Candidate) -> float:

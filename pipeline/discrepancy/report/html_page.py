@@ -47,8 +47,17 @@ def _said(report: Mapping[str, Any]) -> str:
     alike = f" These measurements cannot tell it from {equivalent}." if equivalent else ""
     return (
         f"The simulation lacks {' and '.join(verdict['effects'])} {sure}.{alike} {numbers} without and "
-        f"{after:.3g} mm with it; the noise floor is {floor:.3g} mm."
+        f"{after:.3g} mm with it; the noise floor is {floor:.3g} mm.{_remaining(verdict['remainder'])}"
     )
+
+
+def _remaining(left: Mapping[str, Any] | None) -> str:
+    """What the named effects leave, in words."""
+    if left is None:
+        return ""
+    where = f" in {' and '.join(left['regimes'])}" if left["regimes"] else ""
+    maybe = f" It may be {' or '.join(left['candidates'])}." if left["candidates"] else ""
+    return f" {left['share']:.0%} of the gap beyond noise remains{where}: {left['form']}.{maybe}"
 
 
 def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, facts: Mapping[str, str]) -> str:
@@ -82,7 +91,25 @@ def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, fact
         Section("Calibrated", "Free parameters of the known scene.", _parameters(found.calibrated)),
         Section("Notes", "", "".join(f"<p>{note}</p>" for note in report["notes"])),
     ]
+    if verdict["remainder"] is not None:
+        sections.insert(1, Section("What remains", verdict["remainder"]["experiment"], _remainder(report)))
     return page(TITLE, sentence(report), facts, sections)
+
+
+def _remainder(report: Mapping[str, Any]) -> str:
+    """The gap before and after, and what remains."""
+    gap, left = report["gap"], report["verdict"]["remainder"]
+    rows = [
+        ("gap before, mm", f"{1e3 * gap['before']:.3g}"),
+        ("gap after, mm", f"{1e3 * gap['after']:.3g}"),
+        ("noise floor, mm", f"{1e3 * gap['noise_floor']:.3g}"),
+        ("remains of the gap beyond noise", f"{left['share']:.0%}"),
+        ("in", ", ".join(left["regimes"]) or "no regime more than in others"),
+        ("of", ", ".join(left["objects"]) or "no object more than of others"),
+        ("force", left["form"]),
+        ("may be", ", ".join(left["candidates"]) or "none of the listed effects"),
+    ]
+    return html_table(["", ""], rows)
 
 
 def _ranking(found: Discovery) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,17 @@ def _verdict(v: Verdict) -> dict[str, Any]:
         "equivalent": [list(s) for s in v.equivalent],
         "experiment": v.experiment,
     }
+    out["named"] = [
+        {
+            "effect": n.effect,
+            "confidence": n.confidence,
+            "share": n.share,
+            "parameters": {k: e.as_dict() for k, e in n.parameters.items()},
+        }
+        for n in v.named
+    ]
+    left = v.remainder
+    out["remainder"] = None if left is None else asdict(left)
     return out if v.form is None else out | {"form": v.form}
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.discrepancy.fitting.extension import CLAIM
 from pipeline.discrepancy.selection.comparison import ALIKE
 from pipeline.discrepancy.selection.selection import Selection
-from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z
+from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, has_few_clips
 
 TEMPERATURE = 2.0  # divides differences of scores, which overstate the evidence because models are never quite right
 #: Share of right verdicts at these margins (benchmarks/discovery.py, development seeds); linear in between.
@@ -36,6 +36,11 @@ def probabilities(found: Selection) -> dict[str, float]:
     return {**dict(zip(names, map(float, shares), strict=True)), "unknown": lost}
 
 
+def leaves_more(found: Selection) -> bool:
+    """Whether the answer leaves more than noise."""
+    return found.unknown or found.first is not None or found.excess_z > UNEXPLAINED_Z
+
+
 def confidence(found: Selection, names: tuple[str, ...]) -> float:
     """The probability that the verdict, or the set of equivalent effects that contains it, is right.
 
@@ -43,9 +48,9 @@ def confidence(found: Selection, names: tuple[str, ...]) -> float:
     too little of how much clips differ.
     """
     problem = found.problem
-    smoothed = problem.noise_inflated or problem.sigma < SMOOTHED
-    most = DOUBTFUL if smoothed else FEW_CLIPS.get(len(problem.fitted), 1.0)
-    if found.excess_z > UNEXPLAINED_Z and not found.unknown:
+    few = problem.noise_inflated and has_few_clips(problem)
+    most = DOUBTFUL if few or found.measured.sigma < SMOOTHED else FEW_CLIPS.get(len(problem.fitted), 1.0)
+    if leaves_more(found) and not found.unknown:
         most = min(most, IMPERFECT)
     return min(_by_margin(found, names), most)
 

@@ -14,6 +14,7 @@ from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, refitted
 from pipeline.discrepancy.selection.comparison import likeliest, other_evidence
 from pipeline.discrepancy.selection.equivalence import absorbed_laws, alike_each, alike_single
+from pipeline.discrepancy.selection.established import with_established
 from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE, ForwardSelection, forward_selection
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.testable import testable_kinds
@@ -33,11 +34,13 @@ MOST_DROPS = 2  # times that arcs are dropped by the best model
 
 
 def select_effects(problem: Problem, effects: Sequence[str], progress: Progress) -> Selection:
-    """The selection for a problem, with nuisances where the clips disagree.
+    """The selection for a problem, with nuisances where no listed effect explains it.
 
     If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
-    counts if it explains the rest. One or two fitted clips may have slow tracking errors: if their residuals still
-    exceed the noise, these residuals count as noise, and the selection is repeated once more.
+    counts if it explains the rest. Else, with one or two fitted clips, which may have slow tracking errors, the
+    residuals count as noise, and the selection is repeated once more. With more clips,
+    where no effect or only several together come near, those are named that are established, of balls in the air also
+    those of an unknown spin.
 
     Args:
         problem: What is fitted.
@@ -49,11 +52,21 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
         return found
     scaled = select_once(with_length_scale_nuisance(problem), effects, progress)
     if has_few_clips(problem) and scaled.excess_z > UNEXPLAINED_Z:
-        noisy = inflate_noise(scaled.problem, independent_share(scaled.chosen))
-        return replace(select_once(noisy, effects, progress), baseline=found.none)
+        return _select_beside_remainder(scaled, found.none, effects, progress)
     if not scaled.unknown and scaled.chosen.score < found.chosen.score - CLAIM_MORE:
         return replace(scaled, baseline=found.none)
-    return found
+    if not found.unknown and len(found.chosen.effects) < 2:
+        return found
+    return with_established(found, testable_kinds(effects, found.problem, any_spin=True), progress) or found
+
+
+def _select_beside_remainder(
+    first: Selection, baseline: Candidate, effects: Sequence[str], progress: Progress
+) -> Selection:
+    """The selection in which the residuals of another one's best model of at most one effect count as noise."""
+    best = min((first.none, *first.singles), key=lambda c: c.score)
+    noisy = inflate_noise(first.problem, independent_share(best))
+    return replace(select_once(noisy, effects, progress), baseline=baseline, first=first)
 
 
 def select_once(problem: Problem, effects: Sequence[str], progress: Progress = lambda _: None) -> Selection:
@@ -64,7 +77,7 @@ def select_once(problem: Problem, effects: Sequence[str], progress: Progress = l
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
     """
-    kinds = testable_kinds(effects, problem)
+    kinds = testable_kinds(effects, problem, any_spin=False)
     calibration, best, singles = _fit_singles(problem, kinds, progress)
     singles = _refit_near_best(calibration, best, singles)
     calibration = rescale_noise(calibration, best)
@@ -91,6 +104,7 @@ def select_once(problem: Problem, effects: Sequence[str], progress: Progress = l
         untestable=tuple(name for name in effects if name not in testable),
         ruled_out=tuple(c.name for c in singles if other_evidence(c) < 0),
         baseline=calibration.none,
+        tried=found.tried,
     )
 
 

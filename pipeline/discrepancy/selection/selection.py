@@ -23,7 +23,9 @@ class Selection:
         unknown: Whether that is too much, or a number that only scales gravity may have absorbed another law.
         untestable: Names of effects that the measurements could not show.
         ruled_out: Names of effects that something beside the motion speaks against.
-        baseline: The calibrated model with lengths as stated (`with_length_scale_nuisance`).
+        baseline: The calibrated model with lengths and noise as they were before nuisances (`select_effects`).
+        tried: All models of several effects that were fitted.
+        first: The selection whose residuals count as noise in this one; None where noise is as measured.
     """
 
     calibration: Calibration
@@ -36,11 +38,18 @@ class Selection:
     untestable: tuple[str, ...]
     ruled_out: tuple[str, ...]
     baseline: Candidate
+    tried: tuple[Candidate, ...] = ()
+    first: Selection | None = None
 
     @property
     def problem(self) -> Problem:
         """What was fitted."""
         return self.calibration.problem
+
+    @property
+    def measured(self) -> Problem:
+        """The problem with its noise as measured."""
+        return (self.first or self).problem
 
     @property
     def none(self) -> Candidate:

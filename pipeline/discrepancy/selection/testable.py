@@ -28,10 +28,25 @@ def names_of(text: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def testable_kinds(effects: Sequence[str], problem: Problem) -> list[EffectKind]:
-    """The effects, of those named, that the measurements could show."""
+def testable_kinds(effects: Sequence[str], problem: Problem, *, any_spin: bool) -> list[EffectKind]:
+    """The effects, of those named, that the measurements could show.
+
+    any_spin: also effects of spins where none was measured (`DiscoveryRules.unmeasured_spin`).
+    """
     regimes, shown = _regimes(problem), _shown(problem)
-    return [kind for name in effects if _is_testable(kind := effect_kinds()[name], problem, regimes, shown)]
+    spinning = any_spin and _shows_unmeasured_spin(problem)
+    kinds = [effect_kinds()[name] for name in effects]
+    return [
+        kind
+        for kind in kinds
+        if (spinning and kind.discovery.unmeasured_spin is not None) or _is_testable(kind, problem, regimes, shown)
+    ]
+
+
+def _shows_unmeasured_spin(problem: Problem) -> bool:
+    """Whether balls fly whose spins were not measured, and none was, in more than one coordinate."""
+    unmeasured = any(s.unmeasured_spin.any() for s in problem.stacks)
+    return unmeasured and not _shown(problem) & {Need.SPIN, Need.GROUND_SPIN} and Need.DIRECTIONS in _shown(problem)
 
 
 def _is_testable(kind: EffectKind, problem: Problem, regimes: frozenset[Regime], shown: frozenset[Need]) -> bool:

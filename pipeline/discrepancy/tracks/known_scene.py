@@ -8,12 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from pipeline.errors import SceneError
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import scene_from_dict
+from pipeline.untrusted import parse_yaml, read_text
 
 FITTED = ("sliding_friction", "rolling_friction", "damping")
 """Parameters of objects that are fitted unless the text has `fit`."""
@@ -63,12 +61,7 @@ class KnownScene:
 
 def load_known_scene(path: Path) -> KnownScene:
     """Read a scene file of which only each object's name, shape, sizes and mass are required. Raises `SceneError`."""
-    try:
-        data = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read as text: {error}") from None
-    except (YAMLError, ValueError, LookupError, RecursionError) as error:
-        raise SceneError(f"{path}: not YAML: {str(error).splitlines()[0]}") from None
+    data = parse_yaml(read_text(path, SceneError), str(path), SceneError)
     if not isinstance(data, dict):
         raise SceneError(f"{path}: a mapping with the key objects is expected")
     return known_scene(data, str(path))

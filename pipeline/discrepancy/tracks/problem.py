@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.discrepancy.tracks.arc import Arc, Cut, Impact
+from pipeline.discrepancy.tracks.arc import FAR_AWAY, Arc, Cut, Impact
 from pipeline.discrepancy.tracks.cutting import cut_tracks
 from pipeline.discrepancy.tracks.known_scene import KnownScene
 from pipeline.discrepancy.tracks.noise_floor import ArcPolynomials, NoiseFloor, noise_floor, without_outliers
@@ -17,6 +17,7 @@ from pipeline.discrepancy.tracks.track import Track, frame_rate
 from pipeline.errors import MeasurementError
 
 LENGTH_SCALE_SIGMA = 0.03  # relative: how much the length scales of recordings may differ
+SPIN_SIGMA = 100.0  # rad/s, of spins that were not measured: balls are thrown and hit with up to some 30 turns a second
 LEAST_PIECE = 4  # samples of a piece of an arc that is split
 
 
@@ -101,11 +102,29 @@ def build_problem(tracks: Sequence[Track], known: KnownScene, held_out: float, r
     """
     clips = tuple(dict.fromkeys(t.clip for t in tracks))
     count = min(max(round(held_out * len(clips)), 1 if held_out > 0 else 0), len(clips) - 1)
-    held = frozenset(clips[i] for i in rng.permutation(len(clips))[:count])
+    held = _held_out(tracks, [clips[i] for i in rng.permutation(len(clips))], count)
     cut = cut_tracks(tracks, known)
     if not cut.arcs:
         raise MeasurementError("no clip has a smooth stretch of 6 samples in the air or level on the ground")
     return replace(_stacked(cut, known, clips, held), frame_rate=frame_rate(tracks))
+
+
+def _held_out(tracks: Sequence[Track], clips: Sequence[str], count: int) -> frozenset[str]:
+    """The first `count` of the clips without which each object is still in another clip."""
+    shown = {clip: {t.object for t in tracks if t.clip == clip} for clip in clips}
+    held: list[str] = []
+    for clip in clips:
+        rest = [shown[c] for c in clips if c != clip and c not in held]
+        if len(held) < count and shown[clip] <= set().union(*rest):
+            held.append(clip)
+    return frozenset(held)
+
+
+def recorded_alone(problem: Problem) -> tuple[int, ...]:
+    """The objects, where no clip shows more than one of them; else none."""
+    objects = {clip: {a.object for a in problem.arcs if a.clip == clip} for clip in problem.clips}
+    together = any(len(o) > 1 for o in objects.values()) or any((a.others < FAR_AWAY).any() for a in problem.arcs)
+    return () if together else tuple(sorted(set().union(*objects.values())))
 
 
 def split_at_jumps(problem: Problem) -> Problem:
@@ -171,6 +190,12 @@ def _stacked(
 def with_length_scale_nuisance(problem: Problem) -> Problem:
     """The problem in which each arc has a length scale of its own: recordings made at several distances."""
     return replace(problem, stacks=tuple(replace(s, length_scale_sigma=LENGTH_SCALE_SIGMA) for s in problem.stacks))
+
+
+def with_unmeasured_spins(problem: Problem) -> Problem:
+    """The problem in which each ball in the air whose spin was not measured has an unknown one in each arc."""
+    spinning = (replace(s, spin_sigma=SPIN_SIGMA) if s.unmeasured_spin.any() else s for s in problem.stacks)
+    return replace(problem, stacks=tuple(spinning))
 
 
 def inflate_noise(problem: Problem, share: float) -> Problem:

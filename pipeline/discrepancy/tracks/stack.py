@@ -44,6 +44,7 @@ class ArcStack:
         others: (A, 2 K + 1, M, 3) m, centres of the other objects at half steps.
         rotation: (A, n, 3, 3) of the body; identity where it was not measured.
         length_scale_sigma: Standard deviation of each arc's own length scale, relative; 0: lengths are exact.
+        spin_sigma: rad/s, standard deviation of the spins of balls in the air that were not measured; 0: they are 0.
         tied: (A,) bool, balls whose spin was not measured and is tied to their velocity: they are assumed to roll.
     """
 
@@ -70,6 +71,7 @@ class ArcStack:
     others: np.ndarray
     rotation: np.ndarray
     length_scale_sigma: float = 0.0
+    spin_sigma: float = 0.0
     tied: np.ndarray | None = None
 
     def __len__(self) -> int:
@@ -78,7 +80,12 @@ class ArcStack:
     @property
     def own(self) -> int:
         """Parameters of each arc that positions determine."""
-        return (4 if self.grounded else 6) + (self.length_scale_sigma > 0)
+        return (4 if self.grounded else 6) + (self.length_scale_sigma > 0) + 3 * (self.spin_sigma > 0)
+
+    @property
+    def unmeasured_spin(self) -> np.ndarray:
+        """(A,) bool, balls in the air whose spin was not measured."""
+        return ~self.has_spin & (self.radius > 0) & (not self.grounded)
 
     @property
     def samples(self) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import pandas as pd
 import pyarrow as pa
 
 from pipeline.errors import MeasurementError
+from pipeline.untrusted import read_table_bytes
 
 NEEDED = ("clip", "object", "time", "x", "y", "z")
 POSITION, QUATERNION, SPIN = ("x", "y", "z"), ("qw", "qx", "qy", "qz"), ("wx", "wy", "wz")
@@ -74,19 +76,20 @@ def read_tracks(path: Path) -> list[Track]:
 
 
 def _table(path: Path) -> pd.DataFrame:
-    if not path.is_file():
-        raise MeasurementError(f"{path}: there is no such file; valid: a Parquet or CSV file")
+    if path.suffix not in (".parquet", ".csv"):
+        raise MeasurementError(f"{path}: unknown kind of file; valid: .parquet, .csv")
+    data = read_table_bytes(path, MeasurementError)
     try:
         if path.suffix == ".parquet":
-            return pd.read_parquet(path)
-        if path.suffix == ".csv":
-            return pd.read_csv(path, dtype={"clip": str, "object": str}, keep_default_na=True)
-    except (OSError, ValueError, pa.ArrowException) as error:
-        raise MeasurementError(f"{path} cannot be read ({str(error).splitlines()[0]})") from None
-    raise MeasurementError(f"{path}: unknown kind of file; valid: .parquet, .csv")
+            return pd.read_parquet(data)
+        return pd.read_csv(data, dtype={"clip": str, "object": str}, keep_default_na=True)
+    except (OSError, ValueError, LookupError, pa.ArrowException) as error:
+        raise MeasurementError(f"{path} cannot be read ({(str(error) or 'damaged').splitlines()[0]})") from None
 
 
 def _numbers(table: pd.DataFrame, column: str, path: Path) -> np.ndarray:
+    if table[column].dtype.kind in "mM" or _is_date(table[column]):
+        raise MeasurementError(f"{path}: {column} is a date or a duration; valid: a number of seconds")
     values = pd.to_numeric(table[column], errors="coerce")
     bad = (values.isna() & table[column].notna()).to_numpy()
     if bad.any():
@@ -97,6 +100,12 @@ def _numbers(table: pd.DataFrame, column: str, path: Path) -> np.ndarray:
     if infinite.any():
         raise MeasurementError(f"{_place(path, table, int(infinite.argmax()))}: {column} is infinite")
     return out
+
+
+def _is_date(column: pd.Series) -> bool:
+    """Whether the first value of a column of text is a date or a time of day."""
+    first = next((str(value) for value in column if isinstance(value, str)), "")
+    return re.fullmatch(r"\d{1,4}[-/]\d{1,2}[-/]\d{1,4}.*|\d{1,2}:\d{2}(:\d{2}.*)?", first) is not None
 
 
 def _place(path: Path, table: pd.DataFrame, row: int) -> str:

@@ -117,6 +117,9 @@ class DiscoveryRules:
         starts: Where fits begin, for a force that is not linear in the parameters near no effect.
         starts_apart: Whether fits begin at several places that are well apart (the first three numbers).
         fit_hits: Fits the effect to velocity jumps instead of to arcs; None where the hits do not allow it.
+        of_a_body: Whether its numbers are a body's own: bodies that were recorded one by one may differ in them.
+        unmeasured_spin: Radius of a ball, m -> the effect's parameters by convention, with which it is tried where no
+            spin was measured. Each flight then has an unknown spin.
         must_beat_shuffled_spins: Whether the measured spins must explain more than the spins of other clips.
         canonical: (values, errors, fitted scene parameters) -> the preferred one of equivalent descriptions.
         other_evidence: (values, errors, frame rate) -> 1 where something beside the motion speaks for the effect,
@@ -131,6 +134,8 @@ class DiscoveryRules:
     starts: Callable[[Observed], Sequence[Start]] | None = None
     starts_apart: bool = False
     fit_hits: Callable[[Hits], HitFit] | None = None
+    of_a_body: bool = False
+    unmeasured_spin: Callable[[float], Mapping[str, float]] | None = None
     must_beat_shuffled_spins: bool = False
     canonical: Callable[[Numbers, Numbers, Sequence[str]], tuple[Numbers, Numbers]] | None = None
     other_evidence: Callable[[Numbers, Numbers, float], int] | None = None

@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pipeline.errors import ModelError
+from pipeline.untrusted import read_json
 from pipeline.vision.flow.dis import DIS, check_frames
 from pipeline.vision.flow.raft_layers import CELL, LEVELS, Correlation, Encoder, UpdateBlock
 
@@ -259,8 +260,8 @@ def read_folder(path: Path) -> dict[str, Tensor]:
 
 def read_config(path: Path) -> dict[str, Any]:
     try:
-        return dict(json.loads(path.read_text()))
-    except (OSError, ValueError, TypeError) as error:
+        return read_json(path, ModelError)
+    except ModelError as error:
         raise ModelError(f"{path} is missing or damaged; the weights beside it need it") from error
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image, UnidentifiedImageError
 
 from pipeline.errors import VideoError
+from pipeline.untrusted import open_png, read_npz
 from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for
 
+MOST_FILES = 10_000
 KEY, TIMES = "masks", "times"
 
 
@@ -68,18 +68,27 @@ def read_times(path: Path) -> np.ndarray | None:
     """When each mask of an NPZ was recorded, s from the beginning of the video, where it says so."""
     if path.suffix.lower() != ".npz":
         return None
-    with np.load(path) as archive:
-        return np.asarray(archive[TIMES], float) if TIMES in archive else None
+    check_there(path)
+    times = read_npz(path, (TIMES,), VideoError).get(TIMES)
+    if times is not None and (times.ndim != 1 or times.dtype.kind not in "biuf"):
+        raise VideoError(f"{path}: `{TIMES}` is {times.dtype} {times.shape}, not numbers (T,)")
+    return None if times is None else times.astype(float)
+
+
+def check_there(path: Path) -> None:
+    if not path.exists():
+        raise VideoError(f"{path}: there are no masks there; valid: a folder of PNGs, a PNG, or an NPZ with `{KEY}`")
 
 
 def read_values(path: Path) -> np.ndarray:
     """The values in a file or folder, (T, H, W) integers."""
-    if not path.exists():
-        raise VideoError(f"{path}: there are no masks there; valid: a folder of PNGs, a PNG, or an NPZ with `{KEY}`")
+    check_there(path)
     if path.is_dir():
         files = sorted(p for p in path.iterdir() if p.suffix.lower() == ".png")
         if not files:
             raise VideoError(f"{path} has no PNG files")
+        if len(files) > MOST_FILES:
+            raise VideoError(f"{path} has {len(files)} PNG files; at most {MOST_FILES} are read")
         pictures = [read_png(p) for p in files]
         sizes = {p.shape for p in pictures}
         if len(sizes) > 1:
@@ -88,31 +97,24 @@ def read_values(path: Path) -> np.ndarray:
     if path.suffix.lower() == ".png":
         return read_png(path)[None]
     if path.suffix.lower() == ".npz":
-        return read_npz(path)
+        return read_archive(path)
     raise VideoError(f"{path} is no mask file; valid: a folder of PNGs, a PNG, or an NPZ with `{KEY}`")
 
 
 def read_png(path: Path) -> np.ndarray:
     """Values (H, W) int64: grey value, palette index, or the colour as one number; 0 where transparent."""
-    try:
-        with Image.open(path) as image:
-            if image.mode in ("RGBA", "LA", "PA"):
-                values = np.asarray(image.convert("RGBA")).astype(np.int64)
-                return np.where(values[..., 3] > 0, values[..., :3] @ [65536, 256, 1], 0)
-            values = np.asarray(image).astype(np.int64)
-    except (UnidentifiedImageError, OSError, SyntaxError) as error:
-        raise VideoError(f"{path} is not a PNG picture, or it is broken") from error
+    with open_png(path, VideoError) as image:
+        if image.mode in ("RGBA", "LA", "PA"):
+            values = np.asarray(image.convert("RGBA")).astype(np.int64)
+            return np.where(values[..., 3] > 0, values[..., :3] @ [65536, 256, 1], 0)
+        values = np.asarray(image).astype(np.int64)
     return values if values.ndim == 2 else values @ np.array([65536, 256, 1])
 
 
-def read_npz(path: Path) -> np.ndarray:
-    try:
-        with np.load(path) as archive:
-            if KEY not in archive:
-                raise VideoError(f"{path} has no array `{KEY}`, only {', '.join(archive.files) or 'nothing'}")
-            masks = archive[KEY]
-    except (zipfile.BadZipFile, OSError, ValueError) as error:
-        raise VideoError(f"{path} is not an NPZ archive of arrays, or it is broken") from error
+def read_archive(path: Path) -> np.ndarray:
+    masks = read_npz(path, (KEY,), VideoError).get(KEY)
+    if masks is None:
+        raise VideoError(f"{path} has no array `{KEY}`")
     if masks.ndim == 2:
         masks = masks[None]
     if masks.ndim != 3 or masks.dtype.kind not in "biu":

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from pipeline.errors import OutputError, VideoError
+from pipeline.untrusted import MOST_PIXELS, open_untrusted
 from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for
 
 SIZE = (480, 320)  # px, width and height
@@ -168,16 +169,9 @@ def frame_times(path: Path | str, assume_fps: float | None = None) -> np.ndarray
 
 
 def check_file(path: Path) -> None:
-    if not path.exists():
-        raise VideoError(f"{path}: there is no such file")
-    if path.is_dir():
-        raise VideoError(f"{path} is a folder, not a video file")
-    try:
-        with path.open("rb") as file:
-            if not file.read(1):
-                raise VideoError(f"{path} is empty (0 bytes)")
-    except OSError as error:
-        raise VideoError(f"{path} cannot be read: {error.strerror}") from error
+    with open_untrusted(path, VideoError) as file:
+        if not file.read(1):
+            raise VideoError(f"{path} is empty (0 bytes)")
 
 
 def check_decoded(path: Path, decoder: Decoder, start: float) -> None:
@@ -199,6 +193,14 @@ def repeats(recorded: list[float], fps: float) -> list[str]:
     return [f"{same} of {len(recorded)} frames repeat the one before: the recording has fewer than {fps:g} a second"]
 
 
+#: A playlist may name other files and addresses; containers that hold their own pictures are opened, and nothing else.
+_ONLY_FILES = {
+    "protocol_whitelist": "file",
+    "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,ogg,flv,asf,gif,apng,ivf,"
+    "h264,hevc,av1,m4v,mjpeg,nut,yuv4mpegpipe,wtv,mxf,dv,rm,obu,swf,webp_pipe,image2,png_pipe",
+}
+
+
 class Decoder:
     """Iterates over the frames of a video file: time, s from the first, and upright RGB picture (h, w, 3) uint8."""
 
@@ -212,7 +214,7 @@ class Decoder:
         self.rotation = 0
         self._steps: list[float] = []
         try:
-            self.container = av.open(str(path))
+            self.container = av.open(f"file:{path}", options=_ONLY_FILES)
         except (av.FFmpegError, OSError, ValueError) as error:
             raise VideoError(f"{path} is not a video that FFmpeg can read, or it is broken") from error
         if not self.container.streams.video:
@@ -220,9 +222,17 @@ class Decoder:
             raise VideoError(f"{path} has no video stream")
         self.stream = self.container.streams.video[0]
         self.stream.thread_type = "AUTO"
+        coded = self.stream.codec_context
+        if coded is None:
+            self.container.close()
+            raise VideoError(f"{path} is broken, or coded in a way that FFmpeg does not know")
+        if coded.width * coded.height > MOST_PIXELS:
+            self.container.close()
+            raise VideoError(f"{path} is {coded.width} x {coded.height} px; that is too large")
         rate = self.stream.average_rate or self.stream.guessed_rate
         self.header_fps = float(rate) if rate else FPS
-        self.aspect = float(self.stream.sample_aspect_ratio or 1) or 1.0
+        aspect = float(self.stream.sample_aspect_ratio or 1)
+        self.aspect = aspect if 0.1 < aspect < 10 else 1.0  # others are damage
         self.tick = float(self.stream.time_base or 1)
         self.first = (self.stream.start_time or 0) * self.tick
         if start > SEEK_FROM and assume_fps is None:

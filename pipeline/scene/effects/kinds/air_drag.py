@@ -21,6 +21,6 @@ EFFECT = EffectKind(
     regimes=EVERYWHERE,
     experiment="throw at half and at twice the speed: quadratic drag grows fourfold, linear drag twofold",
     force=force,
-    discovery=DiscoveryRules(equals=lambda effect, experiment: frozenset({"wind"})),  # wind of no speed
+    discovery=DiscoveryRules(of_a_body=True, equals=lambda effect, experiment: frozenset({"wind"})),  # wind of no speed
     hiding=Hiding(lambda s, at: {"coefficient": 0.02 * s * at.mass}, wrong_law="drag_slope"),
 )

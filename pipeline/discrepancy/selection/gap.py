@@ -29,9 +29,21 @@ class Gap:
     noise_floor: float
     clips: tuple[str, ...]
 
+    @property
+    def left(self) -> float:
+        """What remains beyond noise after, over what there was before; 0 where there was nothing."""
+        before, after = (max(gap**2 - self.noise_floor**2, 0.0) for gap in (self.before, self.after))
+        return float(np.sqrt(after / before)) if before else 0.0
+
 
 def measure_gap(problem: Problem, before: Candidate, after: Candidate) -> Gap:
-    """The gap on the held-out clips, or on the fitted ones where none could be held out."""
+    """The gap on the held-out clips, or on the fitted ones where none could be held out.
+
+    Args:
+        problem: With the noise as measured.
+        before: The calibrated model.
+        after: The model with the effects found.
+    """
     held = bool(problem.held_out) and any(h.any() for h in problem.held)
     clips = problem.held_out if held else problem.fitted
     first, last = (_rmse(c, c.problem.held if held else c.problem.chosen) for c in (before, after))

@@ -1,0 +1,191 @@
+"""What shards, tasks and stages cost, for the plan in docs/scaling.md.
+
+    python -m benchmarks.scale stages [--data data]   seconds and bytes a clip of each stage, of the last `make repro`
+    python -m benchmarks.scale overhead [--ray]       seconds a shard costs beside its work, by executor and workers
+    python -m benchmarks.scale memory                 peak memory of the process that runs a stage, by clips
+
+`stages` reads what the store kept of the run; nothing is computed. The other two run a stage of this module on data
+that it makes: arrays of the size of a training clip's exact flow.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from pipeline.errors import ShardError
+from pipeline.shards.dataset import open_shards
+from pipeline.shards.map_shards import map_shards
+from pipeline.shards.opened_shard import OpenShard
+from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.store import Store, default_store
+from pipeline.shards.tables import table_from_rows
+
+FLOW = (10, 160, 240, 2)  # of a training clip, float16: 1.5 MB before compression
+SCHEMA = pa.schema({"clip": pa.int64(), "checksum": pa.float64()})
+
+
+@dataclass(frozen=True)
+class Work:
+    """seconds: that the work on a clip takes; arrays: whether it has flow."""
+
+    seconds: float
+    arrays: bool
+
+
+def work(shard: Shard, inputs: Sequence[OpenShard], parameters: Work) -> ShardResult:
+    """Smooth flow of the size of a training clip's, or nothing but a row, after so many seconds of waiting."""
+    time.sleep(parameters.seconds * len(shard))
+    rows = [{"clip": clip, "checksum": float(clip)} for clip in shard.clips]
+    arrays = {}
+    if parameters.arrays:
+        ramp = np.linspace(0, 1, FLOW[2], dtype=np.float16)[None, None, :, None]
+        arrays["flow"] = [np.broadcast_to(ramp * (clip % 7), FLOW).copy() for clip in shard.clips]
+    return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, arrays)
+
+
+def read(shard: Shard, inputs: Sequence[OpenShard], parameters: None) -> ShardResult:
+    """The sum of each clip's flow: what a stage that reads arrays does."""
+    rows = [
+        {"clip": clip, "checksum": float(inputs[0].array(clip, "flow").sum(dtype=np.float32))} for clip in shard.clips
+    ]
+    return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
+
+
+def stages(data: Path) -> list[dict[str, object]]:
+    """One row a stage: clips, seconds of one core and bytes a clip, files a shard."""
+    totals: dict[str, list[float]] = defaultdict(lambda: [0, 0, 0, 0, 0])
+    store = default_store()
+    for manifest in sorted(data.glob("*/*/manifest.json")):
+        try:
+            dataset = open_shards(manifest.parent)
+        except ShardError:
+            continue
+        seconds = dataset.compute_seconds(store)
+        if seconds is None or not len(dataset):
+            continue
+        files = [manifest.parent / name for shard in dataset.shards for name in shard.entry.files]
+        own = (len(dataset), seconds, sum(file.stat().st_size for file in files), len(files), len(dataset.shards))
+        totals[dataset.manifest.stage] = [a + b for a, b in zip(totals[dataset.manifest.stage], own, strict=True)]
+    return [
+        {
+            "stage": name,
+            "clips": int(clips),
+            "seconds_a_clip": round(seconds / clips, 4),
+            "kib_a_clip": round(size / clips / 1024, 1),
+            "files_a_shard": round(files / shards, 1),
+        }
+        for name, (clips, seconds, size, files, shards) in totals.items()
+    ]
+
+
+def overhead(executors: Sequence[str], clips: int = 64) -> list[dict[str, object]]:
+    """Seconds beside the work, by executor, workers and shards."""
+    rows: list[dict[str, object]] = []
+    for executor in executors:
+        for workers in (1, 2):
+            spent = {shards: _run_seconds(executor, workers, clips, clips // shards) for shards in (4, 64)}
+            a_shard = (spent[64] - spent[4]) / 60
+            rows.append(
+                {
+                    "executor": executor,
+                    "workers": workers,
+                    "start_s": round(spent[4] - 4 * a_shard, 2),
+                    "seconds_a_shard": round(a_shard, 4),
+                }
+            )
+    return rows
+
+
+def _run_seconds(executor: str, workers: int, clips: int, shard_size: int) -> float:
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.monotonic()
+        map_shards(
+            "work",
+            "toy",
+            Path(folder) / "out",
+            work,
+            parameters=Work(0.0, False),
+            clips=clips,
+            shard_size=shard_size,
+            executor=executor,
+            workers=workers,
+            store=Store(Path(folder) / "store"),
+        )
+        return time.monotonic() - began
+
+
+def memory(counts: Sequence[int], shard_size: int) -> list[dict[str, object]]:
+    """Peak memory of two stages, each in a process of its own, by clips."""
+    rows: list[dict[str, object]] = []
+    for clips in counts:
+        with tempfile.TemporaryDirectory() as folder:
+            for stage in ("write", "read"):
+                command = [
+                    sys.executable,
+                    "-m",
+                    "benchmarks.scale",
+                    "measure",
+                    stage,
+                    folder,
+                    str(clips),
+                    str(shard_size),
+                ]
+                said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1]
+                rows.append({"clips": clips, "shards": -(-clips // shard_size), "stage": stage, **json.loads(said)})
+                print(rows[-1], flush=True)
+    return rows
+
+
+def measure(stage: str, folder: Path, clips: int, shard_size: int) -> None:
+    """Run one stage and print the peak memory of this process."""
+    store = Store(folder / "store")
+    if stage == "write":
+        work_, cut = Work(0.0, True), {"clips": clips, "shard_size": shard_size}
+        map_shards("write", "toy", folder / "write", work, parameters=work_, workers=1, store=store, **cut)
+    else:
+        inputs = [folder / "write"]
+        map_shards("read", "toy", folder / "read", read, parameters=None, inputs=inputs, workers=1, store=store)
+        open_shards(folder / "write").verify()
+    print(json.dumps({"peak_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)}))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("stages", "overhead", "memory", "measure"))
+    parser.add_argument("own", nargs="*", help=argparse.SUPPRESS)
+    parser.add_argument("--data", type=Path, default=Path("data"))
+    parser.add_argument("--ray", action="store_true", help="overhead: with Ray, too")
+    parser.add_argument("--clips", type=int, nargs="+", default=[1000, 4000, 16000], help="memory: of how many clips")
+    parser.add_argument("--shard-size", type=int, default=64, help="memory: clips a shard")
+    arguments = parser.parse_args()
+    match arguments.what:
+        case "measure":
+            stage, folder, clips, shard_size = arguments.own
+            measure(stage, Path(folder), int(clips), int(shard_size))
+            return
+        case "stages":
+            rows = stages(arguments.data)
+        case "overhead":
+            rows = overhead(["local", *["ray"] * arguments.ray])
+        case _:
+            rows = memory(arguments.clips, arguments.shard_size)
+    print("| " + " | ".join(rows[0]) + " |\n|" + " --- |" * len(rows[0]))
+    for row in rows:
+        print("| " + " | ".join(map(str, row.values())) + " |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+"""Effects that are established although something remains that no listed effect explains.
+
+Beside such a remainder differences of scores mean little, since residuals are systematic: with enough samples any
+effect that bends the paths a bit wins. So an effect is asked for its substance: on clips that were not fitted it has to
+remove at least half of what the model without it leaves. Likewise a law with more numbers has to leave at most half of
+what one with fewer leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.fitting.extension import Progress, extend, without_one
+from pipeline.discrepancy.selection.comparison import other_evidence
+from pipeline.discrepancy.selection.equivalence import Sets
+from pipeline.discrepancy.selection.forecast import forecast_error
+from pipeline.discrepancy.selection.forward_selection import LEADERS, MOST_EFFECTS, MOST_FITTED_MORE
+from pipeline.discrepancy.selection.gap import measure_gap
+from pipeline.discrepancy.selection.selection import Selection
+from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, excess
+from pipeline.scene.effects.kind import EffectKind
+
+MOST_LEFT = 0.5  # of the gap beyond noise that a simpler model leaves, root mean square
+ALIKE_LEFT = 1.25  # effects that leave up to so many times as much are not told apart
+#: By how much chi squared of the held-out clips must fall with each effect. A true difference d of the predictions
+#: changes chi squared by d² with a standard deviation of 2 d, so that a fall by 4 equals its own uncertainty.
+HELD_OUT_GAIN = 4.0
+
+
+def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Progress) -> Selection | None:
+    """The selection of the effects that are established, with what cannot be told from them; None where none is.
+
+    Effects are added one by one, the simplest first of those that count. Where none counts alone, two may.
+
+    Args:
+        found: A selection that leaves more than noise, with clips that were held out.
+        kinds: The effects that may be named.
+        progress: Called with the name of each effect that is fitted.
+    """
+    if not found.problem.held_out:
+        return None
+    kinds = [kind for kind in kinds if kind.discovery.fit_hits is None and kind.bounce_ratio is None]
+    fitted = {c.name for c in found.singles}
+    more = extend(found.calibration, found.none, [k for k in kinds if k.name not in fitted], progress)
+    found = replace(found, singles=tuple(sorted((*found.singles, *more), key=lambda c: c.score)))
+    longer = [c for c in found.singles if c.hits is None and c.restitution is None and other_evidence(c) >= 0]
+    chosen, tried = found.none, [*found.tried]
+    alike: Sets = ()
+    while True:
+        best = _simplest([c for c in longer if _counts(found, c, chosen)], found)
+        if best is None and not chosen.effects and longer and len(longer[0].effects) == 1:
+            leaders = sorted(longer, key=lambda c: _left(found, c))[:LEADERS]
+            longer = [c for base in leaders for c in extend(found.calibration, base, kinds, progress, MOST_FITTED_MORE)]
+            tried += longer
+            continue
+        if best is None:
+            break
+        alike = _still_alike(found, alike, best, kinds, progress) + _alike(found, best, longer)
+        chosen = best
+        if len(chosen.effects) == MOST_EFFECTS or excess(found.calibration, chosen)[0] <= UNEXPLAINED_Z:
+            break
+        longer = extend(found.calibration, chosen, kinds, progress, MOST_FITTED_MORE)
+        tried += longer
+    if not chosen.effects:
+        return None
+    z, share = excess(found.calibration, chosen)
+    return replace(
+        found,
+        chosen=chosen,
+        alike=alike,
+        tried=tuple(tried),
+        unknown=False,
+        untestable=tuple(name for name in found.untestable if name not in chosen.effects),
+        excess_z=z,
+        excess_share=share,
+    )
+
+
+def models_without(found: Selection) -> dict[str, Candidate]:
+    """For each effect of the chosen model, the fitted model without it, where there is one."""
+    by_effects = {frozenset(c.effects): c for c in (*found.tried, *found.singles, found.none)}
+    rest = {name: frozenset(found.chosen.effects) - {name} for name in found.chosen.effects}
+    return {name: by_effects[names] for name, names in rest.items() if names in by_effects}
+
+
+def _left(found: Selection, model: Candidate) -> float:
+    """What a model leaves of the first gap beyond noise, on held-out clips."""
+    return measure_gap(found.measured, found.baseline, model).left
+
+
+def _counts(found: Selection, model: Candidate, base: Candidate) -> bool:
+    """Whether a model leaves enough less on the held-out clips than without any one of its effects, and forecasts
+    better. base: the model that it extends by the last of its effects."""
+    without = _without_one(found, model, base)
+    return len(without) >= min(len(model.effects), 2) and all(
+        _left(found, model) <= MOST_LEFT * _left(found, shorter)
+        and shorter.held_out - model.held_out > HELD_OUT_GAIN
+        and forecast_error(model) < forecast_error(shorter)
+        for shorter in without
+    )
+
+
+def _without_one(found: Selection, model: Candidate, base: Candidate) -> list[Candidate]:
+    """The model without each one of its effects, where that was fitted. base: without the last one."""
+    if len(model.effects) == 1:
+        return [found.none]
+    if len(model.effects) == 2:
+        return [c for c in found.singles if c.name in model.effects]
+    return [base, *without_one(found.calibration, model)]
+
+
+def _simplest(models: Sequence[Candidate], found: Selection) -> Candidate | None:
+    """The model with the fewest numbers, unless one with more leaves at most half as much."""
+    best: Candidate | None = None
+    for c in sorted(models, key=lambda c: (c.fit.model.size, _left(found, c))):
+        if best is None or _left(found, c) <= MOST_LEFT * _left(found, best):
+            best = c
+    return best
+
+
+def _alike(found: Selection, chosen: Candidate, rivals: Sequence[Candidate]) -> Sets:
+    """What could replace one of the effects as well, with no more numbers."""
+    most, size = ALIKE_LEFT * _left(found, chosen), chosen.fit.model.size
+    near = [c for c in rivals if c.fit.model.size <= size and _left(found, c) <= most]
+    out = []
+    for name in chosen.effects:
+        others = set(chosen.effects) - {name}
+        names = [n for c in near for n in c.effects if set(c.effects) - {n} == others and n not in others]
+        out.append(tuple(dict.fromkeys((name, *names))))
+    return tuple(names for names in out if len(names) > 1)
+
+
+def _still_alike(
+    found: Selection, alike: Sets, longer: Candidate, kinds: Sequence[EffectKind], progress: Progress
+) -> Sets:
+    """Of the sets that held without the last effect of a model, those that hold with it.
+
+    Args:
+        found: The selection.
+        alike: Sets whose first name is in the model.
+        longer: The model.
+        kinds: The effects that may be named.
+        progress: Called with the name of each effect that is fitted.
+    """
+    last = [kind for kind in kinds if kind.name == longer.effects[-1]]
+    singles = {c.name: c for c in found.singles}
+    out = []
+    for first, *others in alike:
+        names = [first]
+        for other in others:
+            base = singles.get(other) if len(longer.effects) == 2 else None
+            rivals = [] if base is None else extend(found.calibration, base, last, progress)
+            names += [other for c in rivals if _left(found, c) <= ALIKE_LEFT * _left(found, longer)]
+        out.append(tuple(names))
+    return tuple(names for names in out if len(names) > 1)

@@ -1,0 +1,133 @@
+"""Shards as tasks of a Ray cluster, or of one that is started on this machine.
+
+Where `RAY_ADDRESS` names a cluster, its machines get the code (this folder without what git ignores), and need a store
+that they share; without it, a cluster is started here and ends with the stage.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pipeline.errors import ParamsError, ShardError
+from pipeline.shards.numeric_threads import thread_variables
+from pipeline.shards.worker_pool import RemoteTraceback
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+ADDRESS = "RAY_ADDRESS"
+RETRIES = 5  # of a task whose worker or machine died; a task that raised is never tried again
+#: Nothing is reported to Ray's makers; workers have the priority of this process, not the lowest.
+_SETTINGS = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_worker_niceness": "0",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+}
+_LEFT_HERE = ["/data", "/reports", "/.git", "/.venv", "/.shards", "/.train", "/.dvc"]
+
+
+@dataclass(frozen=True)
+class RayExecutor:
+    """Tasks of a Ray cluster.
+
+    Attributes:
+        workers: How many tasks are in flight at most; None: as many as the cluster has room for.
+        threads: Numeric threads of a task, which takes as many cores.
+    """
+
+    workers: int | None
+    threads: int
+
+    @property
+    def distant(self) -> bool:
+        """Whether the workers may be on other machines."""
+        return os.environ.get(ADDRESS, "local") not in ("", "local")
+
+    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """Apply a function to items; results in the order of completion.
+
+        Raises ShardError where an item's workers died again and again, and what the function raised.
+        """
+        if not items:
+            return
+        with self._cluster() as ray:
+            resources = ray.cluster_resources()
+            task = ray.remote(_call).options(
+                num_cpus=self.threads,
+                max_retries=RETRIES,
+                retry_exceptions=False,
+            )
+            room = max(1, int(resources.get("CPU", 1) // self.threads))
+            in_flight = self.workers or 2 * room  # twice, so that no core waits for this process
+            waiting, busy = list(reversed(items)), dict[Any, Item]()
+            try:
+                while waiting or busy:
+                    while waiting and len(busy) < in_flight:
+                        item = waiting.pop()
+                        busy[task.remote(function, item, None if self.distant else str(Path.cwd()))] = item
+                    (done, *_), _ = ray.wait(list(busy), num_returns=1)
+                    yield _result(ray, done, busy.pop(done))
+            finally:
+                for reference in busy:
+                    ray.cancel(reference, force=True)
+
+    @contextmanager
+    def _cluster(self) -> Iterator[Any]:
+        for name, value in _SETTINGS.items():
+            os.environ.setdefault(name, value)
+        try:
+            import ray
+        except ImportError:
+            raise ParamsError(
+                'executor.name `ray` needs Ray: pip install -e ".[ray]"; valid without it: local'
+            ) from None
+        if ray.is_initialized():
+            yield ray
+            return
+        environment: dict[str, Any] = {"env_vars": thread_variables(self.threads)}
+        settings: dict[str, Any] = {"logging_level": "ERROR", "log_to_driver": False}
+        if self.distant:
+            environment |= {"working_dir": str(Path.cwd()), "excludes": _LEFT_HERE}
+            environment["env_vars"] |= {
+                k: os.environ[k]
+                for k in ("AWS_ENDPOINT_URL", "AWS_DEFAULT_REGION", "DYNAMICS_STORE")
+                if k in os.environ
+            }
+            settings["address"] = os.environ[ADDRESS]
+        else:
+            environment["env_vars"]["PYTHONPATH"] = os.pathsep.join(filter(None, [str(Path.cwd()), *sys.path]))
+            cores = self.workers * self.threads if self.workers else None
+            settings |= {"address": "local", "num_cpus": cores, "include_dashboard": False}
+        try:
+            ray.init(runtime_env=environment, **settings)
+        except (ConnectionError, OSError, RuntimeError, ValueError) as error:
+            raise ParamsError(f"no Ray cluster can be reached ({ADDRESS}={os.environ.get(ADDRESS)}): {error}") from None
+        try:
+            yield ray
+        finally:
+            ray.shutdown()
+
+
+def _call(function: Callable[[Item], Result], item: Item, folder: str | None) -> Result:
+    """Runs in a worker, on this machine in the folder of the process that asks."""
+    if folder is not None:
+        os.chdir(folder)
+    return function(item)
+
+
+def _result(ray: Any, reference: Any, item: object) -> Any:
+    try:
+        return ray.get(reference)
+    except ray.exceptions.RayTaskError as error:
+        cause = error.cause if isinstance(error.cause, Exception) else RuntimeError(str(error))
+        cause.add_note(f"in {item}")
+        raise cause from RemoteTraceback(f"\n{error}")
+    except ray.exceptions.RayError as error:
+        raise ShardError(
+            f"{item}: its workers died {RETRIES + 1} times ({str(error).splitlines()[0]}); nothing half-written is "
+            "left, and what was computed is in the store: run it again, with fewer workers if memory was short"
+        ) from None
