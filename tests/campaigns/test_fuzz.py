@@ -11,11 +11,11 @@ import pytest
 from campaign import damaged, outcomes, rounds
 from PIL import Image
 
-from pipeline.api.scene_source import edited
 from pipeline.discrepancy.tracks.known_scene import load_known_scene
 from pipeline.discrepancy.tracks.track import read_tracks
 from pipeline.errors import DynamicsError
 from pipeline.physics.simulate import simulate
+from pipeline.scene.edited import edited
 from pipeline.scene.text import load_scene, read_scene
 from pipeline.shards.code_hash import ROOT
 from pipeline.vision.recordings.mask_file import read_masks

@@ -46,8 +46,8 @@ def test_an_edit_writes_the_edited_clip_and_where_its_pixels_come_from(run: Run,
         (["--set", "objects[9].mass=2"], "valid: 0 to 1"),
         (["--set", "objects[0].mass=2", "--at", "3"], "the clip is 1 s long"),
         (["--set", "objects[0].position=[0.35, 0.3, 0.5]"], "mm inside"),
-        (["--add", "none.yaml"], "cannot be read"),
-        (["--edits", "none.yaml"], "cannot be read"),
+        (["--add", "none.yaml"], "there is no such file"),
+        (["--edits", "none.yaml"], "there is no such file"),
     ],
 )
 def test_a_wrong_edit_ends_with_one_line_and_writes_nothing(

@@ -49,7 +49,7 @@ def test_an_added_object_is_a_mapping_with_a_shape(tmp_path: Path) -> None:
     (tmp_path / "ball.yaml").write_text("radius: 0.1\n")
     with pytest.raises(SceneError, match="a mapping with shape"):
         read_object(tmp_path / "ball.yaml")
-    with pytest.raises(SceneError, match="cannot be read"):
+    with pytest.raises(SceneError, match="there is no such file"):
         read_object(tmp_path / "none.yaml")
 
 
