@@ -134,7 +134,7 @@ class Store:
         with writing_to(self.folder), locked(self.folder / _PRUNE_LOCK):
             for left in abandoned(self.folder / _USES):
                 left.unlink(missing_ok=True)
-            yield frozenset(key for note in live_claims(self.folder / _USES) for key in note.read_text().split())
+            yield frozenset(key for note in live_claims(self.folder / _USES) for key in _noted_keys(note))
 
     @contextmanager
     def scratch(self, key: str) -> Iterator[Path]:
@@ -299,6 +299,14 @@ def read_stored(folder: Path, key: str) -> tuple[StoredShard | None, str]:
         if files[name] != expected[name]:
             return None, f"the bytes of {name} are not those that were written"
     return StoredShard(key, folder, files, record["notes"]), ""
+
+
+def _noted_keys(note: Path) -> list[str]:
+    """The keys that a run uses; none where it has just ended."""
+    try:
+        return note.read_text().split()
+    except FileNotFoundError:
+        return []
 
 
 def _make_durable(folder: Path) -> None:
