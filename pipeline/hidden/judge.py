@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.hidden.law_perturbation import KIN
 from pipeline.hidden.scenario import experiment_of
 from pipeline.scene.effects.kind import Parameter
 from pipeline.scene.effects.registry import effect_kinds
@@ -75,7 +74,7 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     if not listed and named and set(named) <= equals:
         return Judgement(right=True, false=False, some=True, truth=name, label=name)
     if truth.get("unlisted") is not None and not hidden and named and verdict.get("remainder") is not None:
-        kin = set(named) <= KIN[truth["unlisted"]]
+        kin = all((h := effect_kinds()[n].hiding) is not None and truth["unlisted"] in h.resembles for n in named)
         return Judgement(right=kin, false=not kin, some=kin, truth=name, label=name if kin else answer)
     if not listed:
         label = name if unknown else answer

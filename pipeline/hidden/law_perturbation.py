@@ -7,14 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-KIN: dict[str, frozenset[str]] = {
-    "cubic_drag": frozenset({"air_drag", "linear_drag", "wind"}),
-    "swirl": frozenset(),
-    "pulsed": frozenset(),
-    "spring": frozenset({"hidden_attractor"}),
-}
-"""Laws that are no effects -> the effects of the same kind. Such a one may be named if a remainder is reported, too."""
-UNLISTED = tuple(KIN)
+UNLISTED = ("cubic_drag", "swirl", "pulsed", "spring")
+"""Laws that are no effects."""
 Acceleration = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 """(time s, position (..., 3) m, velocity (..., 3) m/s) -> m/s²."""
 

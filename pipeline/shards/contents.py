@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pipeline.errors import ShardError
-from pipeline.shards.content_hash import hash_file, hash_value
-from pipeline.shards.manifest import CHECKSUM, how_to_mend
+from pipeline.shards.checksum import checked_fields, with_checksum
+from pipeline.shards.content_hash import hash_file
+from pipeline.shards.manifest import how_to_mend
 
 CONTENTS = "contents.json"
 
@@ -14,7 +15,7 @@ CONTENTS = "contents.json"
 def write_contents(folder: Path, key: str, files: Mapping[str, str]) -> None:
     """Write down the SHA-256 of the files, by their paths in the folder."""
     fields = {"key": key, "files": dict(sorted(files.items()))}
-    text = json.dumps({**fields, CHECKSUM: hash_value(fields)}, indent=1) + "\n"
+    text = json.dumps(with_checksum(fields), indent=1) + "\n"
     (folder / CONTENTS).write_text(text)
 
 
@@ -22,9 +23,7 @@ def read_contents(folder: Path) -> tuple[str, dict[str, str]]:
     """The key and the hashes of the files. Raises ShardError."""
     path = folder / CONTENTS
     try:
-        fields = json.loads(path.read_bytes())
-        if fields.pop(CHECKSUM, None) != hash_value(fields):
-            raise ValueError("its checksum is not that of its content")
+        fields = checked_fields(json.loads(path.read_bytes()))
         return fields["key"], dict(fields["files"])
     except FileNotFoundError:
         raise ShardError(f"{path} is missing; {how_to_mend(folder)}") from None

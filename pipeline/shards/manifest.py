@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import ShardError
-from pipeline.shards.content_hash import hash_value
+from pipeline.shards.checksum import checked_fields, with_checksum
 from pipeline.shards.shard import MAIN_TABLE
 
 MANIFEST = "manifest.json"
-CHECKSUM = "checksum"
 ARRAYS = "arrays.zarr"  # as it is called in the store
 
 
@@ -73,7 +72,7 @@ class Manifest:
     def write(self, folder: Path) -> None:
         temporary = folder / f".{MANIFEST}.{os.getpid()}"
         fields = asdict(self)
-        text = json.dumps({**fields, CHECKSUM: hash_value(fields)}, indent=1, ensure_ascii=False)
+        text = json.dumps(with_checksum(fields), indent=1, ensure_ascii=False)
         temporary.write_text(text + "\n", encoding="utf-8")
         temporary.rename(folder / MANIFEST)
 
@@ -82,9 +81,7 @@ def read_manifest(folder: Path) -> Manifest:
     """Read a stage's manifest. Raises ShardError where it is missing, damaged or no manifest."""
     path = folder / MANIFEST
     try:
-        fields = json.loads(path.read_bytes())
-        if fields.pop(CHECKSUM, None) != hash_value(fields):
-            raise ValueError("its checksum is not that of its content")
+        fields = checked_fields(json.loads(path.read_bytes()))
         shards = tuple(ShardEntry(**entry) for entry in fields.pop("shards"))
         return Manifest(
             **{**fields, "tables": tuple(fields["tables"]), "arrays": tuple(fields["arrays"])}, shards=shards

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pipeline.errors import DynamicsError, OutputError, ParamsError, ShardError
-from pipeline.shards.content_hash import hash_file, hash_value
+from pipeline.shards.checksum import checked_fields
+from pipeline.shards.content_hash import hash_file
 
 RECORD = "shard.json"
 PATIENCE_S = 120.0  # so long a server may be gone
@@ -32,26 +33,24 @@ class Remote:
     def record(self, key: str) -> dict[str, Any] | None:
         """The record of a shard; None where there is no such shard, or its record is damaged."""
         try:
-            record = json.loads(self._patiently(lambda: self._fs.cat_file(self._path(key, RECORD))))
+            record: dict[str, Any] = json.loads(self._patiently(lambda: self._fs.cat_file(self._path(key, RECORD))))
+            return record if checked_fields(record)["key"] == key else None
         except (FileNotFoundError, ValueError):
             return None
-        checked = dict(record)
-        return record if checked.pop("checksum", None) == hash_value(checked) and record["key"] == key else None
 
-    def fetch(self, key: str, folder: Path) -> dict[str, Any] | None:
-        """Bring a shard's files into an empty folder; gives its record, or None where it is not there whole."""
-        record = self.record(key)
-        for name, digest in (record or {}).get("files", {}).items():
+    def fetch(self, record: Mapping[str, Any], folder: Path) -> bool:
+        """Bring the files of a shard with this record into an empty folder; gives whether all of them are whole."""
+        for name, digest in record["files"].items():
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            source = self._path(key, digest)
+            source = self._path(record["key"], digest)
             try:
                 self._patiently(partial(self._fs.get_file, source, str(path)))
             except FileNotFoundError:
-                return None
+                return False
             if hash_file(path) != digest:
-                return None
-        return record
+                return False
+        return True
 
     def publish(self, key: str, folder: Path, record: Mapping[str, Any]) -> None:
         """Add the shard in `folder`.

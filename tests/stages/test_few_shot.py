@@ -89,7 +89,11 @@ def test_the_base_answers_from_examples_of_train_and_nothing_is_fine_tuned(
 ) -> None:
     write_params(shots=3)
     finetune.main()
-    assert sorted(path.name for path in (folder / "data/finetune").iterdir()) == ["eval_loss.csv", "loss.csv"]
+    assert sorted(path.name for path in (folder / "data/finetune").iterdir()) == [
+        "contents.json",
+        "eval_loss.csv",
+        "loss.csv",
+    ]
     prefer.main()
     infer.main("id")
     answers = open_shards(folder / "data/infer/id")

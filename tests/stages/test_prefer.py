@@ -79,7 +79,11 @@ def test_where_it_is_not_enabled_the_fine_tuned_model_answers_and_nothing_is_cop
     prefer.main()
     assert answering_model() == AnsweringModel(False)
     assert answering_model().folder == FINETUNED
-    assert sorted(path.name for path in (folder / "data/prefer").iterdir()) == ["answering_model.json", "curve.csv"]
+    assert sorted(path.name for path in (folder / "data/prefer").iterdir()) == [
+        "answering_model.json",
+        "contents.json",
+        "curve.csv",
+    ]
     assert (folder / "data/prefer/curve.csv").read_text() == "step,loss,accuracy,margin\n"
 
 

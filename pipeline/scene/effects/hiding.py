@@ -54,6 +54,8 @@ class Hiding:
         scenarios: The experiments in which the effect shows, as often as they are drawn.
         engines: The engines that can simulate it, of `ENGINES`.
         wrong_law: How its law may be perturbed, of `pipeline.hidden.law_perturbation.WRONG_LAWS`.
+        resembles: Laws in no list that it resembles, of `pipeline.hidden.law_perturbation.UNLISTED`. It may be named
+            for one of them if a remainder is reported, too.
         shows_in_spin: Whether it changes spins and not positions.
         draw: (launches, strength, sign, rng) -> parameters, of an effect whose size has no detection limit.
     """
@@ -63,5 +65,6 @@ class Hiding:
     scenarios: tuple[str, ...] = FLYING
     engines: tuple[str, ...] = ENGINES
     wrong_law: str | None = None
+    resembles: frozenset[str] = frozenset()
     shows_in_spin: bool = False
     draw: Callable[[Launches, float, float, np.random.Generator], dict[str, Any]] | None = None

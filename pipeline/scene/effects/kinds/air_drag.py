@@ -22,5 +22,7 @@ EFFECT = EffectKind(
     experiment="throw at half and at twice the speed: quadratic drag grows fourfold, linear drag twofold",
     force=force,
     discovery=DiscoveryRules(of_a_body=True, equals=lambda effect, experiment: frozenset({"wind"})),  # wind of no speed
-    hiding=Hiding(lambda s, at: {"coefficient": 0.02 * s * at.mass}, wrong_law="drag_slope"),
+    hiding=Hiding(
+        lambda s, at: {"coefficient": 0.02 * s * at.mass}, wrong_law="drag_slope", resembles=frozenset({"cubic_drag"})
+    ),
 )

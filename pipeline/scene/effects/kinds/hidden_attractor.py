@@ -42,5 +42,5 @@ EFFECT = EffectKind(
     experiment="hold a body at rest at several places and measure the force on it",
     force=force,
     discovery=DiscoveryRules(starts=starts, starts_apart=True),
-    hiding=Hiding(hidden_values, largest=12.0),
+    hiding=Hiding(hidden_values, largest=12.0, resembles=frozenset({"spring"})),
 )

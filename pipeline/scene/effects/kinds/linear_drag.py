@@ -22,5 +22,5 @@ EFFECT = EffectKind(
     experiment="throw at half and at twice the speed: quadratic drag grows fourfold, linear drag twofold",
     force=force,
     discovery=DiscoveryRules(of_a_body=True),
-    hiding=Hiding(lambda s, at: {"coefficient": 0.1 * s * at.mass}),
+    hiding=Hiding(lambda s, at: {"coefficient": 0.1 * s * at.mass}, resembles=frozenset({"cubic_drag"})),
 )

@@ -40,5 +40,7 @@ EFFECT = EffectKind(
     force=force,
     air_velocity=air_velocity,
     discovery=DiscoveryRules(starts=starts),
-    hiding=Hiding(lambda s, at: {"velocity": at.wind, "coefficient": 0.02 * s * at.mass}),
+    hiding=Hiding(
+        lambda s, at: {"velocity": at.wind, "coefficient": 0.02 * s * at.mass}, resembles=frozenset({"cubic_drag"})
+    ),
 )
