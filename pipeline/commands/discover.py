@@ -6,7 +6,9 @@ import argparse
 from pathlib import Path
 
 from pipeline.commands.arguments import count
+from pipeline.errors import ParamsError
 
+TABLES = (".parquet", ".csv")
 SUMMARY = "find where measured motion and a scene disagree, and name the physics that the scene lacks"
 DESCRIPTION = """\
 Find where measured motion and a scene disagree, and name the physics that the scene lacks.
@@ -20,20 +22,31 @@ missing law; then every effect is tried, alone and together, and judged on clips
   residuals.parquet  every sample, and what both models make of it
   recording.rrd      measured, calibrated and augmented motion, for the rerun viewer
 
-MEASURED is Parquet or CSV with the columns clip, object, time, x, y, z (s, m, z up), optionally qw..qz, wx..wz, sigma.
-SCENE is a scene file that needs no more than each object's name, shape, sizes and mass.
+INPUT is measured motion and a scene, or videos of one resting camera (or folders that `dynamics infer` wrote).
+
+Measured motion is Parquet or CSV with the columns clip, object, time, x, y, z (s, m, z up), optionally qw..qz,
+wx..wz, sigma.
+The scene file needs no more than each object's name, shape, sizes and mass. From videos OUT also has
+
+  tracks.parquet     the measured motion
+  replay.mp4         a clip that was not fitted, with the outlines of both forecasts
 
 examples:
   dynamics discover tracks.csv scene.yaml -o found
   dynamics discover tracks.parquet scene.yaml -o found --effects air_drag,linear_drag,wind
+  dynamics discover roll_1.mp4 roll_2.mp4 roll_3.mp4 roll_4.mp4 --scene ball.yaml -o found
   dynamics simulate found/augmented.yaml --set 'effects=[]' -o without
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("measured", type=Path, metavar="MEASURED", help="measured motion (.parquet or .csv)")
-    add("scene", type=Path, metavar="SCENE", help="what is known of the scene (YAML)")
+    add("inputs", type=Path, nargs="+", metavar="INPUT", help="MEASURED (.parquet or .csv) and SCENE (YAML), or videos")
+    add("--scene", type=Path, metavar="SCENE", help="what is known of the scene that videos show (YAML)")
+    add("--view", choices=("table", "side"), help="how the camera of videos looks (bodies that fall tell)")
+    add("--start", type=float, metavar="S", help="where each clip begins in its video (where bodies move freely)")
+    add("--seconds", type=float, metavar="S", help="length of each clip (as long as they do)")
+    add("--fps", type=float, metavar="FPS", help="at which the videos were shot, where their headers are wrong")
     add("-o", "--out", type=Path, required=True, metavar="OUT", help="folder for the results; it must not exist yet")
     add("--held-out", type=float, default=0.3, metavar="SHARE", help="share of clips kept for judging (0.3)")
     add("--effects", default="all", metavar="NAMES", help="which effects may be named, with commas between (all)")
@@ -42,17 +55,58 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    from pipeline.api.discover import discover
+    from pipeline.api.discover import DiscoveryResult, discover
+    from pipeline.api.discover_clips import ClipDiscoveryResult, discover_clips
     from pipeline.api.result_folder import check_replaceable, result_folder
     from pipeline.inference.progress import Progress
 
     a = arguments
     check_replaceable(a.out, a.force)
-    with Progress(2, shown=True) as progress:
-        found = discover(a.measured, a.scene, held_out=a.held_out, effects=a.effects, seed=a.seed, progress=progress)
+    table = any(place.suffix in TABLES for place in a.inputs)
+    if table:
+        _check_table(a)
+    with Progress(2 if table else 5, shown=True) as progress:
+        found: DiscoveryResult | ClipDiscoveryResult
+        if table:
+            found = discover(*a.inputs, held_out=a.held_out, effects=a.effects, seed=a.seed, progress=progress)
+        else:
+            found = discover_clips(
+                a.inputs,
+                a.scene,
+                view=a.view,
+                start=a.start,
+                seconds=a.seconds,
+                fps=a.fps,
+                held_out=a.held_out,
+                effects=a.effects,
+                seed=a.seed,
+                progress=progress,
+            )
         with progress.step("report"), result_folder(a.out, a.force) as folder:
             found.write(folder)
     print(f"{'verdict':<11}{found.sentence}")
     for note in found.report["notes"]:
         print(f"{'note':<11}{note}")
+    if not table:
+        gap = found.report["gap"]
+        if gap["sequence_iou_before"] is not None:
+            print(
+                f"{'forecast':<11}of frames not fitted: sequence IoU {gap['sequence_iou_before']:.2f} without, "
+                f"{gap['sequence_iou_after']:.2f} with what was named; end-point error {gap['epe_px_before']:.2f} and "
+                f"{gap['epe_px_after']:.2f} px"
+            )
     print(f"{'written':<11}{a.out}: look at report.html first")
+
+
+def _check_table(a: argparse.Namespace) -> None:
+    """Raise ParamsError unless one table and one scene were given, and nothing that is for videos."""
+    if len(a.inputs) != 2 or a.inputs[0].suffix not in TABLES:
+        given = " ".join(map(str, a.inputs))
+        raise ParamsError(
+            f"{given}: valid: one table of measured motion and one scene (MEASURED SCENE), or videos alone"
+        )
+    for name in ("scene", "view", "start", "seconds", "fps"):
+        if getattr(a, name) is not None:
+            raise ParamsError(
+                f"--{name}: it is for videos; a table of measured motion has its scene as the second INPUT"
+            )

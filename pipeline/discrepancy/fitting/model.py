@@ -19,6 +19,9 @@ from pipeline.scene.scene import Effect
 LEAST_BALL_FRICTION = 0.05  # with less a ball never stops slipping, which looks like rolling resistance
 OBJECT = "object:"
 """Begins the owner of an unknown that is an object's: `object:<index>`."""
+CAMERA = "camera"
+"""Owner of the unknowns of the camera, in units of their standard deviations."""
+MOST_SIGMAS = 6.0  # by which a number of the camera may be off
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class Unknown:
     """One fitted number.
 
     Attributes:
-        owner: `object:<index>`, or the name of an effect.
+        owner: `object:<index>`, `camera`, or the name of an effect.
         name: Of the parameter.
         component: Of a vector; 0 of a number.
         unit: Of the parameter.
@@ -125,6 +128,17 @@ class Model:
             out.append(ActingEffect(effect_kinds()[effect.name], values, acts))
         return out
 
+    @property
+    def camera_columns(self) -> list[int]:
+        """Indices of the camera's numbers."""
+        return [i for i, u in enumerate(self.unknowns) if u.owner == CAMERA]
+
+    def as_measured(self, stack: ArcStack, position: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Positions (P, A, n, 3) m as the camera of theta (P, G) would measure them."""
+        if stack.camera_error is None:
+            return position
+        return position + stack.camera_error.shift(position, theta[:, self.camera_columns])
+
     def friction(self, stack: ArcStack, theta: np.ndarray) -> GroundFriction | None:
         """The frictions of theta (P, G) and of the scene, for bodies on the ground; None in the air."""
         if not stack.grounded:
@@ -148,12 +162,23 @@ def known_model(known: KnownScene, stacks: Sequence[ArcStack]) -> Model:
             for number in np.unique(stack.object):
                 mine = stack.object == number
                 unknowns += _frictions(known, int(number), bool((stack.spin_weight[mine] > 0).any()))
+    unknowns += _camera_numbers(stacks)
     model = Model((), tuple(unknowns), known.scene.effects, tuple(o.name for o in known.scene.objects))
     for parameter in SCENE_FITTABLE:
         kind = kind_of_scene_parameter(parameter)
         if parameter in known.fit and kind is not None:
             model = with_effect(model, kind, known)
     return model
+
+
+def _camera_numbers(stacks: Sequence[ArcStack]) -> list[Unknown]:
+    """The unknowns of the camera, by which positions were measured."""
+    count = max((s.camera_error.count for s in stacks if s.camera_error is not None), default=0)
+    names = (f"deviation_{k}" for k in range(count))
+    return [
+        Unknown(CAMERA, name, 0, "-", start=0.0, low=-MOST_SIGMAS, high=MOST_SIGMAS, step=0.05, sigma=1.0)
+        for name in names
+    ]
 
 
 def _frictions(known: KnownScene, number: int, spins: bool) -> list[Unknown]:

@@ -49,7 +49,13 @@ def free_state(stack: ArcStack) -> np.ndarray:
 def run(stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, Nodes]:
     """Predictions (P, A, R) in units of sigma and the nodes, for theta (P, G) and initial states (P, A, 10)."""
     positions, spins, nodes = predict(stack, model.acting(stack, theta), start, model.friction(stack, theta))
-    return _rows(stack, positions, spins), nodes
+    return _rows(stack, model.as_measured(stack, positions, theta), spins), nodes
+
+
+def _run(stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`run` without the nodes, and the positions (P, A, n, 3) m before the camera measures them."""
+    positions, spins, _ = predict(stack, model.acting(stack, theta), start, model.friction(stack, theta))
+    return _rows(stack, model.as_measured(stack, positions, theta), spins), positions
 
 
 def measured_rows(stack: ArcStack) -> np.ndarray:
@@ -85,18 +91,25 @@ def linearise(
     steps = np.where(up, steps, -steps)
     for stack, start in zip(stacks, starts, strict=True):
         free = free_state(stack)
-        sets = 1 + len(free) + model.size
+        camera = model.camera_columns
+        moving = [g for g in range(model.size) if g not in camera]
+        sets = 1 + len(free) + len(moving)
         thetas, begin = np.tile(theta, (sets, 1)), np.tile(start, (sets, 1, 1))
         for j, place in enumerate(free):
             begin[1 + j, :, place] += STATE_STEP[place]
         tie_spins(stack, begin, start)
-        for g in range(model.size):
-            thetas[1 + len(free) + g, g] += steps[g]
-        rows, _ = run(stack, model, thetas, begin)
+        for j, g in enumerate(moving):
+            thetas[1 + len(free) + j, g] += steps[g]
+        rows, positions = _run(stack, model, thetas, begin)
         residuals.append(measured_rows(stack) - rows[0])
         derivative = rows[1:] - rows[0]
         local.append((derivative[: len(free)] / STATE_STEP[free][:, None, None]).transpose(1, 0, 2))
-        shared.append((derivative[len(free) :] / steps[:, None, None]).transpose(1, 0, 2))
+        by_number = np.zeros((len(stack), model.size, rows.shape[2]))
+        by_number[:, moving] = (derivative[len(free) :] / steps[moving][:, None, None]).transpose(1, 0, 2)
+        if stack.camera_error is not None:
+            moved = stack.camera_error.derivative(positions[0], theta[camera]) * stack.weight[..., None]  # (A, n, 3, K)
+            by_number[:, camera, : stack.weight[0].size] = moved.reshape(len(stack), -1, len(camera)).transpose(0, 2, 1)
+        shared.append(by_number)
     return Linearisation(residuals, local, shared)
 
 

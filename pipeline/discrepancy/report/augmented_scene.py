@@ -21,19 +21,25 @@ LEAST_DAMPING = 1e-3
 def augmented_scene(found: Selection) -> Scene:
     """The scene with the answer's effects, parameters as calibrated with them, and the motion of the first clip."""
     answer, problem = found.answer, found.problem
-    scene = problem.known.scene
-    numbers = calibrated(found.calibration, answer)
+    scene = scene_of(found, answer)
     objects = []
     for number, obj in enumerate(scene.objects):
-        obj = _with_parameters(obj, numbers)
         arcs = [(i, a) for i, a in enumerate(problem.arcs) if a.object == number]
         if arcs:
             first_clip = problem.arcs[0].clip
             obj = _with_motion(obj, answer, *min(arcs, key=lambda pair: (pair[1].clip != first_clip, pair[1].time[0])))
         objects.append(obj)
+    return replace(scene, objects=tuple(objects))
+
+
+def scene_of(found: Selection, model: Candidate) -> Scene:
+    """The known scene with a model's effects and its calibrated parameters, without the motion of a clip."""
+    scene = found.problem.known.scene
+    numbers = calibrated(found.calibration, model)
+    objects = [_with_parameters(obj, numbers) for obj in scene.objects]
     effects = [*scene.effects]
-    for name in answer.effects:
-        for body, estimates in estimates_by_body(answer, name).items():
+    for name in model.effects:
+        for body, estimates in estimates_by_body(model, name).items():
             values = tuple((k, tuple(e.value) if isinstance(e.value, list) else e.value) for k, e in estimates.items())
             effects.append(Effect(name, values, None if body is None else (scene.objects[body].name,)))
     gravity = scene.gravity

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.discrepancy.tracks.camera_error import CameraError
 from pipeline.discrepancy.tracks.velocity_jumps import VelocityJump
 
 GROUND = -1
@@ -34,6 +35,7 @@ class Arc:
         spin: (n, 3) rad/s, or None.
         quaternion: (n, 4), or None.
         jumps: Velocity jumps within the arc that no known impact explains.
+        camera_error: As `Track` has it.
         rolling: Whether a ball on the ground whose spin was not measured is assumed to roll: no other ball has struck
             it, or not recently.
     """
@@ -49,6 +51,7 @@ class Arc:
     spin: np.ndarray | None = None
     quaternion: np.ndarray | None = None
     jumps: tuple[VelocityJump, ...] = ()
+    camera_error: CameraError | None = None
     rolling: bool = False
 
     @property

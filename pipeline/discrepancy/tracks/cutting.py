@@ -144,6 +144,7 @@ def _cut_track(
                 others=around.others[chosen],
                 spin=None if spin is None else spin[chosen],
                 quaternion=None if quaternion is None else quaternion[chosen],
+                camera_error=track.camera_error,
                 jumps=tuple(jump for jump in unexplained if time[chosen[0]] < jump.time < time[chosen[-1]]),
                 rolling=rows[chosen[0]] < 3 or (k > 0 and contacts[k - 1][1] != GROUND),
             )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.discrepancy.tracks.arc import FAR_AWAY, Arc
+from pipeline.discrepancy.tracks.camera_error import CameraError, stacked
 from pipeline.discrepancy.tracks.known_scene import KnownScene
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import half_extents
@@ -45,6 +46,7 @@ class ArcStack:
         rotation: (A, n, 3, 3) of the body; identity where it was not measured.
         length_scale_sigma: Standard deviation of each arc's own length scale, relative; 0: lengths are exact.
         spin_sigma: rad/s, standard deviation of the spins of balls in the air that were not measured; 0: they are 0.
+        camera_error: What is not known of the camera that all arcs share.
         tied: (A,) bool, balls whose spin was not measured and is tied to their velocity: they are assumed to roll.
     """
 
@@ -73,6 +75,7 @@ class ArcStack:
     length_scale_sigma: float = 0.0
     spin_sigma: float = 0.0
     tied: np.ndarray | None = None
+    camera_error: CameraError | None = None
 
     def __len__(self) -> int:
         return len(self.index)
@@ -155,5 +158,6 @@ def stack_arcs(arcs: Sequence[Arc], clips: Sequence[str], known: KnownScene, gro
         spin_weight=spin_weight,
         others=others,
         rotation=rotation,
+        camera_error=stacked([a.camera_error for a in chosen]),
         tied=np.array([grounded and a.rolling and a.mean_spin is None for a in chosen], bool),
     )

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from pipeline.discrepancy.tracks.camera_error import CameraError
 from pipeline.errors import MeasurementError
 from pipeline.untrusted import read_table_bytes
 
@@ -36,6 +37,7 @@ class Track:
         quaternion: (T, 4) w, x, y, z.
         angular_velocity: (T, 3) rad/s, in the world's frame.
         sigma: (T,) m, standard deviation of each coordinate of the position.
+        camera_error: What is not known of the camera, which all tracks share; None where there is none.
     """
 
     clip: str
@@ -45,6 +47,7 @@ class Track:
     quaternion: np.ndarray | None = None
     angular_velocity: np.ndarray | None = None
     sigma: np.ndarray | None = None
+    camera_error: CameraError | None = None
 
 
 def read_tracks(path: Path) -> list[Track]:

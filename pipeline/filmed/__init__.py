@@ -1,0 +1,1 @@
+"""Measured motion from several clips of one camera, without any simulation."""

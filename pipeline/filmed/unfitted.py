@@ -1,0 +1,138 @@
+"""How well the scene before and after a discovery forecasts frames that were not fitted, in the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.fitting.least_squares import fit_initial_states
+from pipeline.discrepancy.report.augmented_scene import scene_of
+from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.selection.forecast import SEEN
+from pipeline.errors import SimulationError
+from pipeline.filmed.measured_motion import MeasuredMotion
+from pipeline.filmed.recorded_clip import RecordedClip
+from pipeline.metrics.overlap import count, sequence_iou
+from pipeline.physics.simulate import simulate
+from pipeline.scene.scene import Scene
+from pipeline.vision.flow.dis import DIS
+from pipeline.vision.rendering.camera import pinhole
+from pipeline.vision.rendering.exact_flow import exact_flow
+from pipeline.vision.rendering.rasteriser import rasterise
+
+LEAST_FRAMES = 3  # of a clip that are forecast
+
+
+@dataclass(frozen=True)
+class ForecastClip:
+    """A clip of which a scene that was fitted to others forecasts the rest.
+
+    Attributes:
+        clip: With the masks of the scene's objects.
+        first: Index of the first frame that was not fitted: the frames before told the initial state.
+        scene: With the camera and the initial state.
+        shown: (T, H, W) uint8, masks of the forecast at the clip's times.
+        iou: Sequence IoU of the frames from `first` on.
+        epe: px, mean length of the difference to the flow measured in the clip, over pixels of bodies.
+    """
+
+    clip: RecordedClip
+    first: int
+    scene: Scene
+    shown: np.ndarray
+    iou: float
+    epe: float
+
+
+@dataclass(frozen=True)
+class Unfitted:
+    """before, after: forecasts of the same clips, without and with what was named; empty where none was held out."""
+
+    before: tuple[ForecastClip, ...]
+    after: tuple[ForecastClip, ...]
+
+    def as_dict(self) -> dict[str, float | None]:
+        """As in `gap` of report.json."""
+        out: dict[str, float | None] = {}
+        for name, forecasts in (("before", self.before), ("after", self.after)):
+            out[f"sequence_iou_{name}"] = float(np.mean([f.iou for f in forecasts])) if forecasts else None
+            out[f"epe_px_{name}"] = float(np.mean([f.epe for f in forecasts])) if forecasts else None
+        return out
+
+
+def forecast_unfitted(found: Discovery, motion: MeasuredMotion) -> Unfitted:
+    """Forecast the clips that were held out (all where none was), without and with the effects that were named.
+
+    Each clip's initial state is fitted to the first part of its first arc; the frames after that are forecast through
+    all bounces by MuJoCo. A clip that one of the two scenes cannot forecast is left out of both.
+    """
+    names = found.problem.held_out or found.problem.clips
+    pairs = []
+    for clip in (c for c in motion.clips if c.name in names):
+        both = [_forecast(found, model, motion, clip) for model in (found.selection.none, found.answer)]
+        if both[0] is not None and both[1] is not None:
+            pairs.append((both[0], both[1]))
+    return Unfitted(tuple(p[0] for p in pairs), tuple(p[1] for p in pairs))
+
+
+def _forecast(found: Discovery, model: Candidate, motion: MeasuredMotion, clip: RecordedClip) -> ForecastClip | None:
+    starts = _first_states(found, model, clip.name)
+    scene = scene_of(found.selection, model)
+    if len(starts) < len(scene.objects):
+        return None
+    begin = max(time for time, _, _ in starts.values())
+    last = max(until for _, until, _ in starts.values())
+    first = int(np.searchsorted(clip.times, last, side="right"))
+    if len(clip.times) - first < LEAST_FRAMES or any(abs(time - begin) > 1e-6 for time, _, _ in starts.values()):
+        return None
+    objects = []
+    for number, obj in enumerate(scene.objects):
+        state = starts[number][2]
+        objects.append(
+            replace(
+                obj,
+                position=tuple(map(float, state[:3])),
+                velocity=tuple(map(float, state[3:6])),
+                angular_velocity=tuple(map(float, state[6:9])),
+            )
+        )
+    fit = model.fit
+    camera = motion.camera.moved(fit.theta[fit.model.camera_columns]) if fit.model.camera_columns else motion.camera
+    scene = replace(scene, objects=tuple(objects), camera=camera.camera)
+    times = np.maximum(clip.times - begin, 0.0)
+    try:
+        trace = simulate(scene, float(times[-1]) + 2 / 240)
+    except SimulationError:
+        return None
+    steps = np.minimum(np.rint(times * trace.rate).astype(int), len(trace.position) - 1)
+    position, quaternion = trace.position[steps], trace.quaternion[steps]
+    eye, (width, height) = pinhole(camera.camera), clip.size
+    shown = rasterise(scene.objects, position, quaternion, eye, width, height, scene.ground, ())
+    count_ = len(scene.objects)
+    counts = count(shown.mask[first:], clip.masks[first:], count_, count_)
+    iou = float(sequence_iou(counts, np.stack([np.arange(count_)] * 2, 1)))
+    flow = exact_flow(scene.objects, position[first:], quaternion[first:], eye, width, height, scene.ground)
+    measured = DIS().flow(clip.frames[first:-1], clip.frames[first + 1 :])
+    bodies = (shown.mask[first:-1] > 0) | (clip.masks[first:-1] > 0)
+    off = np.linalg.norm(flow - measured, axis=-1)
+    epe = float(off[bodies].mean()) if bodies.any() else 0.0
+    return ForecastClip(clip, first, scene, shown.mask, iou, epe)
+
+
+def _first_states(found: Discovery, model: Candidate, clip: str) -> Mapping[int, tuple[float, float, np.ndarray]]:
+    """For each object of a clip: begin of its first arc, s; until when that was fitted, s; the state (10,) there."""
+    out: dict[int, tuple[float, float, np.ndarray]] = {}
+    problem = model.problem
+    for stack, start in zip(problem.stacks, model.fit.starts, strict=True):
+        late = stack.time > SEEN * stack.duration[:, None]
+        early = replace(stack, weight=np.where(late[..., None], 0.0, stack.weight))
+        states, _ = fit_initial_states(early, model.fit.model, model.fit.theta, start)
+        for i, index in enumerate(stack.index):
+            arc = problem.arcs[index]
+            if arc.clip == clip and (arc.object not in out or arc.time[0] < out[arc.object][0]):
+                until = float(stack.start[i] + SEEN * stack.duration[i])
+                out[arc.object] = float(arc.time[0]), until, states[i]
+    return out
