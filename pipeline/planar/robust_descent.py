@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import cma
 import numpy as np
 
 ROUNDS = 25
@@ -102,6 +101,8 @@ def _evolve(
     costs: Callable[[np.ndarray], np.ndarray], x: np.ndarray, cost: float, steps: np.ndarray
 ) -> tuple[np.ndarray, float, int]:
     """CMA-ES from x: the best x, its cost, and the evaluations that it took."""
+    import cma  # takes most of a second
+
     options = {"popsize": POPULATION, "maxiter": GENERATIONS, "seed": 1, "verbose": -9, "CMA_stds": steps}
     search = cma.CMAEvolutionStrategy(x, SPREAD, options)
     while not search.stop():
