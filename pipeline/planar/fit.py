@@ -86,7 +86,7 @@ def fit_planar(
     found = robust_descent(residuals(end), steps, prior, parts=parts, rough=len(tracks) > 1)
     best = changed(scene, parameters, found.x)
     off = centre_errors(simulator, [best], dict(enumerate(tracks)), plane)
-    whole = [np.linalg.norm(off[i][0][t.whole], axis=1) for i, t in enumerate(tracks)]
+    whole = [np.linalg.norm(off[i][0][t.whole, :2], axis=1) for i, t in enumerate(tracks)]
     return PlanarFit(
         scene=best,
         names=tuple(p.name for p in parameters),
@@ -109,7 +109,10 @@ def first_ends(impacts: Sequence[float], end: float) -> list[float]:
 def centre_errors(
     simulator: BatchSimulator, scenes: list[Scene], tracks: Mapping[int, ImageTrack], plane: Plane
 ) -> dict[int, np.ndarray]:
-    """(B, T, 2) px of each object that has a track: its simulated centre in the picture minus that of its track."""
+    """(B, T, 2 or 3) px of each object that has a track: its simulated centre in the picture minus that of its track.
+
+    Seen from above, a body that rises would grow, or show its side: the third is how far it rises.
+    """
     last = max(int(np.ceil(t.times[-1] * STEPS_PER_SECOND)) for t in tracks.values()) + 1
     states = simulator.run(stack_scenes(scenes), np.arange(last + 1))
     out = {}
@@ -119,6 +122,9 @@ def centre_errors(
         share = (step - low)[:, None]
         place = (1 - share) * states.position[:, low, i] + share * states.position[:, low + 1, i]
         off = plane.to_picture(plane.in_plane(place)) - track.centre
+        if plane.level:
+            rise = plane.px_per_m * (place[..., 2:] - states.position[:, :1, i, 2:])
+            off = np.concatenate([off, rise], -1)
         off[~states.valid] = LOST_PX
         out[i] = off
     return out
