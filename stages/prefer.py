@@ -75,7 +75,7 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
     from pipeline.model.generate import Sampling
     from pipeline.model.patches import fit_layout
     from pipeline.model.preference import Pair, draw_answers, prefer, rank_pairs, weighted_reward
-    from pipeline.model.trainer import TrainingPlan
+    from pipeline.model.training_plan import TrainingPlan
     from pipeline.search.best_of_k import rank
     from stages.graph.search_target import shard_evaluator
 

@@ -14,7 +14,8 @@ from pipeline.api.mask_sheet import mask_sheet, overlay_frames
 from pipeline.api.masks import Masks
 from pipeline.api.result_folder import write_result
 from pipeline.inference.progress import Progress
-from pipeline.perception.user_clip import WEIGHTS, UserClip
+from pipeline.perception.mask_source import WEIGHTS
+from pipeline.perception.user_clip import UserClip
 from pipeline.shards.content_hash import hash_path
 from pipeline.vision.recordings.video import write_video
 from pipeline.vision.rendering.appearance import object_colour

@@ -13,7 +13,8 @@ from torch.nn import functional
 from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
 from pipeline.model.forward import hidden_states, right_padded
-from pipeline.model.trainer import ClipDataset, Report, TrainingPlan, train
+from pipeline.model.trainer import ClipDataset, Report, train
+from pipeline.model.training_plan import TrainingPlan
 
 Example = tuple[Tokens, np.ndarray]  # with pictures (T, H, W, 3) uint8
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -19,6 +18,7 @@ from torch.utils.data import Dataset
 from transformers import PreTrainedModel, Trainer, TrainerCallback, TrainingArguments
 
 from pipeline.model.checkpoint import load_weights
+from pipeline.model.training_plan import TrainingPlan
 from pipeline.shards.content_hash import hash_files
 
 STATE_FILE = "trainer_state.json"
@@ -48,19 +48,6 @@ class HasModel(Protocol):
     """What is trained: a `Base`, or another holder of a pre-trained model of transformers."""
 
     model: Any
-
-
-@dataclass(frozen=True)
-class TrainingPlan:
-    """steps: None for what `epochs` take. lora_rank 0 trains all weights. checkpoint_steps between checkpoints."""
-
-    steps: int | None
-    epochs: float
-    batch_size: int
-    learning_rate: float
-    lora_rank: int
-    checkpoint_steps: int
-    seed: int
 
 
 class _Trainer(Trainer):
