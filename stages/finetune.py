@@ -5,7 +5,8 @@ data/simulate, data/render and data/flow) of train and val, model.base. Writes d
 model (a checkpoint, whose model_input.json records how its input is made), loss.csv and eval_loss.csv (plots). An
 interrupted run goes on from its last checkpoint. With infer.shots the base answers as it is: nothing is trained, and
 there is no model.
-Parameters: seed, clip, flow (but source, raft and noise), model, finetune, infer.shots. Run: python -m stages.finetune
+Parameters: seed, clip, flow (but source, raft and noise), model, finetune, training,
+infer.shots. Run: python -m stages.finetune
 """
 
 from collections.abc import Sequence
@@ -20,6 +21,7 @@ from pipeline.clips.view import trace_pairs
 from pipeline.csv_rows import write_rows
 from pipeline.errors import naming
 from pipeline.model.model_input import ModelInput
+from pipeline.model.processes import in_processes, is_first
 from pipeline.model.training_plan import TrainingPlan
 from pipeline.physics.trace_shards import read_trace
 from pipeline.scene.text import read_scene
@@ -30,6 +32,7 @@ from stages.graph.clip_pictures import picture_stage, pictures
 from stages.graph.params import ModelSettings
 from stages.graph.run import DATA, folder, run
 from stages.graph.stage_params import load
+from stages.graph.training_processes import processes_for
 
 if TYPE_CHECKING:
     from pipeline.language.codec import Tokens
@@ -58,6 +61,13 @@ class Parameters:
 
 
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Parameters) -> dict[str, float]:
+    return in_processes(make_in_each, parameters.plan.processes, output, scratch, inputs, parameters)
+
+
+def make_in_each(
+    output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Parameters
+) -> dict[str, float]:
+    """The work of each process of the training; the first one writes the output."""
     # imported here, as below: it takes seconds, and mostly the model is in the store
     from transformers.utils import logging
 
@@ -77,6 +87,8 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
     else:
         clips, val = (text_dataset(part[0], part[1], base, parameters) for part in (inputs[:2], inputs[2:]))
         finetune(base, clips, val, parameters.plan, scratch, rows.append)
+    if not is_first():
+        return {}
     base.input = parameters.shown
     base.save(output / "model")
     for column in CURVES:
@@ -137,7 +149,8 @@ def main() -> None:
         return
     m, f = params.model, params.flow
     shown = ModelInput.of(m.input, f.picture, f.train_source, (f.width, f.height), f.iterations, m.reasoning)
-    plan = TrainingPlan(**params.finetune.model_dump(), seed=params.seed)
+    processes = processes_for(params, "finetune")
+    plan = TrainingPlan(**params.finetune.model_dump(), seed=params.seed, processes=processes)
     parameters = Parameters(params.clip.schedule, m, shown, plan)
     read = ["sample", "simulate", "render", "flow"] if m.input == "objects" else ["tokenize", picture_stage(m.input)]
     inputs = [folder(stage, suite) for suite in ("train", "val") for stage in read]

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """steps: None for what `epochs` take. lora_rank 0 trains all weights. checkpoint_steps between checkpoints."""
+    """steps: None for what `epochs` take. lora_rank 0 trains all weights. checkpoint_steps between checkpoints.
+    processes: that train together (`pipeline.model.processes`), each on its share of every batch."""
 
     steps: int | None
     epochs: float
@@ -14,3 +15,4 @@ class TrainingPlan:
     lora_rank: int
     checkpoint_steps: int
     seed: int
+    processes: int = 1
