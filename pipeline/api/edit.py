@@ -100,7 +100,7 @@ def edit(found: str | Path, edits: Sequence[Edit] = (), progress: Progress | Non
         layers = take_apart(clip, filmed, view_of(scene, width, height))
     with progress.step("pictures"):
         rng = np.random.default_rng(SEED)
-        pictures = compose(clip, layers, motion.motion, motion.origin, motion.first, rng)
+        pictures = compose(clip, layers, motion.motion, motion.origin, motion.first, rng, colours=motion.colour_of)
     return EditedClip(
         name=str(found),
         edits=tuple(ordered),

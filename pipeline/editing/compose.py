@@ -7,6 +7,7 @@ another one is, the picture is made of the plate, of shadows and of the bodies' 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -16,11 +17,13 @@ from pipeline.editing import plate as plates
 from pipeline.editing import surface_texture
 from pipeline.editing.camera_rays import NOBODY
 from pipeline.editing.drawing import Drawn, blurred, draw
+from pipeline.editing.edit_list import Colour
 from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.layers import Layers
 from pipeline.editing.light import ground_light
 from pipeline.editing.surface_texture import SIZE, Textures, plain_texture, unturned
 from pipeline.editing.view import BodyMotion, within_px
+from pipeline.vision.rendering.appearance import object_colour
 
 SAME_PX = 0.1  # a body that is shown this close to where it was filmed is left as it was filmed
 SHADOW_CHANGE = 0.004  # of the light on the ground, from which on a pixel is touched
@@ -55,6 +58,7 @@ def compose(
     start: int,
     rng: np.random.Generator,
     redraw: bool = False,
+    colours: Sequence[Colour | None] = (),
 ) -> EditedFrames:
     """Show an edited motion.
 
@@ -66,15 +70,19 @@ def compose(
         start: First frame that may differ from the clip's.
         rng: Of the noise.
         redraw: Make every pixel from the layers, also those that the edit does not touch.
+        colours: (M,) RGB of new bodies, from 0 to 255, where it is said; none where none is.
 
     Returns:
         The pictures.
     """
     as_filmed, corrections = follow(layers, edited, origin, start, redraw)
-    parts = [layers.textures.colour[o] if o is not None else plain_texture(m)[0] for m, o in enumerate(origin)]
-    kinds = [layers.textures.kind[o] if o is not None else plain_texture(m)[1] for m, o in enumerate(origin)]
-    texture = np.stack(parts) if parts else np.zeros((0, 6, SIZE, SIZE, 3), np.float32)
-    kind = np.stack(kinds) if kinds else np.zeros((0, 6, SIZE, SIZE), np.uint8)
+    said = [object_colour(m) if m >= len(colours) else colours[m] or object_colour(m) for m in range(len(origin))]
+    parts = [
+        plain_texture(said[m]) if o is None else (layers.textures.colour[o], layers.textures.kind[o])
+        for m, o in enumerate(origin)
+    ]
+    texture = np.stack([p[0] for p in parts]) if parts else np.zeros((0, 6, SIZE, SIZE, 3), np.float32)
+    kind = np.stack([p[1] for p in parts]) if parts else np.zeros((0, 6, SIZE, SIZE), np.uint8)
     turned = unturned(edited, [o is not None and layers.same_all_around[o] for o in origin])
     frames, ids = clip.frames.copy(), np.zeros(clip.masks.shape, np.uint8)
     shown_bodies, shown_plate = np.zeros(3), np.zeros(3)

@@ -14,6 +14,7 @@ from pydantic_core import PydanticCustomError
 from pipeline.errors import SceneError, did_you_mean
 from pipeline.untrusted import parse_yaml, read_text
 
+Colour = tuple[int, int, int]
 _VALID = "one of `set` (with `value`), `remove` and `add`"
 
 
@@ -25,7 +26,8 @@ class Edit:
         at: s of the clip, from which on it holds.
         set: `path=value`, as `dynamics simulate --set` takes it.
         remove: Name of an object.
-        add: An object as the text of a scene has it.
+        add: An object as the text of a scene has it, and `colour`, [R, G, B] from 0 to 255, if it shall have a certain
+            one.
     """
 
     at: float
@@ -52,7 +54,9 @@ class EditText(BaseModel):
     set: str | None = Field(None, description="path of a number of the scene, as objects[0].mass")
     value: Any = Field(None, description="what is set there: a number or a list of numbers")
     remove: str | None = Field(None, description="name of an object that is taken away")
-    add: dict[str, Any] | None = Field(None, description="an object as in a scene (docs/formats.md)")
+    add: dict[str, Any] | None = Field(
+        None, description="an object as in a scene (docs/formats.md), and its colour, [R, G, B] from 0 to 255"
+    )
 
     @model_validator(mode="after")
     def _one(self) -> EditText:
@@ -102,6 +106,19 @@ def read_object(path: Path) -> dict[str, Any]:
     if not isinstance(data, dict) or "shape" not in data:
         raise SceneError(f"{path}: an object is expected, as in a scene's `objects`: a mapping with shape, sizes, …")
     return data
+
+
+def added_object(edit: Edit) -> tuple[dict[str, Any], Colour | None]:
+    """The object that an edit adds, as in the text of a scene, and its colour. Raises SceneError for another colour."""
+    assert edit.add is not None
+    obj = {key: value for key, value in edit.add.items() if key != "colour"}
+    colour = edit.add.get("colour")
+    if colour is None:
+        return obj, None
+    whole = isinstance(colour, list) and len(colour) == 3 and all(type(v) is int and 0 <= v <= 255 for v in colour)
+    if not whole:
+        raise SceneError(f"{edit}: colour: {colour!r}; valid: [R, G, B], three whole numbers from 0 to 255")
+    return obj, (colour[0], colour[1], colour[2])
 
 
 def in_order(edits: Sequence[Edit], seconds: float) -> list[Edit]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 
 import numpy as np
 
-from pipeline.editing.edit_list import Edit
+from pipeline.editing.edit_list import Colour, Edit, added_object
 from pipeline.editing.view import BodyMotion
 from pipeline.errors import SceneError, did_you_mean
 from pipeline.physics.overlap import ground_penetration, overlaps
@@ -33,6 +33,7 @@ class EditedMotion:
         scene: The scene after the last edit, with its state at that time.
         time: When that is, s.
         first: First frame that an edit concerns.
+        colours: Colours of added bodies, RGB from 0 to 255, by name, as far as the edits say.
     """
 
     motion: BodyMotion
@@ -40,6 +41,13 @@ class EditedMotion:
     scene: Scene
     time: float
     first: int
+    colours: Mapping[str, Colour] = field(default_factory=dict)
+
+    @property
+    def colour_of(self) -> tuple[Colour | None, ...]:
+        """(M,) the colours of new bodies, where they are known."""
+        known = zip(self.motion.objects, self.origin, strict=True)
+        return tuple(self.colours.get(o.name) if origin is None else None for o, origin in known)
 
 
 def frame_steps(frames: int, fps: float) -> np.ndarray:
@@ -99,7 +107,9 @@ def run_edits(scene: Scene, trace: Trace, edits: Sequence[Edit], frames: int, fp
             quaternion[m][later] = run.quaternion[steps[later] - step, k]
             shown[m][later] = True
     motion = BodyMotion(tuple(bodies), np.stack(position, 1), np.stack(quaternion, 1), np.stack(shown, 1))
-    return EditedMotion(motion, tuple(origin), current, begun / STEPS_PER_SECOND, first)
+    added = [added_object(edit) for edit in edits if edit.add is not None]
+    colours = {str(obj.get("name")): colour for obj, colour in added if colour is not None}
+    return EditedMotion(motion, tuple(origin), current, begun / STEPS_PER_SECOND, first, colours)
 
 
 def scene_at(scene: Scene, trace: Trace, step: int) -> Scene:
@@ -152,7 +162,7 @@ def _without(scene: Scene, edit: Edit) -> Scene:
 
 def _with(scene: Scene, edit: Edit) -> Scene:
     data = parse_yaml(write_scene(scene), "the scene", SceneError)
-    data["objects"] = [*data["objects"], edit.add]
+    data["objects"] = [*data["objects"], added_object(edit)[0]]
     try:
         return scene_from_dict(data, "the edited scene")
     except SceneError as error:

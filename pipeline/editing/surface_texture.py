@@ -139,7 +139,7 @@ def find_textures(
         found = gathered(motion, i, view, corrections, clip, lights)
         seen = (found.weight > LEAST_WEIGHT).reshape(6, SIZE, SIZE)
         mean = found.colour.reshape(6, SIZE, SIZE, 3)
-        colour[i], kind[i] = completed(mean, seen) if seen.any() else plain_texture(i)
+        colour[i], kind[i] = completed(mean, seen) if seen.any() else plain_texture(object_colour(i))
     return Textures(colour, kind)
 
 
@@ -196,10 +196,10 @@ def completed(colour: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndar
     return out.astype(np.float32), kind
 
 
-def plain_texture(index: int) -> tuple[np.ndarray, np.ndarray]:
-    """The texture of a body that was never seen: the colour in which object `index` is drawn everywhere, invented."""
-    colour = np.broadcast_to(np.array(object_colour(index), np.float32), (6, SIZE, SIZE, 3))
-    return colour.copy(), np.full((6, SIZE, SIZE), INVENTED, np.uint8)
+def plain_texture(colour: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """The texture of a body that was never seen: invented, of one colour (3,), RGB from 0 to 255."""
+    everywhere = np.broadcast_to(np.array(colour, np.float32), (6, SIZE, SIZE, 3))
+    return everywhere.copy(), np.full((6, SIZE, SIZE), INVENTED, np.uint8)
 
 
 def _mirrored(values: np.ndarray, signs: tuple[int, ...]) -> np.ndarray:
