@@ -57,6 +57,11 @@ class Shown:
     ids: np.ndarray
     centres_px: np.ndarray
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px."""
+        return self.ids.shape[2], self.ids.shape[1]
+
     def mask(self, name: str) -> np.ndarray:
         """(T, H, W) bool, where a body is seen; nowhere if there is none of that name."""
         return self.ids == self.names.index(name) + 1 if name in self.names else np.zeros(self.ids.shape, bool)
@@ -130,7 +135,8 @@ def shown_bodies(motion: BodyMotion) -> BodyMotion:
 
 def drawn_plain(scene: Scene, motion: BodyMotion, size: tuple[int, int]) -> Shown:
     """A motion in the colours of `dynamics simulate`."""
-    return filmed(scene, motion, plain_appearance(len(motion.objects)), Sensor(), size, np.random.default_rng(0))
+    look = plain_appearance(len(motion.objects), len(scene.fixed))
+    return filmed(scene, motion, look, Sensor(), size, np.random.default_rng(0))
 
 
 def filmed(

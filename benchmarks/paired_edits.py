@@ -1,7 +1,7 @@
 """Edited clips against the clip that MuJoCo renders of the edited scene, given the true scene or the one `infer` finds.
 
-    python -m benchmarks.paired_edits [--pairs 63] [--scenes true] [--minutes M] [--kept FOLDER]
-    python -m benchmarks.paired_edits --pairs 21 --scenes found --simulations 3200 --kept FOLDER
+    python -m benchmarks.paired_edits [--pairs 63] [--size 240 160] [--minutes M] [--kept FOLDER]
+    python -m benchmarks.paired_edits --pairs 21 --scenes found [--simulations 2000] --kept FOLDER
 
 Each pair is a drawn clip with random looks and the same clip after an edit: of mass, friction, velocity, gravity, a
 removed body, an added one, a velocity at mid-clip. With `found`, `infer` sees only the video; the edit is carried over
@@ -54,7 +54,7 @@ METHODS = {"edited": "edited", "none": "no edit", "plain": "primitives"}
 METRICS = {"iou": "IoU", "psnr": "PSNR, dB", "error": "error, px"}
 LEAST_IOU = 0.1  # mean over the clip, from which on a found object is a true one
 SCENE = "scene.yaml"
-Job = tuple[Path, int, int, str, int, Path | None]
+Job = tuple[Path, int, int, str, int, tuple[int, int], Path | None]
 
 
 def scores(shown: Shown, pair: Pair) -> dict[str, float]:
@@ -77,7 +77,7 @@ def scores(shown: Shown, pair: Pair) -> dict[str, float]:
     return {
         "iou": shared / either if either else 1.0,
         "psnr": psnr(shown.frames, true.frames, where),
-        "error": float(distances.mean()) if len(distances) else np.nan,
+        "error": float(distances.mean()) * SIZE[0] / true.size[0] if len(distances) else np.nan,
     }
 
 
@@ -141,17 +141,22 @@ def _with_true_scene(pair: Pair) -> tuple[str, Shown, Shown]:
     clip = FilmedClip(pair.before.frames, pair.before.ids, schedule.fps)
     names = [o.name for o in pair.made.motion.objects]
     changed, left = replace(pair.scene, gravity=pair.made.scene.gravity), shown_bodies(pair.made.motion)
-    plain = drawn_plain(changed, left, SIZE)
+    plain = drawn_plain(changed, left, pair.before.size)
     return pair.scene.composition, edited_clip(pair.scene, clip, motion, pair.made, names), plain
 
 
 def answer(job: Job) -> dict[str, Any]:
     """The scores of one pair."""
-    kept, seed, number, scenes, simulations, pictures = job
+    kept, seed, number, scenes, simulations, size, pictures = job
     warnings.simplefilter("ignore")
-    pair = draw_pair(read_params_file(PARAMS_FILE, Params), seed, number)
+    pair = draw_pair(read_params_file(PARAMS_FILE, Params), seed, number, size)
     row: dict[str, Any] = {"seed": seed, "pair": number, "scenes": scenes, "kind": pair.kind, "edit": str(pair.edit)}
-    row |= {"budget": simulations if scenes == "found" else 0, "true": pair.scene.composition, "failed": None}
+    row |= {
+        "budget": simulations if scenes == "found" else 0,
+        "true": pair.scene.composition,
+        "size": list(size),
+        "failed": None,
+    }
     edited = plain = pair.before
     try:
         if scenes == "true":
@@ -212,7 +217,10 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=63)
     parser.add_argument("--seed", type=int, default=21)
     parser.add_argument("--scenes", choices=("true", "found"), default="true")
-    parser.add_argument("--simulations", type=int, default=3200, help="of the search, with --scenes found")
+    parser.add_argument("--simulations", type=int, default=2000, help="of the search, with --scenes found")
+    parser.add_argument(
+        "--size", type=int, nargs=2, default=SIZE, metavar=("W", "H"), help="of the clips, px (480 320)"
+    )
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--minutes", type=float, help="stop after so long; run again to continue")
     parser.add_argument("--kept", type=Path, help="a folder for the answers and scenes; default: a temporary one")
@@ -228,7 +236,7 @@ def main() -> None:
         answers = kept_answers(path)
         done = {(x["seed"], x["pair"], x["budget"]) for x in answers}
         jobs: list[Job] = [
-            (kept, a.seed, number, a.scenes, a.simulations, a.pictures)
+            (kept, a.seed, number, a.scenes, a.simulations, tuple(a.size), a.pictures)
             for number in range(a.pairs)
             if (a.seed, number, budget) not in done
         ]

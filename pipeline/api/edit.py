@@ -136,7 +136,7 @@ def write_files(folder: Path, run: EditedClip, progress: Progress) -> None:
     measured = run.layers.registered.mean(0)
     result = {
         "found": run.name,
-        "edits": [_record(e) for e in run.edits],
+        "edits": [e.record() for e in run.edits],
         "scene_at_s": round(run.motion.time, 4),
         "first_edited_frame": run.motion.first if run.edits else None,
         "pixels": _shares(("measured", "mirrored", "invented"), run.pictures.bodies),
@@ -156,11 +156,6 @@ def write_files(folder: Path, run: EditedClip, progress: Progress) -> None:
         "versions": {name: version(name) for name in ("dynamics-pipeline", "mujoco", "numpy")},
     }
     write_result(folder, "edit", result)
-
-
-def _record(edit: Edit) -> dict[str, object]:
-    kinds = {"set": edit.set, "remove": edit.remove, "add": edit.add}
-    return {"at": edit.at} | {kind: value for kind, value in kinds.items() if value is not None}
 
 
 def _shares(names: tuple[str, ...], values: tuple[float, ...]) -> dict[str, float]:

@@ -22,6 +22,7 @@ from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.layers import Layers
 from pipeline.editing.light import ground_light
 from pipeline.editing.surface_texture import SIZE, Textures, plain_texture, unturned
+from pipeline.editing.texture_views import Pose, nearness, texture_near
 from pipeline.editing.view import BodyMotion, within_px
 from pipeline.vision.rendering.appearance import object_colour
 
@@ -69,7 +70,8 @@ def compose(
         origin: (M,) which body of the clip each of them is; None for a new one.
         start: First frame that may differ from the clip's.
         rng: Of the noise.
-        redraw: Make every pixel from the layers, also those that the edit does not touch.
+        redraw: Make every pixel from the layers, also those that the edit does not touch; textures then come from the
+            other frames.
         colours: (M,) RGB of new bodies, from 0 to 255, where it is said; none where none is.
 
     Returns:
@@ -94,6 +96,9 @@ def compose(
             shown_plate[0] += (ids[t] == 0).sum()
             continue
         pose = turned.tables[t], corrections[t], rectangles[t], edited.shown[t]
+        for m in np.flatnonzero(edited.shown[t]):
+            if (o := origin[m]) is not None:
+                texture[m] = _texture_at(layers, o, turned.quaternion[t, m], corrections[t, m], t, redraw)
         drawn = draw(layers.view, *pose, Textures(texture, kind), layers.lights)
         light = ground_light(edited, layers.view, corrections, t, layers.lights)
         touched = np.ones(clip.masks.shape[1:], bool)
@@ -120,7 +125,9 @@ def follow(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which bodies are where they were filmed, (T, M) bool, and the corrections (T, M, 5) of the edited motion.
 
-    A body has the clip's own correction as long as it moves as filmed, and keeps the last of these from then on.
+    A body has the clip's own correction as long as it moves as filmed. From then on it has the last of these, and the
+    one of each frame as far as it is still near to where the scene has it in that frame of the clip: the scene's error
+    is alike there.
     """
     frames, count = edited.shown.shape
     filmed, index = layers.motion, [o for o in origin if o is not None]
@@ -146,13 +153,32 @@ def follow(
     same[start:] = together
     corrections = np.zeros((frames, count, 5))
     corrections[..., :2], corrections[..., 4] = edited.centres_px(layers.view), 1
+    boxes = edited.rectangles(layers.view)
     for m in known:
-        last = max(start - 1, 0)
+        own, last = layers.corrections[:, _origin(origin, m)], max(start - 1, 0)
         for t in range(frames):
             if t < start or same[t, m]:
                 last = t
-            corrections[t, m, 2:] = layers.corrections[last, _origin(origin, m), 2:]
+            apart = float(np.linalg.norm(corrections[t, m, :2] - own[t, :2]))
+            size = max(boxes[t, m, 1] - boxes[t, m, 0], boxes[t, m, 3] - boxes[t, m, 2], 1.0)
+            near = math.exp(-0.5 * (apart / size) ** 2)
+            corrections[t, m, 2:] = near * own[t, 2:] + (1 - near) * own[last, 2:]
     return same & (not redraw), corrections
+
+
+def _texture_at(
+    layers: Layers, body: int, quaternion: np.ndarray, correction: np.ndarray, t: int, others: bool
+) -> np.ndarray:
+    """(6, S, S, 3) the texture of a body of the clip for a pose in frame t; `others`: without that frame's own."""
+    seen, mean = layers.textures.seen[body], layers.textures.colour[body]
+    use = seen.frames != t if others else np.ones(len(seen.frames), bool)
+    if not use.any():
+        return mean
+    filmed, drawn = layers.corrections[seen.frames, body], layers.drawn.quaternion[seen.frames, body]
+    poses = Pose(drawn, filmed[:, :2] + filmed[:, 2:4], seen.frames)
+    pose = Pose(quaternion, correction[:2] + correction[2:4], np.array(t))
+    near = np.where(use, nearness(poses, pose, layers.view.ray_arguments[2]), 0)
+    return texture_near(mean, seen, near / near.max())
 
 
 def _touched(

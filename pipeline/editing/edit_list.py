@@ -42,6 +42,11 @@ class Edit:
             what = f"remove {self.remove}" if self.add is None else f"add {self.add.get('name', 'an object')}"
         return f"{what} at {self.at:g} s"
 
+    def record(self) -> dict[str, Any]:
+        """The edit for result.json."""
+        kinds = {"set": self.set, "remove": self.remove, "add": self.add}
+        return {"at": self.at} | {kind: value for kind, value in kinds.items() if value is not None}
+
 
 class EditText(BaseModel):
     """One entry of a list of edits."""
@@ -121,11 +126,11 @@ def added_object(edit: Edit) -> tuple[dict[str, Any], Colour | None]:
     return obj, (colour[0], colour[1], colour[2])
 
 
-def in_order(edits: Sequence[Edit], seconds: float) -> list[Edit]:
-    """Edits by time; those of one time in their own order. Raises SceneError for one outside of the clip."""
+def in_order(edits: Sequence[Edit], seconds: float, what: str = "the clip") -> list[Edit]:
+    """Edits by time; those of one time in their own order. Raises SceneError for one outside of `what`."""
     for edit in edits:
         if not 0 <= edit.at < seconds:
-            raise SceneError(f"{edit}: the clip is {seconds:g} s long; valid: 0 to less than {seconds:g}")
+            raise SceneError(f"{edit}: {what} is {seconds:g} s long; valid: 0 to less than {seconds:g}")
     return sorted(edits, key=lambda e: e.at)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import groupby
 
 import numpy as np
@@ -63,8 +63,57 @@ def filmed_motion(scene: Scene, frames: int, fps: float) -> tuple[BodyMotion, Tr
     return BodyMotion(scene.objects, trace.position[steps], trace.quaternion[steps], shown), trace
 
 
+@dataclass(frozen=True)
+class Run:
+    """A scene that is run from one edit to the next.
+
+    Attributes:
+        step: Simulation step of the whole motion at which it begins.
+        scene: The scene, with its state then.
+        trace: Its motion to the end of the whole motion; the next run goes on from a state within it.
+    """
+
+    step: int
+    scene: Scene
+    trace: Trace
+
+
+def edited_runs(scene: Scene, trace: Trace, edits: Sequence[Edit]) -> tuple[tuple[Run, ...], dict[str, int]]:
+    """Run a scene on from each of its edits.
+
+    Args:
+        scene: Without the edits.
+        trace: Its motion.
+        edits: By time, from `in_order`.
+
+    Returns:
+        The runs, that of the scene without edits first unless there are edits at its beginning; and which object of
+        the scene each name still means, since a removed name may be given to another.
+
+    Raises:
+        SceneError: An edit does not fit the scene, or puts a body into another.
+        SimulationError: The edited scene becomes unstable.
+    """
+    origins = {o.name: i for i, o in enumerate(scene.objects)}
+    runs, steps = [Run(0, scene, trace)], len(trace.position) - 1
+    for step, group in groupby(edits, key=lambda e: round(e.at * STEPS_PER_SECOND)):
+        last = runs[-1]
+        after = _applied(scene_at(last.scene, last.trace, step - last.step), list(group), origins)
+        rest = max(steps - step, 1) / STEPS_PER_SECOND
+        runs = runs[:-1] if last.step == step else runs
+        runs.append(Run(step, after, simulate(after, rest) if after.objects else _nothing(last.trace, steps - step)))
+    return tuple(runs), origins
+
+
+def _nothing(trace: Trace, steps: int) -> Trace:
+    """The motion of no bodies."""
+    vector = np.zeros((steps + 1, 0, 3))
+    contacts = replace(trace.contacts, **{f.name: getattr(trace.contacts, f.name)[:0] for f in fields(trace.contacts)})
+    return Trace(trace.rate, vector, np.zeros((steps + 1, 0, 4)), vector, vector, contacts)
+
+
 def run_edits(scene: Scene, trace: Trace, edits: Sequence[Edit], frames: int, fps: float) -> EditedMotion:
-    """Run a scene with edits.
+    """The motion of a scene with edits, at the frames of its clip.
 
     Args:
         scene: The clip's scene.
@@ -78,23 +127,21 @@ def run_edits(scene: Scene, trace: Trace, edits: Sequence[Edit], frames: int, fp
         SimulationError: The edited scene becomes unstable.
     """
     steps = frame_steps(frames, fps)
+    runs, origins = edited_runs(scene, trace, edits)
     bodies: list[SceneObject] = list(scene.objects)
-    origins: dict[str, int] = {o.name: i for i, o in enumerate(scene.objects)}
     origin: list[int | None] = list(range(len(bodies)))
     position = [trace.position[steps, i] for i in range(len(bodies))]
     quaternion = [trace.quaternion[steps, i] for i in range(len(bodies))]
     shown = [np.ones(frames, bool) for _ in bodies]
-    begun, first, current, run = 0, frames, scene, trace
-    for step, group in groupby(edits, key=lambda e: round(e.at * STEPS_PER_SECOND)):
-        state = scene_at(current, run, step - begun)
-        after = _applied(state, list(group), origins)
-        begun, current = step, after
-        run = simulate(after, (steps[-1] + 1 - step) / STEPS_PER_SECOND) if after.objects else run
-        later = np.flatnonzero(steps >= step)
+    first = frames
+    for run in runs:
+        if run.trace is trace:
+            continue
+        later = np.flatnonzero(steps >= run.step)
         first = min(first, int(later[0])) if len(later) else first
         for known in shown:
             known[later] = False
-        for k, obj in enumerate(after.objects):
+        for k, obj in enumerate(run.scene.objects):
             m = _entry(bodies, obj)
             if m is None:
                 m = len(bodies)
@@ -103,13 +150,14 @@ def run_edits(scene: Scene, trace: Trace, edits: Sequence[Edit], frames: int, fp
                 position.append(np.tile(np.array(obj.position, float), (frames, 1)))
                 quaternion.append(np.tile(np.array(obj.orientation, float), (frames, 1)))
                 shown.append(np.zeros(frames, bool))
-            position[m][later] = run.position[steps[later] - step, k]
-            quaternion[m][later] = run.quaternion[steps[later] - step, k]
+            position[m][later] = run.trace.position[steps[later] - run.step, k]
+            quaternion[m][later] = run.trace.quaternion[steps[later] - run.step, k]
             shown[m][later] = True
     motion = BodyMotion(tuple(bodies), np.stack(position, 1), np.stack(quaternion, 1), np.stack(shown, 1))
     added = [added_object(edit) for edit in edits if edit.add is not None]
     colours = {str(obj.get("name")): colour for obj, colour in added if colour is not None}
-    return EditedMotion(motion, tuple(origin), current, begun / STEPS_PER_SECOND, first, colours)
+    last = runs[-1]
+    return EditedMotion(motion, tuple(origin), last.scene, last.step / STEPS_PER_SECOND, first, colours)
 
 
 def scene_at(scene: Scene, trace: Trace, step: int) -> Scene:
