@@ -48,15 +48,18 @@ def export(found: str | Path) -> str:
         SceneError, VideoError, SimulationError: One of its files cannot be used.
     """
     folder = Path(found)
-    result = read_result(folder)
-    if isinstance(result, InferResult):
-        shown = _of_infer(folder, result)
-    else:
-        shown = _of_edit(folder, result) if isinstance(result, EditResult) else _of_simulate(folder, result)
-    page = html(shown)
+    page = html(result_page(folder))
     if len(page.encode()) > MOST_PAGE_BYTES:
         raise OutputError(f"{folder}: the page would have {len(page.encode()):,} bytes; at most {MOST_PAGE_BYTES:,}")
     return page
+
+
+def result_page(folder: Path) -> ResultPage:
+    """What the page of a folder of results shows. Raises as `export`."""
+    result = read_result(folder)
+    if isinstance(result, InferResult):
+        return _of_infer(folder, result)
+    return _of_edit(folder, result) if isinstance(result, EditResult) else _of_simulate(folder, result)
 
 
 def write_page(page: str, place: Path, force: bool = False) -> None:

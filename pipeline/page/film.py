@@ -64,11 +64,12 @@ class Film:
         return self.record() | {"video": base64.b64encode(self.video).decode()}
 
 
-def film(panels: Sequence[Panel], fps: float, most_bytes: int = MOST_BYTES) -> Film:
-    """Panels of one number of frames as a film of at most so many bytes; each is brought to the height of the first."""
+def film(panels: Sequence[Panel], fps: float, most_bytes: int = MOST_BYTES, most_width: int = MOST_WIDTH) -> Film:
+    """Panels of one number of frames as a film of at most so many bytes; each is brought to the height of the first,
+    which is at most so many px wide."""
     count = min(len(p.frames) for p in panels)
     height, width = panels[0].frames.shape[1:3]
-    scale = min(1.0, MOST_WIDTH / width)
+    scale = min(1.0, most_width / width)
     while True:
         tall = max(2, 2 * round(height * scale / 2))
         parts = [_scaled(p.frames[:count], tall) for p in panels]

@@ -57,9 +57,10 @@ const Player = (() => {
       video.addEventListener("loadeddata", () => tell(0), { once: true });
     }
     requestAnimationFrame(tick);
-    setPlaying(true);
+    setPlaying(!window.matchMedia("(prefers-reduced-motion: reduce)").matches);
     return {
       seek,
+      pause() { setPlaying(false); },
       listen(listener) { told.push(listener); const frame = frameAt(time); listener(frame / fps, frame); },
       forget(listener) { told.splice(told.indexOf(listener), 1); },
     };
@@ -82,10 +83,13 @@ const Player = (() => {
     });
     root.append(row);
     video.addEventListener("error", () => row.append(element("p", "error", "This browser cannot play H.264 video.")), { once: true });
+    const whole = document.createElement("canvas"), last = panels[panels.length - 1];
+    whole.width = last.x + last.width; whole.height = height;
     clock.listen(() => {
       if (video.readyState < 2) return;
       row.dataset.state = "shown";
-      canvases.forEach((canvas, i) => canvas.getContext("2d").drawImage(video, panels[i].x, 0, panels[i].width, height, 0, 0, panels[i].width, height));
+      whole.getContext("2d").drawImage(video, 0, 0);           // once: a video may go on between two drawings
+      canvases.forEach((canvas, i) => canvas.getContext("2d").drawImage(whole, panels[i].x, 0, panels[i].width, height, 0, 0, panels[i].width, height));
     });
     return row;
   }
