@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,22 +59,18 @@ def fitted_frames(times: np.ndarray) -> int:
     return first if len(times) - first >= LEAST_FRAMES else 0
 
 
-def forecast(masks: np.ndarray, times: np.ndarray, find: Callable[[int], Scene | None]) -> Forecast | None:
-    """Find a scene from the first part of a clip and score it on the rest.
+def forecast(scene: Scene, masks: np.ndarray, times: np.ndarray, seen: int) -> Forecast | None:
+    """Score a scene that was found from the first part of a clip on the rest.
 
     Args:
-        masks: (T, H, W) ids; bodies without an object count as missed.
+        scene: What was found.
+        masks: (T, H, W) ids of the whole clip; bodies without an object count as missed.
         times: (T,) s.
-        find: The scene that the first so many frames show; None where they show none.
+        seen: Frames that were fitted.
 
     Returns:
-        The scores; None where the clip is too short, no scene is found from its first part, or no body is seen in the
-        rest.
+        The scores; None where the scene cannot be simulated, or no body is seen in the rest.
     """
-    seen = fitted_frames(times)
-    scene = find(seen) if seen else None
-    if scene is None:
-        return None
     height, width = masks.shape[1:]
     try:
         own = masks_at(scene, times - times[0], width, height)
