@@ -21,9 +21,9 @@
     line.textContent = text; line.hidden = !text; line.classList.toggle("good", good);
   }
   async function attempt(act) {
-    say("");
     try { await act(); } catch (error) { say(error.message); }
   }
+  const anew = (act) => { say(""); return attempt(act); };   // what the visitor begins
 
   // ---- the job that runs
   function watch() {
@@ -55,7 +55,7 @@
     $("job-step").textContent = job.state === "waiting" ? `waiting: ${job.before} run${job.before === 1 ? "" : "s"} before yours` : [job.step, ...job.lines.slice(-1)].filter(Boolean).join(" · ");
   }
   async function start(path, body) { showJob(await ask(path, body)); watch(); }
-  $("cancel").addEventListener("click", () => attempt(() => ask("api/cancel", {})));
+  $("cancel").addEventListener("click", () => anew(() => ask("api/cancel", {})));
 
   // ---- a clip
   async function upload(kind, file, words = {}) {
@@ -70,7 +70,7 @@
   }
   function takeFile(file) {
     if (!file) return;
-    attempt(async () => {
+    anew(async () => {
       const words = Object.fromEntries(["start", "seconds", "fps"].map((id) => [id, $(id).value]).filter(([, value]) => value !== ""));
       showJob(await upload("clip", file, words));
       watch();
@@ -102,7 +102,7 @@
   }
   const undo = element("button", "", "Undo");
   undo.type = "button"; undo.id = "undo";
-  undo.addEventListener("click", () => attempt(() => change("undo", [])));
+  undo.addEventListener("click", () => anew(() => change("undo", [])));
   document.querySelector(".tools").append(undo);
   function choose(name) {
     tool = name; clicks = [];
@@ -116,17 +116,24 @@
     if (answer.state) { showJob(answer); watch(); return; }
     take(answer, frame);
   }
-  function showBodies(bodies, frame = 0) {
+  // A whole video as a blob: the server sends no parts, without which a browser cannot move to another frame.
+  async function filmOf(path) {
+    const answer = await fetch(`${path}?${state.version}`);
+    if (!answer.ok) throw new Error("The video is not there any more; load the page again.");
+    return Player.videoOf(URL.createObjectURL(await answer.blob()));
+  }
+  async function showBodies(bodies, frame = 0) {
     $("bodies").hidden = !bodies;
     if (!bodies) { stage = null; return; }
     const key = JSON.stringify([state.clip, bodies.source, bodies.times]);
     $("bodies-note").textContent = [`${bodies.count} ${bodies.count === 1 ? "body" : "bodies"} in ${state.clip}.`, ...bodies.notes.map(sentence)].join(" ");
     undo.disabled = !bodies.can_undo;
     if (stage && stage.key === key) { stage.bodies = bodies; drawStage(); return; }
+    const video = await filmOf("files/clip.mp4");
+    if (state.bodies !== bodies) return;
     $("stage-clock").replaceChildren(); line = null; $("length-label").hidden = true;
     const canvas = $("stage"), { film } = bodies;
     canvas.width = film.panels[0].width; canvas.height = film.height;
-    const video = Player.videoOf(`files/clip.mp4?${state.version}`);
     stage = { key, bodies, video, frame, clock: null };
     const mine = stage;
     stage.clock = Player.createClock($("stage-clock"), film.frames, film.fps, video);
@@ -179,9 +186,9 @@
     clicks = [];
     $("hint").textContent = TOOLS[tool][2];
     if (action === "length") { line = points; $("length-label").hidden = false; drawStage(); return; }
-    attempt(() => change(action, points)).then(drawStage);
+    anew(() => change(action, points)).then(drawStage);
   });
-  $("infer").addEventListener("click", () => attempt(async () => {
+  $("infer").addEventListener("click", () => anew(async () => {
     stage.clock.pause();
     const length = line ? [...line.flat(), Number($("metres").value)] : null;
     await start("api/infer", { search: $("search").value, gravity: Number($("gravity").value), length });
@@ -189,7 +196,7 @@
 
   // ---- its scene
   let player = null, changes = { objects: {} }, chosen = null, sheet = null, asking = false, again = false;
-  function showResult(result) {
+  async function showResult(result) {
     $("result").hidden = !result;
     if (!result) { player = null; $("panels").replaceChildren(); $("result-clock").replaceChildren(); $("scene3d").replaceChildren(); return; }
     $("grade").textContent = result.grade; $("grade").className = `badge ${result.grade}`;
@@ -197,8 +204,9 @@
     $("scene").textContent = result.scene;
     $("notes").replaceChildren(...result.notes.map((text) => element("li", "", text)));
     $("edit-note").textContent = result.edit_note && sentence(result.edit_note);
-    const film = result.shown || result.film, fresh = !player || player.scene !== result.scene;
-    const video = Player.videoOf(`files/result.mp4?${state.version}`);
+    const film = result.shown || result.film, video = await filmOf("files/result.mp4");
+    if (state.result !== result) return;
+    const fresh = !player || player.scene !== result.scene;
     $("panels").replaceChildren(); $("result-clock").replaceChildren();
     const clock = Player.createClock($("result-clock"), film.frames, film.fps, video);
     Player.createPanels($("panels"), clock, video, film.panels, film.height);
@@ -274,18 +282,18 @@
     canvas.getContext("2d").drawImage(sheet.picture, x, y, sheet.width, sheet.height, 0, 0, sheet.width, sheet.height);
   }
   $("reset").addEventListener("click", () => { changes = { objects: {} }; showObjects(); live(); });
-  $("edit").addEventListener("click", () => attempt(() => start("api/edit", changes)));
+  $("edit").addEventListener("click", () => anew(() => start("api/edit", changes)));
 
   // ---- measured motion
   for (const [id, kind] of [["table", "table"], ["known", "scene"]]) {
     $(id).addEventListener("change", (e) => {
       const file = e.target.files[0];
-      if (file) attempt(async () => take(await upload(kind, file)));
+      if (file) anew(async () => take(await upload(kind, file)));
       e.target.value = "";
     });
   }
-  $("discover").addEventListener("click", () => attempt(() => start("api/discover", {})));
-  $("example").addEventListener("click", () => attempt(() => start("api/discover", { example: true })));
+  $("discover").addEventListener("click", () => anew(() => start("api/discover", {})));
+  $("example").addEventListener("click", () => anew(() => start("api/discover", { example: true })));
   function showDiscovery() {
     $("table-name").textContent = state.table || "Table of measured motion (.csv, .parquet)";
     $("known-name").textContent = state.known || "Scene (.yaml)";
@@ -311,14 +319,15 @@
       picture.src = `files/samples/${name}.jpg`; picture.alt = "";
       button.append(picture, name);
       button.type = "button"; button.dataset.sample = name;
-      button.addEventListener("click", () => attempt(() => start("api/sample", { name })));
+      button.addEventListener("click", () => anew(() => start("api/sample", { name })));
       return button;
     }));
     if (shown === next.version) { showDiscovery(); return; }
     const same = (part) => before && JSON.stringify(before[part]) === JSON.stringify(next[part]);
     shown = next.version;
-    showBodies(next.bodies, frame);
-    if (!same("result")) showResult(next.result);
+    attempt(() => showBodies(next.bodies, frame));
+    if (!same("result")) attempt(() => showResult(next.result));
+    else if (next.result) next.result = before.result;
     if (!same("discovery") || !before || before.table !== next.table || before.known !== next.known) showDiscovery();
   }
   attempt(async () => { await refresh(); watch(); });

@@ -98,6 +98,11 @@ class Visitor:
     def busy(self) -> bool:
         return self.job is not None and self.job.state not in ENDED
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether the visitor has done nothing yet."""
+        return self.job is None and self.clip is None and self.table is None and self.known is None
+
     def take_clip(self, clip: Path, options: dict[str, Any]) -> None:
         """Begin with another clip: its bodies are looked for. options: `start`, `seconds`, `fps`, each perhaps None."""
         self._check_free()
@@ -341,7 +346,7 @@ class Visitors:
 
     Args:
         root: A folder of ours.
-        most: How many there may be; who has not been here longest makes room after IDLE_SECONDS.
+        most: How many there may be. Those who have done nothing make room, and others after IDLE_SECONDS.
     """
 
     IDLE_SECONDS = 3600.0
@@ -365,6 +370,9 @@ class Visitors:
             now = time.monotonic()
             for token in [t for t, v in self._all.items() if now - v.seen > self.IDLE_SECONDS and not v.busy]:
                 self._all.pop(token).close()
+            empty = [t for t, v in self._all.items() if v.is_empty]
+            if len(self._all) >= self.most and empty:
+                self._all.pop(min(empty, key=lambda t: self._all[t].seen)).close()
             if len(self._all) >= self.most:
                 raise UploadError(f"{self.most} visitors are here already; try again later")
             token = uuid.uuid4().hex

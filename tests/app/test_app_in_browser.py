@@ -82,7 +82,10 @@ def test_from_a_sample_to_an_edited_clip_and_its_downloads(browser: Any, server:
     page.locator("input[name=speed]").fill("2")
     page.locator("input[name=gravity]").fill("3")
     page.wait_for_selector("#live[data-edits*='gravity=']")
+    first = page.locator("#panels canvas >> nth=0").evaluate("c => c.toDataURL()")
     page.locator("#result-clock input[type=range]").fill("20")
+    page.wait_for_timeout(1000)
+    assert page.locator("#panels canvas >> nth=0").evaluate("c => c.toDataURL()") != first
     assert page.locator("#live canvas").evaluate("c => c.toDataURL()") != before
 
     page.click("#edit")

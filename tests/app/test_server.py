@@ -182,14 +182,18 @@ print(p.pid, flush=True); time.sleep(600)"""
 def test_there_is_room_for_so_many_visitors_and_idle_ones_make_room(server: AppServer) -> None:
     visitors = server.visitors
     visitors.most = 2
-    one, _ = Guest(server), Guest(server)
+    one, other = Guest(server), Guest(server)
+    one.upload("table", "flight.csv", b"clip\n")
+    third = Guest(server)  # in the place of the one who has done nothing
+    assert "load the page again" in other.get("/api/state")["error"]
+    third.upload("table", "flight.csv", b"clip\n")
     with pytest.raises(UploadError, match="try again later"):
         visitors.add()
     for visitor in visitors._all.values():
         visitor.seen -= visitors.IDLE_SECONDS + 1
     visitors.add()
     assert len(visitors._all) == 1
-    assert "load the page again" in one.get("/api/state")["error"]
+    assert files(server.root) == []
 
 
 def test_a_port_that_is_taken_or_none_is_one_error(server: AppServer, capsys: pytest.CaptureFixture[str]) -> None:
