@@ -29,7 +29,8 @@ import cv2
 import numpy as np
 
 from pipeline.app.uploads import KINDS, UploadError, check_upload, receive, shown_name
-from pipeline.app.visitor import Visitor, Visitors
+from pipeline.app.visitor import Visitor
+from pipeline.app.visitors import Visitors
 from pipeline.errors import DynamicsError, OutputError, ParamsError
 from pipeline.page.result_page import FOLDER as PAGE_FOLDER
 from pipeline.vision.recordings.clip_folder import video_of

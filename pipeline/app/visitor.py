@@ -18,7 +18,6 @@ from pipeline.app.body_masks import BodyMasks
 from pipeline.app.job import ENDED, Job, JobQueue
 from pipeline.app.live_replay import LiveScene
 from pipeline.app.sliders import edits_of, gravity_slider, read_changes, sliders_of
-from pipeline.app.uploads import UploadError
 from pipeline.errors import ParamsError, VideoError
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import load_scene
@@ -339,52 +338,3 @@ class Visitor:
                 if folder is not None:
                     shutil.rmtree(folder, ignore_errors=True)
         self.result = None
-
-
-class Visitors:
-    """All visitors, by the token in their cookie.
-
-    Args:
-        root: A folder of ours.
-        most: How many there may be. Those who have done nothing make room, and others after IDLE_SECONDS.
-    """
-
-    IDLE_SECONDS = 3600.0
-
-    def __init__(self, root: Path, most: int = 16) -> None:
-        self.root, self.most, self.queue = root, most, JobQueue()
-        self._all: dict[str, Visitor] = {}
-        self._lock = threading.Lock()
-
-    def get(self, token: str | None) -> Visitor | None:
-        """The visitor of a token."""
-        with self._lock:
-            visitor = self._all.get(token or "")
-        if visitor is not None:
-            visitor.seen = time.monotonic()
-        return visitor
-
-    def add(self) -> tuple[str, Visitor]:
-        """A new visitor and their token. Raises UploadError where there are too many."""
-        with self._lock:
-            now = time.monotonic()
-            for token in [t for t, v in self._all.items() if now - v.seen > self.IDLE_SECONDS and not v.busy]:
-                self._all.pop(token).close()
-            empty = [t for t, v in self._all.items() if v.is_empty]
-            if len(self._all) >= self.most and empty:
-                self._all.pop(min(empty, key=lambda t: self._all[t].seen)).close()
-            if len(self._all) >= self.most:
-                raise UploadError(f"{self.most} visitors are here already; try again later")
-            token = uuid.uuid4().hex
-            folder = self.root / uuid.uuid4().hex[:12]
-            folder.mkdir()
-            visitor = self._all[token] = Visitor(folder, self.queue)
-            return token, visitor
-
-    def close(self) -> None:
-        """End all jobs and remove all files."""
-        self.queue.close()
-        with self._lock:
-            for visitor in self._all.values():
-                visitor.close()
-            self._all.clear()

@@ -65,8 +65,14 @@ class Film:
 
 
 def film(panels: Sequence[Panel], fps: float, most_bytes: int = MOST_BYTES, most_width: int = MOST_WIDTH) -> Film:
-    """Panels of one number of frames as a film of at most so many bytes; each is brought to the height of the first,
-    which is at most so many px wide."""
+    """Put panels beside each other; each is brought to the height of the first.
+
+    Args:
+        panels: Of one number of frames; of others the last frames are left out.
+        fps: Frames a second.
+        most_bytes: Of the video, which is made smaller until it fits.
+        most_width: Of the first panel, px.
+    """
     count = min(len(p.frames) for p in panels)
     height, width = panels[0].frames.shape[1:3]
     scale = min(1.0, most_width / width)
