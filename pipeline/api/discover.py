@@ -109,6 +109,12 @@ class DiscoveryResult:
             "seed": str(self.seed),
         }
         residuals, said = self.residuals, self.sentence
+        gap = self.report["gap"]
+        if gap.get("sequence_iou_before") is not None:  # from videos
+            facts["forecast of frames not fitted"] = (
+                f"sequence IoU {gap['sequence_iou_before']:.2f} without, {gap['sequence_iou_after']:.2f} with what was "
+                f"named; end-point error {gap['epe_px_before']:.2f} and {gap['epe_px_after']:.2f} px"
+            )
         page = html_page(self.found, self.report, residuals, facts)
         pq.write_table(residuals, folder / "residuals.parquet", compression="zstd")
         (folder / "report.html").write_text(page, encoding="utf-8")

@@ -49,6 +49,7 @@ def test_from_clips_the_effect_is_named_and_shows(run: Run, folders: list[Path],
     assert report["gap"]["sequence_iou_after"] > report["gap"]["sequence_iou_before"]
     assert report["notes"][0] == "bodies were matched by their names"
     assert "sequence IoU" in done.out
+    assert "forecast of frames not fitted" in (out / "report.html").read_text()
     tracks = pd.read_parquet(out / "tracks.parquet")
     assert set(tracks["clip"]) == {folder.name for folder in folders}
     assert (out / "replay.mp4").stat().st_size > 1000
