@@ -5,7 +5,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: install install-benchmark repro test test-machines campaign check clean discovery-benchmark discovery-benchmark-smoke real-motion
+.PHONY: install install-benchmark repro test test-app test-machines campaign check clean discovery-benchmark discovery-benchmark-smoke real-motion
 
 install: .venv/installed
 
@@ -29,10 +29,16 @@ repro: install
 test: install
 	pytest -n 2
 
+# The web pages in Chromium, which has to be on the PATH: the whole way from a clip to an edited one, and what goes wrong.
+# Playwright drives it; no browser is downloaded.
+test-app: install
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test,browser]"
+	pytest -m app -rs
+
 # What needs Ray and an S3 server (moto's, on this machine), which nothing else does.
 test-machines: install
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test,ray,s3,servers]"
-	pytest tests/shards/test_ray_executor.py tests/shards/test_remote.py tests/shards/test_cluster.py
+	pytest tests/shards/test_ray_executor.py tests/shards/test_remote.py tests/shards/test_dvc_remote.py tests/shards/test_cluster.py
 
 # Hundreds of kills, thousands of damaged files and inputs (docs/reliability.md); half an hour on 2 cores.
 campaign: install

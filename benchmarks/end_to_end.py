@@ -5,8 +5,9 @@
 Clips: `cross_engine` in DYNAMICS_DATA or ../shared/data; each is given as its video, without the masks beside it. Masks
 are those that the network in models/masks finds, the model is the one that ships. Prints a row for each clip and the
 means with 95 % bootstrap intervals: composition, sequence IoU of the scene's replay with the true masks, and video IoU
-of the masks that were found. A clip in which no scene is found scores 0. FOLDER keeps the answers, so that a stopped
-run can be continued; `words` name the version.
+of the masks that were found. Composition and sequence IoU are also those of the bodies that move: one that rests for
+the whole clip cannot be told from the background by its motion. A clip in which no scene is found scores 0. FOLDER
+keeps the answers, so that a stopped run can be continued; `words` name the version.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ import argparse
 import json
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.kept_answers import answers_of, kept_answers
-from benchmarks.mask_clips import data_folder
+from benchmarks.mask_clips import data_folder, moving_in
 from pipeline.api.infer import infer
 from pipeline.clips.replay import HEIGHT, WIDTH, replay_poses
 from pipeline.errors import SimulationError, VideoError
@@ -35,7 +37,14 @@ from pipeline.scene.text import write_scene
 from pipeline.search.target import resize_masks
 from pipeline.vision.recordings.clip_folder import find_clips, masks_beside, video_of
 
-METRICS = {"composition": "composition", "iou": "sequence IoU", "masks": "masks' IoU", "seconds": "seconds"}
+METRICS = {
+    "composition": "composition",
+    "iou": "sequence IoU",
+    "moving_composition": "composition of what moves",
+    "moving_iou": "sequence IoU of what moves",
+    "masks": "masks' IoU",
+    "seconds": "seconds",
+}
 RESAMPLES = 10_000
 Job = tuple[Path, int, str]
 
@@ -47,27 +56,39 @@ def overlap_with(masks: np.ndarray, truth: np.ndarray) -> float:
     return float(sequence_iou(counts, assign(pair_iou(counts))))
 
 
+def renumbered(masks: np.ndarray, kept: Sequence[int]) -> np.ndarray:
+    """Masks of some of the ids, numbered from 1."""
+    table = np.zeros(256, np.uint8)
+    table[list(kept)] = np.arange(1, len(kept) + 1)
+    return np.asarray(table[masks])
+
+
 def answer(job: Job) -> dict[str, Any]:
     """The scores of what `infer` finds in one clip."""
     place, simulations, words = job
     start = time.perf_counter()
     row: dict[str, Any] = {"clip": place.name, "budget": simulations, "words": words}
-    shapes = sorted(o["type"] for o in json.loads((place / "truth.json").read_text())["objects"])
-    row["true"] = "+".join(shapes)
+    told = json.loads((place / "truth.json").read_text())
+    shapes = {o["id"]: o["type"] for o in told["objects"]}
+    row["true"] = "+".join(sorted(shapes.values()))
     try:
         found = infer(video_of(place), search=simulations)
     except (VideoError, SimulationError) as error:
         seconds = time.perf_counter() - start
-        return row | {"found": str(error), "composition": 0.0, "iou": 0.0, "masks": 0.0, "seconds": seconds}
+        return row | dict.fromkeys(METRICS, 0.0) | {"found": str(error), "seconds": seconds}
     schedule, taken = found.clip.schedule, found.clip.taken
     read = read_frames(place, seconds=schedule.seconds, fps=schedule.fps, source=MaskSource(masks_beside(place)))
     truth = with_masks(read, Prompts()).masks
+    moving = moving_in(told, np.load(masks_beside(place))["masks"])
     scene = found.best.scene
+    shown = replay_poses(scene, schedule).masks
     return row | {
         "found": scene.composition,
         "by": found.best.name,
         "composition": float(scene.composition == row["true"]),
-        "iou": overlap_with(replay_poses(scene, schedule).masks, truth),
+        "iou": overlap_with(shown, truth),
+        "moving_composition": float(scene.composition == "+".join(sorted(shapes[i] for i in moving))),
+        "moving_iou": overlap_with(shown, renumbered(truth, moving)),
         "masks": overlap_with(taken.masks, truth),
         "seconds": time.perf_counter() - start,
         "scene": write_scene(scene),

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -65,26 +66,29 @@ def moving_ids(centre: np.ndarray, quaternion: np.ndarray, width: int, masks: np
 def another_engine(folder: Path) -> Iterator[MaskClip]:
     """The clips of `cross_engine`, at 480x320."""
     for place in sorted(folder.glob("clip_*")):
-        truth = json.loads((place / "truth.json").read_text())
         masks = np.load(place / "masks.npz")["masks"]
         frames = read_clip(place / "video.mp4", size=SIZE).frames
         masks = np.stack([cv2.resize(m, SIZE, interpolation=cv2.INTER_NEAREST_EXACT) for m in masks])
-        objects = sorted(truth["objects"], key=lambda o: o["id"])
-        camera = truth["camera"]
-        position = np.stack([np.array(o["position"]) for o in objects], 1)
-        quaternion = np.stack([np.array(o["quat_wxyz"]) for o in objects], 1)
-        view = np.array(camera["world_to_cam_opencv"])
-        local = position @ view[:3, :3].T + view[:3, 3]
-        centre = local[..., :2] / local[..., 2:] * camera["fx"]
-        moving = moving_ids(centre, quaternion, truth["width"], masks)
+        truth = json.loads((place / "truth.json").read_text())
         yield MaskClip(
             name=place.name,
             frames=frames,
             fps=truth["fps"],
             masks=masks,
             labelled=np.arange(len(frames)),
-            moving=moving,
+            moving=moving_in(truth, masks),
         )
+
+
+def moving_in(truth: dict[str, Any], masks: np.ndarray) -> tuple[int, ...]:
+    """Ids of the bodies that move in a clip of `cross_engine`: of its truth.json and its masks (T, H, W)."""
+    objects, camera = sorted(truth["objects"], key=lambda o: o["id"]), truth["camera"]
+    position = np.stack([np.array(o["position"]) for o in objects], 1)
+    quaternion = np.stack([np.array(o["quat_wxyz"]) for o in objects], 1)
+    view = np.array(camera["world_to_cam_opencv"])
+    local = position @ view[:3, :3].T + view[:3, 3]
+    centre = local[..., :2] / local[..., 2:] * camera["fx"]
+    return moving_ids(centre, quaternion, truth["width"], masks)
 
 
 def sampled_by_mujoco(seed: int, count: int) -> Iterator[MaskClip]:

@@ -6,14 +6,13 @@ the ramp's slope, and the grade. Parameters: clip, search, tracks. Run: python -
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import pyarrow as pa
 
 from pipeline.clips.draw_views import view_kind
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.view_scores import SeenClip, as_row, view_score
 from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -47,6 +46,9 @@ class Parameters:
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
+    # imported here: it takes seconds, and mostly the shards are in the store
+    from pipeline.evaluation.view_scores import SeenClip, view_score
+
     (sample, rendered), p = inputs, parameters
     rows = []
     for row in sample.table().to_pylist():
@@ -54,7 +56,8 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
         masks, frames, flow = (np.asarray(rendered.array(clip, name)) for name in ("mask", "rgb", "flow"))
         seen = SeenClip(masks, frames, flow, p.schedule)
         truth = read_scene(row["scene"])
-        rows.append(as_row(view_score(clip, view_kind(clip), truth, seen, size=p.size, simulations=p.simulations)))
+        score = view_score(clip, view_kind(clip), truth, seen, size=p.size, simulations=p.simulations)
+        rows.append(asdict(score))
     return ShardResult({"clips": table_from_rows(rows, SCHEMA)})
 
 

@@ -86,7 +86,7 @@ class DiscoveryResult:
 
     def save(self, out: str | Path, force: bool = False) -> None:
         """Write a folder with report.html, report.json, augmented.yaml, augmented.xml, residuals.parquet,
-        recording.rrd and result.json.
+        recording.rrd, times.json and result.json.
 
         Args:
             out: The folder, which must not exist yet.
@@ -108,12 +108,13 @@ class DiscoveryResult:
             "noise": f"{1e3 * self.found.problem.sigma:.3g} mm",
             "seed": str(self.seed),
         }
-        pq.write_table(self.residuals, folder / "residuals.parquet", compression="zstd")
+        residuals, said = self.residuals, self.sentence
+        page = html_page(self.found, self.report, residuals, facts)
+        pq.write_table(residuals, folder / "residuals.parquet", compression="zstd")
+        (folder / "report.html").write_text(page, encoding="utf-8")
         save_scene(self.scene, folder / "augmented.yaml")
         (folder / "augmented.xml").write_text(scene_xml(self.scene), encoding="utf-8")
-        save_measured(self.residuals, Path(self.measured).stem, self.sentence, folder / "recording.rrd")
-        page = html_page(self.found, self.report, self.residuals, facts)
-        (folder / "report.html").write_text(page, encoding="utf-8")
+        save_measured(residuals, Path(self.measured).stem, said, folder / "recording.rrd")
         text = json.dumps(self.report, indent=1, ensure_ascii=False, allow_nan=False)
         (folder / REPORT).write_text(text + "\n", encoding="utf-8")
         write_result(
@@ -126,9 +127,9 @@ class DiscoveryResult:
                 "effects": self.effects,
                 "seed": self.seed,
                 "verdict": self.report["verdict"],
-                "seconds": self.seconds,
                 "versions": {n: version(n) for n in _VERSIONS},
             },
+            self.seconds,
         )
 
 

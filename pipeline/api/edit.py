@@ -152,10 +152,9 @@ def write_files(folder: Path, run: EditedClip, progress: Progress) -> None:
             o.name for o, same in zip(run.original.objects, run.layers.same_all_around, strict=True) if same
         ],
         "blur_px": run.layers.blur,
-        "seconds": run.seconds | progress.seconds,
         "versions": {name: version(name) for name in ("dynamics-pipeline", "mujoco", "numpy")},
     }
-    write_result(folder, "edit", result)
+    write_result(folder, "edit", result, run.seconds | progress.seconds)
 
 
 def _shares(names: tuple[str, ...], values: tuple[float, ...]) -> dict[str, float]:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.clips.replay import masks_at
 from pipeline.clips.schedule import Schedule
-from pipeline.errors import SimulationError
-from pipeline.inference.filmed_world import TrackedWorld, World, tracked_world
-from pipeline.inference.method import TRACKS
-from pipeline.inference.scene_search import clip_evaluator, explained_by_tracks, search_clip, search_forecast
+from pipeline.inference.filmed_world import TrackedScene, World, follow, tracked_scene
+from pipeline.inference.method import SEARCH, TRACKS, explains, replay_overlap, ways
+from pipeline.inference.scene_search import clip_evaluator, search_clip, search_forecast
 from pipeline.inference.trust import GOOD_IOU, grade
-from pipeline.metrics.overlap import overlap
 from pipeline.scene.scene import Scene
 from pipeline.vision.rendering.camera import pinhole
 
@@ -93,20 +90,11 @@ class SeenClip:
     flow: np.ndarray
     schedule: Schedule
 
-    def iou(self, scene: Scene) -> float:
-        """Sequence IoU of a scene's replay; 0 where that becomes unstable."""
-        height, width = self.masks.shape[1:]
-        try:
-            own = masks_at(scene, np.arange(len(self.masks)) / self.schedule.fps, width, height)
-        except SimulationError:
-            return 0.0
-        return overlap(own, self.masks, len(scene.objects), int(self.masks.max())).sequence
-
 
 def view_score(
     clip: int, kind: str, truth: Scene, seen: SeenClip, *, size: tuple[int, int], simulations: int
 ) -> ViewScore:
-    """Find the scene of a clip from its tracks, where they do not explain it by the search, and score it.
+    """Find the scene of a clip from its tracks, by the search, or by both (`pipeline.inference.method.ways`); score it.
 
     Args:
         clip: Its number.
@@ -116,28 +104,36 @@ def view_score(
         size: px, width and height, of masks and flow in the search.
         simulations: Of the search; 0: there is none.
     """
-    times = np.arange(len(seen.masks)) / seen.schedule.fps
-    told: TrackedWorld = tracked_world(seen.masks, seen.frames, times, World())
-    scene = None if told.answer is None else told.answer.scene
-    iou, ahead, by = 0.0 if scene is None else seen.iou(scene), told.forecast, TRACKS
-    if simulations and not explained_by_tracks(told.motion.view.kind, iou):
-        evaluator = clip_evaluator(seen.masks, seen.flow, seen.schedule, size, 1, seen.frames)
-        searched = search_clip(evaluator, [], simulations, np.random.default_rng(clip)).result.scene
-        if seen.iou(searched) > iou:
-            scene, iou, by = searched, seen.iou(searched), "search"
-            ahead = search_forecast(
-                seen.masks,
-                seen.flow,
-                seen.schedule,
-                [],
-                size=size,
-                simulations=simulations,
-                seed=clip,
-                incline=False,
-                threads=1,
-            )
+    fps = seen.schedule.fps
+    followed = follow(seen.masks, seen.frames, np.arange(len(seen.masks)) / fps, World())
+    view = followed.motion.view
+    scene, iou, by, told = None, 0.0, TRACKS, TrackedScene(None, None)
+    for way in ways(view.kind, simulations, World().measured):
+        if way == TRACKS:
+            told = tracked_scene(followed)
+            found = None if told.answer is None else told.answer.scene
+        else:
+            evaluator = clip_evaluator(seen.masks, seen.flow, seen.schedule, size, 1, seen.frames)
+            found = search_clip(evaluator, [], simulations, np.random.default_rng(clip)).result.scene
+        reached = 0.0 if found is None else replay_overlap(found, seen.masks, fps).sequence
+        if reached > iou:
+            scene, iou, by = found, reached, way
+        if explains(view.kind, reached):
+            break
+    ahead = told.forecast
+    if by == SEARCH:
+        ahead = search_forecast(
+            seen.masks,
+            seen.flow,
+            seen.schedule,
+            [],
+            size=size,
+            simulations=simulations,
+            seed=clip,
+            incline=False,
+            threads=1,
+        )
     slope = steepest(scene) - steepest(truth) if scene is not None and kind == "incline" else np.nan
-    view = told.motion.view
     return ViewScore(
         clip=clip,
         kind=kind,
@@ -193,11 +189,6 @@ def figures(scores: Sequence[ViewScore]) -> dict[str, float | None]:
         "good": _figure(len(good) / len(scores)),
         "good_rightly": _figure(float(np.mean([s.trusted_rightly for s in good])) if good else np.nan),
     }
-
-
-def as_row(score: ViewScore) -> dict[str, object]:
-    """For a table."""
-    return asdict(score)
 
 
 def _errors(scores: Sequence[ViewScore]) -> tuple[list[float], list[float]]:

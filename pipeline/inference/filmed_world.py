@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.errors import ParamsError
-from pipeline.inference.trust import Forecast, forecast, gravity_doubt
+from pipeline.inference.trust import Forecast, fitted_frames, forecast, gravity_doubt
 from pipeline.perception.board import Board, board_scale
 from pipeline.perception.user_clip import UserClip
 from pipeline.planar.blocks import Block, FixedMark, find_block
@@ -67,6 +67,11 @@ class World:
     board: Board | None = None
     fixed: tuple[FixedMark, ...] = ()
 
+    @property
+    def measured(self) -> bool:
+        """Whether lengths or fixed bodies are known, which tracks alone can use."""
+        return not (self.length is None and self.size is None and self.board is None and not self.fixed)
+
     @staticmethod
     def of(
         view: str = "auto",
@@ -103,46 +108,58 @@ class FilmedWorld:
     """What the tracks of a clip tell of the world.
 
     Attributes:
-        motion: Tracks, view and scale, in px of the frames in which bodies were looked for.
-        masks: (T, H, W) ids of these frames.
-        answer: The planar scene; None where the view is a table, or no body can be measured.
+        followed: The bodies, in the frames in which they were looked for.
+        answer: The planar scene; None where none was asked for, or none can be fitted.
         scene: That scene, with the camera of the clip's own frames.
         forecast: Of frames that were not fitted; None where it could not be tried.
         doubts: What disagrees with what the user knows, a sentence each.
     """
 
-    motion: ClipMotion
-    masks: np.ndarray
+    followed: Followed
     answer: PlanarAnswer | None
     scene: Scene | None
     forecast: Forecast | None
     doubts: tuple[str, ...]
 
+    @property
+    def motion(self) -> ClipMotion:
+        """Tracks, view and scale, in px of the frames in which bodies were looked for."""
+        return self.followed.motion
 
-def filmed_world(taken: UserClip, world: World, threads: int = 1) -> FilmedWorld:
-    """The world that the tracks of a clip tell of. threads: for simulations.
+    @property
+    def masks(self) -> np.ndarray:
+        """(T, H, W) ids of the bodies in these frames."""
+        return self.followed.masks
+
+
+def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
+    """The world that the tracks of a clip tell of, as yet without a scene.
 
     Raises:
         ParamsError: The tracks do not fit what the user knows.
     """
     frames, masks, times = filmed_frames(taken)
     pictured, doubts = _pictured(taken, world, frames)
-    told = tracked_world(masks, frames, times, world, pictured, threads)
-    seen = None
-    if told.answer is not None:
-        scene = told.answer.scene
-        seen = scene if taken.found is None else clip_camera(scene, taken.clip.letterbox)
-    doubt = _gravity_doubt(told.motion, world, taken.clip.source_fps)
-    if world.fixed and told.answer is None:
-        doubts.append("--fixed is not used: tracks give no scene, and the search knows no fixed bodies")
+    followed = follow(masks, frames, times, world, pictured)
+    doubt = _gravity_doubt(followed.motion, world, taken.clip.source_fps)
     return FilmedWorld(
-        motion=told.motion,
-        masks=masks,
-        answer=told.answer,
-        scene=seen,
-        forecast=told.forecast,
+        followed=followed,
+        answer=None,
+        scene=None,
+        forecast=None,
         doubts=(*doubts, *([] if doubt is None else [doubt])),
     )
+
+
+def with_scene(filmed: FilmedWorld, taken: UserClip, threads: int = 1) -> FilmedWorld:
+    """That world with the scene that fits the tracks, where one can be fitted. threads: for simulations."""
+    told = tracked_scene(filmed.followed, threads)
+    if told.answer is None:
+        unused = "--fixed is not used: tracks give no scene, and the search knows no fixed bodies"
+        return replace(filmed, doubts=(*filmed.doubts, unused)) if filmed.followed.world.fixed else filmed
+    scene = told.answer.scene
+    seen = scene if taken.found is None else clip_camera(scene, taken.clip.letterbox)
+    return replace(filmed, answer=told.answer, scene=seen, forecast=told.forecast)
 
 
 @dataclass(frozen=True)
@@ -188,60 +205,83 @@ def _pictured(taken: UserClip, world: World, frames: np.ndarray) -> tuple[Pictur
 
 
 @dataclass(frozen=True)
-class TrackedWorld:
-    """What tracks tell: the motion; a planar scene, where it can be found; and its forecast of the last part."""
+class Followed:
+    """Bodies that were followed through frames.
 
-    motion: ClipMotion
-    answer: PlanarAnswer | None
-    forecast: Forecast | None
-
-
-def tracked_world(
-    masks: np.ndarray,
-    frames: np.ndarray,
-    times: np.ndarray,
-    world: World,
-    pictured: Pictured = NOTHING,
-    threads: int = 1,
-) -> TrackedWorld:
-    """The world that bodies tell of.
-
-    Args:
+    Attributes:
         masks: (T, H, W) their ids, from 1.
         frames: (T, H, W, 3) uint8 RGB.
         times: (T,) s, from 0.
         world: What is known of it.
         pictured: What is known of the picture; the world's own length, board and fixed bodies are not looked at.
-        threads: For simulations.
+        motion: What their tracks tell.
+    """
+
+    masks: np.ndarray
+    frames: np.ndarray
+    times: np.ndarray
+    world: World
+    pictured: Pictured
+    motion: ClipMotion
+
+    def first(self, count: int) -> Followed | None:
+        """The first frames alone, seen from the same view; None where they do not show it."""
+        same_view = replace(self.world, view=self.motion.view.kind)
+        try:
+            return follow(self.masks[:count], self.frames[:count], self.times[:count], same_view, self.pictured)
+        except ParamsError:
+            return None
+
+
+def follow(
+    masks: np.ndarray, frames: np.ndarray, times: np.ndarray, world: World, pictured: Pictured = NOTHING
+) -> Followed:
+    """Follow bodies through frames. Arguments as the attributes of `Followed`.
 
     Raises:
         ParamsError: The tracks do not fit what is known.
     """
-    motion = _measured(masks, frames, times, world, pictured)
+    try:
+        motion = measure_motion(
+            masks,
+            frames,
+            times,
+            view=world.view,
+            gravity=world.gravity,
+            scale=pictured.scale,
+            size=world.size,
+            blocks=pictured.blocks,
+        )
+    except ValueError as error:
+        raise ParamsError(f"--view {world.view}, --size: {error}") from None
+    return Followed(masks, frames, times, world, pictured, motion)
+
+
+@dataclass(frozen=True)
+class TrackedScene:
+    """A planar scene, where tracks give one, and its forecast of the last part."""
+
+    answer: PlanarAnswer | None
+    forecast: Forecast | None
+
+
+def tracked_scene(followed: Followed, threads: int = 1) -> TrackedScene:
+    """The scene whose motion follows the tracks. threads: for simulations."""
+    motion, gravity = followed.motion, followed.world.gravity
     if not motion.tracks or (motion.view.kind == "table" and motion.table is None):
-        return TrackedWorld(motion, None, None)
-    answer = find_planar_scene(motion, world.gravity, threads)
-    kept = renumbered_by_track(masks, motion)
-
-    firsts: list[PlanarAnswer] = []
-
-    def first_part(count: int) -> Scene | None:
-        same_view = replace(world, view=motion.view.kind)
-        try:
-            early = _measured(masks[:count], frames[:count], times[:count], same_view, pictured)
-        except ParamsError:  # the first part does not show the view
-            return None
-        if early.tracks:
-            firsts.append(find_planar_scene(early, world.gravity, threads))
-        return firsts[0].scene if firsts else None
-
-    told = forecast(kept, times, first_part)
-    first = firsts[0] if firsts else answer
+        return TrackedScene(None, None)
+    answer = find_planar_scene(motion, gravity, threads)
+    seen = fitted_frames(followed.times)
+    early = followed.first(seen) if seen else None
+    if early is None or not early.motion.tracks:
+        return TrackedScene(answer, None)
+    first = find_planar_scene(early.motion, gravity, threads)
+    told = forecast(first.scene, renumbered_by_track(followed.masks, motion), followed.times, seen)
     alike = first.fit.scene.shapes == answer.fit.scene.shapes
     if alike and answer.fit.rms_px > WORSE * first.fit.rms_px:  # beyond an impact it may have ended in another one
-        again = find_planar_scene(motion, world.gravity, threads, first)
+        again = find_planar_scene(motion, gravity, threads, first)
         answer = min(answer, again, key=lambda a: a.fit.rms_px)
-    return TrackedWorld(motion, answer, told)
+    return TrackedScene(answer, told)
 
 
 def _gravity_doubt(motion: ClipMotion, world: World, fps: float) -> str | None:
@@ -277,19 +317,3 @@ def renumbered_by_track(masks: np.ndarray, motion: ClipMotion) -> np.ndarray:
     for i, track in enumerate(motion.tracks, 1):
         table[track.body] = i
     return table[masks]
-
-
-def _measured(masks: np.ndarray, frames: np.ndarray, times: np.ndarray, world: World, pictured: Pictured) -> ClipMotion:
-    try:
-        return measure_motion(
-            masks,
-            frames,
-            times,
-            view=world.view,
-            gravity=world.gravity,
-            scale=pictured.scale,
-            size=world.size,
-            blocks=pictured.blocks,
-        )
-    except ValueError as error:
-        raise ParamsError(f"--view {world.view}, --size: {error}") from None

@@ -1,7 +1,7 @@
 """From a measured clip to scenes: the model answers, tracks are fitted, the search refines.
 
-The answers of the model are replayed and ranked; a planar scene is fitted to the tracks; where that does not explain
-the clip, the search goes on from the best answers and a classical guess.
+The answers of the model are replayed and ranked. Then a planar scene is fitted to the tracks, or the search goes on
+from the best answers and a classical guess: both, where the first of them does not explain the clip.
 """
 
 from __future__ import annotations
@@ -15,15 +15,24 @@ import numpy as np
 
 from pipeline.errors import SimulationError
 from pipeline.inference.asking import LoadingModel, Question, ask_model
-from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world
+from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, with_scene
 from pipeline.inference.measured_clip import MeasuredClip
-from pipeline.inference.method import TRACKS, Method, answer_method, best_of, search_method, tracks_method
+from pipeline.inference.method import (
+    SEARCH,
+    TRACKS,
+    Method,
+    answer_method,
+    best_of,
+    explains,
+    search_method,
+    tracks_method,
+    ways,
+)
 from pipeline.inference.progress import Progress
 from pipeline.inference.scene_search import (
     ClipSearch,
     clip_evaluator,
     distinct_starts,
-    explained_by_tracks,
     scene_certainties,
     search_clip,
     search_forecast,
@@ -125,29 +134,39 @@ def find_scenes(
         if len(answers) > 1:
             top = int(ranking.order[0])
             methods.append(answer_method("best of K", answers, ranking.rewards, top, clip, len(answers)))
-    with progress.step("tracks"):
-        filmed = filmed_world(taken, world, cores())
-    progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
-    explained = False
-    if filmed.answer is not None and filmed.scene is not None:
-        methods.append(tracks_method(filmed.answer, filmed.scene, evaluator, clip))
-        explained = explained_by_tracks(filmed.motion.view.kind, methods[-1].overlap.sequence)
-    searched, forecasts = None, {TRACKS: filmed.forecast}
-    if budget.simulations and not explained:
-        with progress.step("search"):
-            ranked = [answers[int(i)].scene for i in ranking.order]
-            starts = distinct_starts(ranked, ranking.rewards.valid[ranking.order].tolist(), STARTS)
-            searched = search_clip(
-                evaluator,
-                starts,
-                budget.simulations,
-                np.random.default_rng(budget.seed),
-                lambda spent, reward: progress.detail(
-                    f" {spent}/{budget.simulations} simulations, reward {reward:.3f}"
-                ),
-                budget.incline,
-            )
-            forecasts["search"] = search_forecast(
+    with progress.step("view"):
+        filmed = filmed_world(taken, world)
+    view = filmed.motion.view
+    progress.say("view", f"{view.kind}: {view.reason}")
+    ranked = [answers[int(i)].scene for i in ranking.order]
+    starts = distinct_starts(ranked, ranking.rewards.valid[ranking.order].tolist(), STARTS)
+    searched = None
+    for way in ways(view.kind, budget.simulations, world.measured):
+        with progress.step(way):
+            if way == TRACKS:
+                filmed = with_scene(filmed, taken, cores())
+                if filmed.answer is None or filmed.scene is None:
+                    continue
+                methods.append(tracks_method(filmed.answer, filmed.scene, evaluator, clip))
+            else:
+                searched = search_clip(
+                    evaluator,
+                    starts,
+                    budget.simulations,
+                    np.random.default_rng(budget.seed),
+                    lambda spent, reward: progress.detail(
+                        f" {spent}/{budget.simulations} simulations, reward {reward:.3f}"
+                    ),
+                    budget.incline,
+                )
+                methods.append(search_method(searched, answers, ranking, clip))
+        if explains(view.kind, methods[-1].overlap.sequence):
+            break
+    best = best_of(methods)
+    told = filmed.forecast if best.name == TRACKS else None
+    if best.name == SEARCH:
+        with progress.step("forecast"):
+            told = search_forecast(
                 taken.masks,
                 clip.flow,
                 clip.schedule,
@@ -158,8 +177,6 @@ def find_scenes(
                 incline=budget.incline,
                 threads=cores(),
             )
-        methods.append(search_method(searched, answers, ranking, clip))
-    best = best_of(methods)
     certain: tuple[Certainty, ...] = ()
     if searched is not None:
         found = best.scene is searched.result.scene
@@ -171,7 +188,7 @@ def find_scenes(
         methods=tuple(methods),
         filmed=filmed,
         searched=searched,
-        forecast=forecasts.get(best.name),
+        forecast=told,
         certainties=certain,
     )
 

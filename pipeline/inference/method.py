@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.clips.replay import replay
+from pipeline.clips.replay import masks_at
 from pipeline.errors import SimulationError
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.scene_search import ClipSearch
@@ -21,7 +21,8 @@ from pipeline.search.evaluator import Evaluator, Rewards
 if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
 
-TRACKS = "tracks"  # the method that fits a planar scene to tracks
+TRACKS, SEARCH = "tracks", "search"  # ways to a scene: a planar scene that is fitted to tracks, and the search
+OTHER_IOU, TABLE_IOU = 0.6, 0.9  # from which a scene explains a clip; on a table
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,24 @@ def best_of(methods: Sequence[Method]) -> Method:
     return max(methods, key=lambda m: m.merit)
 
 
+def ways(view: str, simulations: int, measured: bool) -> tuple[str, ...]:
+    """The ways to a scene without the model, in the order in which they are tried until one explains the clip.
+
+    Args:
+        view: Of the bodies' tracks. The search knows tables alone, but is better and faster on them.
+        simulations: Of the search; 0: there is none.
+        measured: Lengths or fixed bodies are known, which the search does not use.
+    """
+    if not simulations:
+        return (TRACKS,)
+    return (SEARCH, TRACKS) if view == "table" and not measured else (TRACKS, SEARCH)
+
+
+def explains(view: str, sequence_iou: float) -> bool:
+    """Whether a scene of that overlap needs no other way beside it."""
+    return sequence_iou >= (TABLE_IOU if view == "table" else OTHER_IOU)
+
+
 def answer_method(
     name: str, answers: list[Answer], rewards: Rewards, index: int, clip: MeasuredClip, simulations: int
 ) -> Method:
@@ -76,7 +95,7 @@ def search_method(searched: ClipSearch, answers: list[Answer], ranking: Ranking,
     found, order = searched.result, [answers[int(i)] for i in ranking.order]
     nearest = next((a for a in order if a.scene.composition == found.scene.composition), order[0])
     return Method(
-        name="search",
+        name=SEARCH,
         scene=found.scene,
         answer=nearest,
         reward=found.reward,
@@ -109,9 +128,14 @@ def _rewarded(
 
 
 def _overlap(scene: Scene, clip: MeasuredClip) -> Overlap:
-    """At the clip's own size; none where the simulation becomes unstable."""
+    return replay_overlap(scene, clip.taken.masks, clip.schedule.fps)
+
+
+def replay_overlap(scene: Scene, masks: np.ndarray, fps: float) -> Overlap:
+    """Of a scene's replay with masks (T, H, W) of a clip at their size; none where the simulation becomes unstable."""
+    height, width = masks.shape[1:]
     try:
-        masks = replay(scene, clip.schedule).masks
+        own = masks_at(scene, np.arange(len(masks)) / fps, width, height)
     except SimulationError:
         return Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
-    return overlap(masks, clip.taken.masks, len(scene.objects), clip.objects)
+    return overlap(own, masks, len(scene.objects), int(masks.max(initial=0)))

@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from pipeline.clips.schedule import Schedule
-from pipeline.inference.trust import Forecast, forecast
+from pipeline.inference.trust import Forecast, fitted_frames, forecast
 from pipeline.scene.scene import Scene
 from pipeline.search.certainty import Certainty, certainties
 from pipeline.search.evaluator import Evaluator
@@ -20,12 +20,6 @@ from pipeline.search.target import make_target
 
 LEAST_SEARCH = 200  # simulations
 FORECAST_SHARE = 0.35  # of the simulations of a search, that are spent again on the first part of the clip
-TRACKS_IOU, TABLE_IOU = 0.6, 0.9  # from which the scene of tracks needs no search beside it; on a table
-
-
-def explained_by_tracks(view: str, sequence_iou: float) -> bool:
-    """Whether the scene of tracks needs no search beside it, which knows tables alone but is better on them."""
-    return sequence_iou >= (TABLE_IOU if view == "table" else TRACKS_IOU)
 
 
 def clip_evaluator(
@@ -151,17 +145,16 @@ def search_forecast(
         incline: Whether the ground may slope in the picture.
         threads: For simulation and rasterising.
     """
-
-    def find(count: int) -> Scene | None:
-        try:
-            part = schedule.first(count / schedule.fps)
-        except ValueError:
-            return None
-        evaluator = clip_evaluator(masks, flow, part, size, threads)
-        budget = max(LEAST_SEARCH, round(FORECAST_SHARE * simulations))
-        return search_clip(evaluator, starts, budget, np.random.default_rng(seed), incline=incline).result.scene
-
-    return forecast(masks, np.arange(len(masks)) / schedule.fps, find)
+    times = np.arange(len(masks)) / schedule.fps
+    seen = fitted_frames(times)
+    try:
+        part = schedule.first(seen / schedule.fps)
+    except ValueError:
+        return None
+    evaluator = clip_evaluator(masks, flow, part, size, threads)
+    budget = max(LEAST_SEARCH, round(FORECAST_SHARE * simulations))
+    found = search_clip(evaluator, starts, budget, np.random.default_rng(seed), incline=incline).result.scene
+    return forecast(found, masks, times, seen)
 
 
 def scene_certainties(evaluator: Evaluator, scene: Scene) -> tuple[np.ndarray, tuple[Certainty, ...]]:

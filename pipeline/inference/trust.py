@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.clips.replay import masks_at
 from pipeline.errors import SimulationError
-from pipeline.metrics.extrapolation import at_constant_velocity
+from pipeline.metrics.extrapolation import at_constant_velocity, moved_with_replay
 from pipeline.metrics.overlap import Counts, assign, count, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
 
@@ -27,8 +26,8 @@ class Forecast:
 
     Attributes:
         from_s: Where the rest begins, s from the clip's beginning.
-        iou: Sequence IoU over the rest.
-        constant_velocity_iou: That of the last masks, moved on at constant velocity.
+        iou: Sequence IoU over the rest, of the last masks moved on as the scene's replay moves.
+        constant_velocity_iou: That of the last masks moved on at constant velocity.
     """
 
     from_s: float
@@ -60,22 +59,21 @@ def fitted_frames(times: np.ndarray) -> int:
     return first if len(times) - first >= LEAST_FRAMES else 0
 
 
-def forecast(masks: np.ndarray, times: np.ndarray, find: Callable[[int], Scene | None]) -> Forecast | None:
-    """Find a scene from the first part of a clip and score it on the rest.
+def forecast(scene: Scene, masks: np.ndarray, times: np.ndarray, seen: int) -> Forecast | None:
+    """Score a scene that was found from the first part of a clip on the rest.
+
+    Its motion is scored: the last mask of each body before the rest is carried on as the replay moves, and for
+    comparison at constant velocity.
 
     Args:
-        masks: (T, H, W) ids; bodies without an object count as missed.
+        scene: What was found.
+        masks: (T, H, W) ids of the whole clip; bodies without an object count as missed.
         times: (T,) s.
-        find: The scene that the first so many frames show; None where they show none.
+        seen: Frames that were fitted.
 
     Returns:
-        The scores; None where the clip is too short, no scene is found from its first part, or no body is seen in the
-        rest.
+        The scores; None where the scene cannot be simulated, or no body is seen in the rest.
     """
-    seen = fitted_frames(times)
-    scene = find(seen) if seen else None
-    if scene is None:
-        return None
     height, width = masks.shape[1:]
     try:
         own = masks_at(scene, times - times[0], width, height)
@@ -87,8 +85,8 @@ def forecast(masks: np.ndarray, times: np.ndarray, find: Callable[[int], Scene |
     rate = (len(times) - 1) / float(times[-1] - times[0])
     moved = at_constant_velocity(masks[:seen], len(masks) - seen, rate)
     same = np.stack([np.arange(instances)] * 2, 1)
-    iou = float(sequence_iou(_part(counts, slice(seen, None)), pairs))
-    rival = float(sequence_iou(count(moved, masks[seen:], instances, instances), same))
+    told = moved_with_replay(own, masks[:seen], pairs)
+    iou, rival = (float(sequence_iou(count(m, masks[seen:], instances, instances), same)) for m in (told, moved))
     if not np.isfinite(iou) or not np.isfinite(rival):  # no body is seen in the rest
         return None
     return Forecast(from_s=float(times[seen] - times[0]), iou=iou, constant_velocity_iou=rival)

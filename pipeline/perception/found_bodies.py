@@ -89,7 +89,7 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
     if not kept:
         raise VideoError(why_none(clip, found, float(likely.max(initial=0)), choice.notes))
     scores = np.array([1.0 if c.score is None else c.score for c in kept])
-    drawn = bodies_of([c.track for c in kept], scores, found, clip.frames, None)
+    drawn = bodies_of([c.track for c in kept], scores, found, clip.frames)
     masks, groups = joined_pieces(drawn.masks, clip.frames, clip.times, [c.marked for c in kept])
     masks = without_exchanges(masks, clip.frames, clip.times)
     if networks.outlines is not None:

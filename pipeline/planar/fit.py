@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from pipeline.motion.image_track import ImageTrack
 from pipeline.physics.batch import BatchSimulator, fixed_kinds, stack_scenes
 from pipeline.planar.parameters import Parameter, changed
 from pipeline.planar.plane import Plane
-from pipeline.planar.robust_descent import DAMPINGS, POPULATION, robust_descent
+from pipeline.planar.robust_descent import DAMPINGS, POPULATION, Residuals, robust_descent
 from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene
 
@@ -68,17 +68,25 @@ def fit_planar(
     simulator = BatchSimulator(scene.shapes, scene.ground is not None, size, threads, fixed_kinds(scene))
     weights = [t.whole[:, None] / np.sqrt(t.sigma**2 + LEAST_SIGMA**2 + (SYSTEMATIC * t.radius) ** 2) for t in tracks]
 
-    def residuals(x: np.ndarray) -> np.ndarray:
-        off = centre_errors(simulator, [changed(scene, parameters, row) for row in x], tracks, plane)
-        return np.concatenate([(w * e).reshape(len(x), -1) for w, e in zip(weights, off, strict=True)], 1)
+    def residuals(end: float) -> Residuals:
+        """Those of the tracks up to a time, s; only so much is simulated."""
+        which = [t.times <= end for t in tracks]
+        begun = [i for i, seen in enumerate(which) if seen.any()]
+        first = {i: tracks[i].part(which[i]) for i in begun}
+
+        def of(x: np.ndarray) -> np.ndarray:
+            off = centre_errors(simulator, [changed(scene, parameters, row) for row in x], first, plane)
+            return np.concatenate([(weights[i][which[i]] * off[i]).reshape(len(x), -1) for i in begun], 1)
+
+        return of
 
     steps, prior = np.array([p.step for p in parameters]), np.array([p.prior for p in parameters])
-    times = np.concatenate([np.repeat(t.times, 2) for t in tracks])
-    parts = [times <= end for end in first_ends(impacts, float(times.max()))]
-    found = robust_descent(residuals, steps, prior, parts=parts, rough=len(tracks) > 1)
+    end = max(float(t.times[-1]) for t in tracks)
+    parts = [residuals(until) for until in first_ends(impacts, end)]
+    found = robust_descent(residuals(end), steps, prior, parts=parts, rough=len(tracks) > 1)
     best = changed(scene, parameters, found.x)
-    off = centre_errors(simulator, [best], tracks, plane)
-    whole = [np.linalg.norm(e[0][t.whole], axis=1) for e, t in zip(off, tracks, strict=True)]
+    off = centre_errors(simulator, [best], dict(enumerate(tracks)), plane)
+    whole = [np.linalg.norm(off[i][0][t.whole, :2], axis=1) for i, t in enumerate(tracks)]
     return PlanarFit(
         scene=best,
         names=tuple(p.name for p in parameters),
@@ -99,18 +107,24 @@ def first_ends(impacts: Sequence[float], end: float) -> list[float]:
 
 
 def centre_errors(
-    simulator: BatchSimulator, scenes: list[Scene], tracks: Sequence[ImageTrack], plane: Plane
-) -> list[np.ndarray]:
-    """(B, T, 2) px of each body: its simulated centre in the picture minus that of its track."""
-    last = max(int(np.ceil(t.times[-1] * STEPS_PER_SECOND)) for t in tracks) + 1
+    simulator: BatchSimulator, scenes: list[Scene], tracks: Mapping[int, ImageTrack], plane: Plane
+) -> dict[int, np.ndarray]:
+    """(B, T, 2 or 3) px of each object that has a track: its simulated centre in the picture minus that of its track.
+
+    Seen from above, a body that rises would grow, or show its side: the third is how far it rises.
+    """
+    last = max(int(np.ceil(t.times[-1] * STEPS_PER_SECOND)) for t in tracks.values()) + 1
     states = simulator.run(stack_scenes(scenes), np.arange(last + 1))
-    out = []
-    for i, track in enumerate(tracks):
+    out = {}
+    for i, track in tracks.items():
         step = track.times * STEPS_PER_SECOND
         low = step.astype(int)
         share = (step - low)[:, None]
         place = (1 - share) * states.position[:, low, i] + share * states.position[:, low + 1, i]
         off = plane.to_picture(plane.in_plane(place)) - track.centre
+        if plane.level:
+            rise = plane.px_per_m * (place[..., 2:] - states.position[:, :1, i, 2:])
+            off = np.concatenate([off, rise], -1)
         off[~states.valid] = LOST_PX
-        out.append(off)
+        out[i] = off
     return out

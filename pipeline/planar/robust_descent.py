@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import cma
 import numpy as np
 
 ROUNDS = 25
@@ -20,6 +19,8 @@ LEAST_GAIN = 1e-4  # share of the cost: a smaller gain ends the descent
 POPULATION, GENERATIONS, SPREAD = 20, 30, 0.3  # of CMA-ES; the spread in steps
 FURTHEST = 3.0  # prior standard deviations: no parameter goes beyond
 SOFTNESS = (10.0, 1.0)  # residual from which it counts less, in one descent after another
+Residuals = Callable[[np.ndarray], np.ndarray]
+"""(B, R) of x (B, P)."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +41,11 @@ class Descent:
 
 
 def robust_descent(
-    residuals: Callable[[np.ndarray], np.ndarray],
+    residuals: Residuals,
     steps: np.ndarray,
     prior: np.ndarray,
     *,
-    parts: Sequence[np.ndarray] = (),
+    parts: Sequence[Residuals] = (),
     rough: bool = False,
 ) -> Descent:
     """Minimise the sum of sqrt(1 + r²) - 1 over residuals r, and of half the squares of x / prior, from x = 0.
@@ -53,13 +54,13 @@ def robust_descent(
         residuals: (B, R) of x (B, P), in units of their standard errors.
         steps: (P,) of finite differences.
         prior: (P,) standard deviations of x about 0.
-        parts: (R,) bool each: the residuals that count in first descents, one after another, before all do.
+        parts: The residuals that count in first descents, one after another, before all do.
         rough: Go on by CMA-ES.
     """
     x = np.zeros(len(steps))
     count = 0
     for part in parts:
-        found = _descend(lambda rows, part=part: residuals(rows)[:, part], x, steps, prior)  # type: ignore[misc]
+        found = _descend(part, x, steps, prior)
         x, count = found.x, count + found.evaluations
     found = _descend(residuals, x, steps, prior)
     x, cost, count = found.x, found.cost, count + found.evaluations
@@ -69,9 +70,7 @@ def robust_descent(
     return Descent(x, found.sigma, cost, count)
 
 
-def _descend(
-    residuals: Callable[[np.ndarray], np.ndarray], x: np.ndarray, steps: np.ndarray, prior: np.ndarray
-) -> Descent:
+def _descend(residuals: Residuals, x: np.ndarray, steps: np.ndarray, prior: np.ndarray) -> Descent:
     """Levenberg-Marquardt from x (P,), first with the larger softness."""
     r = residuals(x[None])[0]
     count, cost = 1, 0.0
@@ -102,6 +101,8 @@ def _evolve(
     costs: Callable[[np.ndarray], np.ndarray], x: np.ndarray, cost: float, steps: np.ndarray
 ) -> tuple[np.ndarray, float, int]:
     """CMA-ES from x: the best x, its cost, and the evaluations that it took."""
+    import cma  # takes most of a second
+
     options = {"popsize": POPULATION, "maxiter": GENERATIONS, "seed": 1, "verbose": -9, "CMA_stds": steps}
     search = cma.CMAEvolutionStrategy(x, SPREAD, options)
     while not search.stop():

@@ -15,7 +15,6 @@ from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exp
 from pipeline.segmentation.joining import joined, typical_radius
 from pipeline.segmentation.mask_networks import MaskNetworks
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
-from pipeline.segmentation.outline_network import OutlineNetwork
 from pipeline.segmentation.outlines import sharpen
 from pipeline.segmentation.plate import clear_plate
 from pipeline.segmentation.resting import resting
@@ -112,9 +111,7 @@ def figure(found: Candidates, name: str) -> np.ndarray:
     return np.asarray(found.figures[:, FIGURES.index(name)])
 
 
-def bodies_of(
-    tracks: list[Track], scores: np.ndarray, found: Candidates, frames: np.ndarray, outlines: OutlineNetwork | None
-) -> BodyTracks:
+def bodies_of(tracks: list[Track], scores: np.ndarray, found: Candidates, frames: np.ndarray) -> BodyTracks:
     """The tracks as bodies, in the order given.
 
     Args:
@@ -122,7 +119,6 @@ def bodies_of(
         scores: (N,) of the tracks.
         found: The candidates among which they were chosen.
         frames: (T, H, W, 3) uint8, of the size that the masks get.
-        outlines: Sharpens them; None: they stay as the first network sees them.
     """
     scale = np.array([frames.shape[2] / found.frames.shape[2], frames.shape[1] / found.frames.shape[1]])
     centres = np.full((len(frames), len(tracks), 2), np.nan)
@@ -130,10 +126,7 @@ def bodies_of(
         for t, piece in track.pieces.items():
             centres[t, k] = piece.centre * scale
     radii = np.array([typical_radius(t) for t in tracks]) * scale.mean()
-    masks = draw_masks(tracks, found.probability, frames)
-    if outlines is not None:
-        masks = sharpen(frames, masks, outlines)
-    return BodyTracks(masks, scores, centres, radii)
+    return BodyTracks(draw_masks(tracks, found.probability, frames), scores, centres, radii)
 
 
 def find_bodies(frames: np.ndarray, networks: MaskNetworks, least_score: float = LEAST_SCORE) -> BodyTracks:
@@ -157,7 +150,10 @@ def find_bodies(frames: np.ndarray, networks: MaskNetworks, least_score: float =
     kept = [i for i in np.argsort(-scores)[:MOST_BODIES] if scores[i] >= least_score]
     kept.sort(key=lambda i: (found.tracks[i].first, -len(found.tracks[i].pieces[found.tracks[i].first].pixels)))
     tracks = resting([found.tracks[i] for i in kept], found.frames)
-    return bodies_of(tracks, scores[kept], found, frames, networks.outlines)
+    bodies = bodies_of(tracks, scores[kept], found, frames)
+    if networks.outlines is None:
+        return bodies
+    return replace(bodies, masks=sharpen(frames, bodies.masks, networks.outlines))
 
 
 def draw_masks(tracks: list[Track], probability: np.ndarray, frames: np.ndarray) -> np.ndarray:

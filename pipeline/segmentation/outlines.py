@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import torch
+from scipy import ndimage
 from torch import Tensor
 
 from pipeline.segmentation.outline_network import SIDE, OutlineNetwork
@@ -30,15 +31,22 @@ class Square:
     top: int
     side: int
 
-    def cut(self, picture: np.ndarray) -> np.ndarray:
-        """(SIDE, SIDE, ...) of a picture (H, W, ...); beyond the border its last pixels go on."""
+    def part(self, picture: np.ndarray) -> np.ndarray:
+        """(side, side, ...) of a picture (H, W, ...); beyond the border its last pixels go on."""
         height, width = picture.shape[:2]
         rows = np.clip(np.arange(self.top, self.top + self.side), 0, height - 1)
         columns = np.clip(np.arange(self.left, self.left + self.side), 0, width - 1)
-        part = picture[rows[:, None], columns[None]]
+        return np.asarray(picture[rows[:, None], columns[None]])
+
+    def scaled(self, part: np.ndarray) -> np.ndarray:
+        """(SIDE, SIDE, ...) of a part (side, side, ...)."""
         part = part.astype(np.float32) if part.dtype == np.bool_ else part
         how = cv2.INTER_AREA if self.side > SIDE else cv2.INTER_LINEAR
         return np.asarray(cv2.resize(part, (SIDE, SIDE), interpolation=how))
+
+    def cut(self, picture: np.ndarray) -> np.ndarray:
+        """(SIDE, SIDE, ...) of a picture (H, W, ...)."""
+        return self.scaled(self.part(picture))
 
     def paste(self, values: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, tuple[slice, slice]]:
         """values (SIDE, SIDE) at a picture's scale: the part inside a picture of shape (H, W), and where that is."""
@@ -52,7 +60,11 @@ class Square:
 
 def square_around(mask: np.ndarray) -> Square:
     """The square in which a mask (H, W) bool, not empty, is looked at."""
-    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    return square_of(*cv2.boundingRect(mask.astype(np.uint8)))
+
+
+def square_of(x: int, y: int, width: int, height: int) -> Square:
+    """The square in which a body is looked at that fills a box, px."""
     side = max(round(MARGIN * max(width, height)), max(width, height) + 6, LEAST_SIDE_PX)
     return Square(x + width // 2 - side // 2, y + height // 2 - side // 2, side)
 
@@ -75,7 +87,7 @@ def background(frames: np.ndarray, masks: np.ndarray) -> tuple[np.ndarray, np.nd
     return plate, ~filled
 
 
-def _pictures(squares: list[np.ndarray]) -> Tensor:
+def pictures(squares: list[np.ndarray]) -> Tensor:
     """(B, 3, SIDE, SIDE) in [0, 1] of pictures (SIDE, SIDE, 3) uint8."""
     return torch.from_numpy(np.stack(squares)).permute(0, 3, 1, 2).float() / 255
 
@@ -90,22 +102,24 @@ def sharpen(frames: np.ndarray, masks: np.ndarray, network: OutlineNetwork, kept
         kept: Ids whose outlines stay as they are.
     """
     plate, known = background(frames, masks)
-    places = [
-        (t, body, square_around(masks[t] == body))
-        for t in range(len(frames))
-        for body in np.unique(masks[t])
-        if body and body not in kept and (masks[t] == body).sum() >= LEAST_AREA_PX
-    ]
+    places = []
+    for t, ids in enumerate(masks):
+        for body, box in enumerate(ndimage.find_objects(ids), 1):
+            if box is None or body in kept or np.count_nonzero(ids[box] == body) < LEAST_AREA_PX:
+                continue
+            rows, columns = box
+            size = columns.stop - columns.start, rows.stop - rows.start
+            places.append((t, body, square_of(columns.start, rows.start, *size)))
     soft = []
     with torch.inference_mode():
         for first in range(0, len(places), BATCH):
             shown, behind, near = [], [], []
             for t, body, square in places[first : first + BATCH]:
-                own, others = masks[t] == body, (masks[t] > 0) & (masks[t] != body)
+                ids = square.part(masks[t])
                 shown.append(square.cut(frames[t]))
                 behind.append(square.cut(plate))
-                near.append([square.cut(known), square.cut(own), square.cut(others)])
-            squares = input_of(_pictures(shown), _pictures(behind), torch.from_numpy(np.array(near)))
+                near.append([square.cut(known), *(square.scaled(m) for m in (ids == body, (ids > 0) & (ids != body)))])
+            squares = input_of(pictures(shown), pictures(behind), torch.from_numpy(np.array(near)))
             soft.extend(network(squares).sigmoid().numpy())
     out = np.where(np.isin(masks, list(kept)), masks, 0).astype(masks.dtype)
     best = np.where(out > 0, 1.0, LEVEL).astype(np.float32)

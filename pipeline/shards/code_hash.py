@@ -76,7 +76,7 @@ def module_closure(
 
 def has_code(file: Path) -> bool:
     """Whether a module has more than a docstring and comments."""
-    return bool(_stripped(file).body)
+    return bool(_parse(file).body)
 
 
 def _module_file(function: Callable[..., Any]) -> Path:
@@ -97,11 +97,18 @@ def _find(name: str, root: Path) -> Path | None:
     return None
 
 
-def _imported_names(file: Path, root: Path) -> Iterator[str]:
+def _imported_names(file: Path, root: Path) -> frozenset[str]:
     """Every dotted name that `file` may import, with its parents; some are attributes and no modules."""
+    return _imported_by_version(file, root, *_version(file))
+
+
+@cache
+def _imported_by_version(file: Path, root: Path, *_: int) -> frozenset[str]:
+    names: set[str] = set()
     for name in (*_direct_imports(file, root), *_walked_packages(file, root)):
         parts = name.split(".")
-        yield from (".".join(parts[: k + 1]) for k in range(len(parts)))
+        names.update(".".join(parts[: k + 1]) for k in range(len(parts)))
+    return frozenset(names)
 
 
 def _direct_imports(file: Path, root: Path) -> Iterator[str]:
@@ -155,18 +162,20 @@ def _is_type_checking(test: ast.expr) -> bool:
     )
 
 
+def _version(file: Path) -> tuple[int, int]:
+    """What changes when a file does."""
+    found = file.stat()
+    return found.st_mtime_ns, found.st_size
+
+
 def _parse(file: Path) -> ast.Module:
-    return _parse_version(file, file.stat().st_mtime_ns, file.stat().st_size)
+    """The module's tree without docstrings."""
+    return _parse_version(file, *_version(file))
 
 
 @cache
-def _parse_version(file: Path, _mtime_ns: int, _size: int) -> ast.Module:
-    return ast.parse(file.read_bytes(), filename=str(file))
-
-
-def _stripped(file: Path) -> ast.Module:
-    """The module's tree without docstrings."""
-    tree = ast.parse(file.read_bytes(), filename=str(file))  # a fresh one: it is changed below
+def _parse_version(file: Path, *_: int) -> ast.Module:
+    tree = ast.parse(file.read_bytes(), filename=str(file))
     for node in ast.walk(tree):
         match node:
             case ast.Module() | ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
@@ -175,4 +184,9 @@ def _stripped(file: Path) -> ast.Module:
 
 
 def _code(file: Path) -> str:
-    return ast.dump(_stripped(file))
+    return _code_version(file, *_version(file))
+
+
+@cache
+def _code_version(file: Path, *_: int) -> str:
+    return ast.dump(_parse(file))

@@ -10,7 +10,7 @@ from pipeline.clips.replay import replay_poses
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
 from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
-from pipeline.inference.filmed_world import World, filmed_world
+from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, with_scene
 from pipeline.inference.trust import Forecast, fitted_frames, grade, gravity_doubt
 from pipeline.motion.image_track import image_tracks
 from pipeline.perception.user_clip import UserClip
@@ -48,8 +48,12 @@ def throw() -> UserClip:
     return clip_of(THROW)
 
 
+def fitted(clip: UserClip, world: World) -> FilmedWorld:
+    return with_scene(filmed_world(clip, world), clip)
+
+
 def test_a_throw_is_answered_and_forecast(throw: UserClip) -> None:
-    found = filmed_world(throw, World())
+    found = fitted(throw, World())
     assert found.motion.view.kind == "flight"
     assert found.scene is not None
     assert found.forecast is not None
@@ -63,14 +67,14 @@ def test_a_view_that_the_tracks_contradict_is_refused(throw: UserClip) -> None:
 
 
 def test_a_view_that_is_given_is_kept(throw: UserClip) -> None:
-    found = filmed_world(throw, World(view="table"))
+    found = fitted(throw, World(view="table"))
     assert found.motion.view.kind == "table"
     assert found.scene is not None
     assert found.scene.ground == 0
 
 
 def test_a_known_size_gives_the_scale(throw: UserClip) -> None:
-    found = filmed_world(throw, World.of(size=(0, "radius", 0.08)))
+    found = fitted(throw, World.of(size=(0, "radius", 0.08)))
     assert found.answer is not None
     assert found.answer.scale.by == "size"
     assert found.answer.scale.px_per_m == pytest.approx(200, rel=0.03)
