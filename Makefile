@@ -38,7 +38,7 @@ test-app: install
 # What needs Ray and an S3 server (moto's, on this machine), which nothing else does.
 test-machines: install
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test,ray,s3,servers]"
-	pytest tests/shards/test_ray_executor.py tests/shards/test_remote.py tests/shards/test_cluster.py
+	pytest tests/shards/test_ray_executor.py tests/shards/test_remote.py tests/shards/test_dvc_remote.py tests/shards/test_cluster.py
 
 # Hundreds of kills, thousands of damaged files and inputs (docs/reliability.md); half an hour on 2 cores.
 campaign: install

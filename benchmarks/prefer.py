@@ -35,7 +35,7 @@ from pipeline.model.base import Base, load_base
 from pipeline.model.generate import Sampling
 from pipeline.model.patches import resize_frames
 from pipeline.model.preference import Pair, draw_answers, pairs_of, prefer, weighted_reward
-from pipeline.model.trainer import TrainingPlan
+from pipeline.model.training_plan import TrainingPlan
 from pipeline.perception.mask_source import MaskSource
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import read_frames, with_masks

@@ -1,6 +1,6 @@
 """Scores of a training's checkpoints on the same fresh clips, against the number of clips trained on.
 
-    python -m benchmarks.scaling .train/tiny/checkpoint_*.pt [--clips 96]
+    python -m benchmarks.scaling .train/tiny/checkpoint_*.safetensors [--clips 96]
 
 The checkpoints should have the same learning rate. The clips have 1 to 3 objects, with exact flow and the noise of the
 training; the answers are greedy. Writes benchmarks/results/learned/scaling.csv, which the report shows with an

@@ -5,30 +5,24 @@ data/simulate, data/render and data/flow) of train and val, model.base. Writes d
 model (a checkpoint, whose model_input.json records how its input is made), loss.csv and eval_loss.csv (plots). An
 interrupted run goes on from its last checkpoint. With infer.shots the base answers as it is: nothing is trained, and
 there is no model.
-Parameters: seed, clip, flow (but source, raft and noise), model, finetune, infer.shots. Run: python -m stages.finetune
+Parameters: seed, clip, flow (but source, raft and noise), model, finetune, training,
+infer.shots. Run: python -m stages.finetune
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from transformers.utils import logging
 
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import trace_pairs
 from pipeline.csv_rows import write_rows
 from pipeline.errors import naming
-from pipeline.inference.loading import load_answering
-from pipeline.language.codec import Tokens
-from pipeline.model.base import Base
-from pipeline.model.finetune import finetune
 from pipeline.model.model_input import ModelInput
-from pipeline.model.patches import fit_layout
-from pipeline.model.trainer import ClipDataset, TrainingPlan
-from pipeline.objects.answering import ObjectsModel
-from pipeline.objects.example import Example, example_of
-from pipeline.objects.finetune import finetune_objects
+from pipeline.model.processes import in_processes, is_first
+from pipeline.model.training_plan import TrainingPlan
 from pipeline.physics.trace_shards import read_trace
 from pipeline.scene.text import read_scene
 from pipeline.shards.clip_rng import clip_rng
@@ -38,6 +32,13 @@ from stages.graph.clip_pictures import picture_stage, pictures
 from stages.graph.params import ModelSettings
 from stages.graph.run import DATA, folder, run
 from stages.graph.stage_params import load
+from stages.graph.training_processes import processes_for
+
+if TYPE_CHECKING:
+    from pipeline.language.codec import Tokens
+    from pipeline.model.base import Base
+    from pipeline.model.trainer import ClipDataset
+    from pipeline.objects.example import Example
 
 CURVES = ("loss", "eval_loss")
 
@@ -60,6 +61,21 @@ class Parameters:
 
 
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Parameters) -> dict[str, float]:
+    return in_processes(make_in_each, parameters.plan.processes, output, scratch, inputs, parameters)
+
+
+def make_in_each(
+    output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Parameters
+) -> dict[str, float]:
+    """The work of each process of the training; the first one writes the output."""
+    # imported here, as below: it takes seconds, and mostly the model is in the store
+    from transformers.utils import logging
+
+    from pipeline.inference.loading import load_answering
+    from pipeline.model.finetune import finetune
+    from pipeline.objects.answering import ObjectsModel
+    from pipeline.objects.finetune import finetune_objects
+
     m, schedule = parameters.model, parameters.schedule
     with naming("model.base"):
         base = load_answering(m.base, m.width, m.height, schedule.model_frames, m.dtype)
@@ -71,6 +87,8 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
     else:
         clips, val = (text_dataset(part[0], part[1], base, parameters) for part in (inputs[:2], inputs[2:]))
         finetune(base, clips, val, parameters.plan, scratch, rows.append)
+    if not is_first():
+        return {}
     base.input = parameters.shown
     base.save(output / "model")
     for column in CURVES:
@@ -80,10 +98,13 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
     return {"steps": rows[-1]["step"], "validation loss before": before, "validation loss after": after}
 
 
-def text_dataset(tokens: ShardedDataset, source: ShardedDataset, base: Base, parameters: Parameters) -> ClipDataset:
+def text_dataset(tokens: ShardedDataset, source: ShardedDataset, base: "Base", parameters: Parameters) -> "ClipDataset":
     """Clips as tokens and pictures."""
+    from pipeline.language.codec import Tokens
+    from pipeline.model.patches import fit_layout
+    from pipeline.model.trainer import ClipDataset
 
-    def read(index: int) -> tuple[Tokens, np.ndarray]:
+    def read(index: int) -> "tuple[Tokens, np.ndarray]":
         row = tokens[index].row()
         free, numeric = np.array(row["free"]), np.array(row["numeric"])
         shown = fit_layout(pictures(source[index], parameters.model.input, parameters.schedule), base.layout)
@@ -92,15 +113,18 @@ def text_dataset(tokens: ShardedDataset, source: ShardedDataset, base: Base, par
     return ClipDataset(len(tokens), read)
 
 
-def objects_dataset(inputs: Sequence[ShardedDataset], parameters: Parameters) -> ClipDataset:
+def objects_dataset(inputs: Sequence[ShardedDataset], parameters: Parameters) -> "ClipDataset":
     """Clips as instances, with masks as a network for masks finds them, and what their scenes say of them.
 
     inputs: sample, simulate, render and flow.
     """
+    from pipeline.model.trainer import ClipDataset
+    from pipeline.objects.example import example_of
+
     sample, simulated, rendered, flow = inputs
     schedule, seed = parameters.schedule, parameters.plan.seed
 
-    def read(index: int) -> Example:
+    def read(index: int) -> "Example":
         scene = read_scene(sample[index].row()["scene"])
         clip = simulated[index]
         poses = trace_pairs(read_trace(clip.shard, clip.index), schedule)
@@ -125,7 +149,8 @@ def main() -> None:
         return
     m, f = params.model, params.flow
     shown = ModelInput.of(m.input, f.picture, f.train_source, (f.width, f.height), f.iterations, m.reasoning)
-    plan = TrainingPlan(**params.finetune.model_dump(), seed=params.seed)
+    processes = processes_for(params, "finetune")
+    plan = TrainingPlan(**params.finetune.model_dump(), seed=params.seed, processes=processes)
     parameters = Parameters(params.clip.schedule, m, shown, plan)
     read = ["sample", "simulate", "render", "flow"] if m.input == "objects" else ["tokenize", picture_stage(m.input)]
     inputs = [folder(stage, suite) for suite in ("train", "val") for stage in read]

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,14 +22,15 @@ from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
-from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.flow_noise import add_raft_noise
 from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
-from pipeline.vision.flow.measured_flow import measured_flow
-from pipeline.vision.flow.raft import RAFT, load_raft
-from pipeline.vision.flow.supported_flow import SupportedFlow, supported_flow
 from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
+
+if TYPE_CHECKING:
+    from pipeline.vision.flow.dis import DIS
+    from pipeline.vision.flow.raft import RAFT
+    from pipeline.vision.flow.supported_flow import SupportedFlow
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,11 @@ class Parameters:
 
 
 @lru_cache(maxsize=1)
-def load_estimator(raft: Path | None) -> RAFT | DIS:
+def load_estimator(raft: Path | None) -> "RAFT | DIS":
+    # imported here, as below: it takes seconds, and mostly the shards are in the store
+    from pipeline.vision.flow.dis import DIS
+    from pipeline.vision.flow.raft import load_raft
+
     return DIS("medium") if raft is None else load_raft(raft)
 
 
@@ -102,8 +108,11 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     )
 
 
-def estimated(rendered: OpenShard, clip: int, schedule: Schedule, estimator: Estimator) -> SupportedFlow:
+def estimated(rendered: OpenShard, clip: int, schedule: Schedule, estimator: Estimator) -> "SupportedFlow":
     """The flow of a clip's frames, and the confidence in it."""
+    from pipeline.vision.flow.measured_flow import measured_flow
+    from pipeline.vision.flow.supported_flow import SupportedFlow, supported_flow
+
     rgb = rendered.array(clip, "rgb")
     recorded = np.array(rendered.row(clip)["recorded"] if rendered.tables else schedule.frame_steps / STEPS_PER_SECOND)
     interval = 1 / schedule.fps

@@ -14,9 +14,8 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import ParamsError
-from pipeline.perception.mask_source import MaskSource
+from pipeline.perception.mask_source import WEIGHTS, MaskSource
 from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import WEIGHTS, read_frames, with_masks
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
@@ -56,6 +55,9 @@ class Parameters:
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
+    # imported here: it takes seconds, and mostly the shards are in the store
+    from pipeline.perception.user_clip import read_frames, with_masks
+
     rows, frames, masks = [], [], []
     for clip in shard.clips:
         place = parameters.clips[clip]

@@ -12,21 +12,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError, naming
-from pipeline.inference.answers import answer_seed, ask
-from pipeline.inference.loading import load_answering
 from pipeline.language.few_shot import TEMPLATE, instructions
-from pipeline.model.base import Base
-from pipeline.model.generate import Prompt, Sampling, bare_prompt, few_shot_prompt
 from pipeline.model.model_input import ModelInput
-from pipeline.model.patches import fit_layout
-from pipeline.objects.answering import ObjectsModel
-from pipeline.objects.instances import Instances
 from pipeline.scene.text import write_scene
 from pipeline.shards.dataset import Clip
 from pipeline.shards.opened_shard import OpenShard
@@ -39,6 +33,12 @@ from stages.graph.examples import Example, choose_examples, example_clip
 from stages.graph.params import InferSettings, ModelSettings
 from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
+
+if TYPE_CHECKING:
+    from pipeline.model.base import Base
+    from pipeline.model.generate import Prompt
+    from pipeline.objects.answering import ObjectsModel
+    from pipeline.objects.instances import Instances
 
 SCHEMA = pa.schema(
     {
@@ -73,19 +73,29 @@ class Parameters:
 
 
 @lru_cache(maxsize=1)
-def model(folder: str, width: int, height: int, frames: int, dtype: str) -> Base | ObjectsModel:
+def model(folder: str, width: int, height: int, frames: int, dtype: str) -> "Base | ObjectsModel":
+    # imported here, as below: it takes seconds, and mostly the shards are in the store
+    from pipeline.inference.loading import load_answering
+
     with naming("model.base"):
         return load_answering(folder, width, height, frames, dtype)
 
 
-def shown(clips: Sequence[Clip], base: Base | ObjectsModel, p: Parameters) -> np.ndarray | Instances:
+def shown(clips: Sequence[Clip], base: "Base | ObjectsModel", p: Parameters) -> "np.ndarray | Instances":
     """What the model sees of a clip, which is in the shards of `shown_stages`."""
+    from pipeline.model.patches import fit_layout
+    from pipeline.objects.answering import ObjectsModel
+
     if isinstance(base, ObjectsModel):
         return clip_instances(clips[0], clips[1], p.schedule)
     return fit_layout(pictures(clips[0], p.model.input, p.schedule), base.layout)
 
 
-def prompt(base: Base | ObjectsModel, p: Parameters) -> Prompt | None:
+def prompt(base: "Base | ObjectsModel", p: Parameters) -> "Prompt | None":
+    from pipeline.model.generate import bare_prompt, few_shot_prompt
+    from pipeline.model.patches import fit_layout
+    from pipeline.objects.answering import ObjectsModel
+
     if isinstance(base, ObjectsModel):
         return None
     if not p.examples:
@@ -107,6 +117,9 @@ def prompt(base: Base | ObjectsModel, p: Parameters) -> Prompt | None:
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
+    from pipeline.inference.answers import answer_seed, ask
+    from pipeline.model.generate import Sampling
+
     p, m, own = parameters, parameters.model, parameters.settings
     base = model(m.base, m.width, m.height, p.schedule.model_frames, m.dtype)
     sampling = Sampling(

@@ -4,7 +4,7 @@ Reads data/finetune/model and of the suite prefer.suite data/render (masks) and 
 model answers from now on and which clips it has used (answering_model.json), curve.csv (plots, through `score`); where
 enabled, model (a checkpoint) and pairs.json. An interrupted run goes on from its pairs and its last checkpoint.
 Parameters: seed, clip, flow (but noise and train_source), model.input, model.reasoning, model.dtype, search.width,
-search.height, prefer, infer.shots. Run: python -m stages.prefer
+search.height, prefer, training, infer.shots. Run: python -m stages.prefer
 """
 
 import json
@@ -19,6 +19,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
 from pipeline.errors import ParamsError
 from pipeline.model.model_input import ModelInput
+from pipeline.model.processes import in_processes, is_first
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keep_folder import keep_folder
 from stages.graph.answering_model import CURVE, FINETUNED, FOLDER, AnsweringModel, split_clips
@@ -26,12 +27,16 @@ from stages.graph.clip_pictures import check_input, picture_stage, pictures
 from stages.graph.params import PreferSettings
 from stages.graph.run import folder, run
 from stages.graph.stage_params import load
+from stages.graph.training_processes import processes_for
 
 if TYPE_CHECKING:
+    from pipeline.model.base import Base
+    from pipeline.model.generate import Sampling
     from pipeline.model.preference import Pair
     from pipeline.scene.scene import Scene
 
 COLUMNS = ("step", "loss", "accuracy", "margin")
+PAIRS = "pairs.json"
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,7 @@ class Parameters:
         size: Width and height at which answers are compared with a clip, px.
         used: The clips that may be used.
         settings: The section `prefer`.
+        processes: That train together.
     """
 
     seed: int
@@ -57,6 +63,7 @@ class Parameters:
     size: tuple[int, int]
     used: tuple[int, ...]
     settings: PreferSettings
+    processes: int
 
 
 def skip(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: None) -> dict[str, float]:
@@ -67,43 +74,42 @@ def skip(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
 
 
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Parameters) -> dict[str, float]:
-    # imported here: it takes seconds, and by default there is nothing to do
-    from transformers.utils import logging
-
+    # imported here, as below: it takes seconds, and by default there is nothing to do
     from pipeline.inference.answers import answer_seed
     from pipeline.model.base import load_base
-    from pipeline.model.generate import Sampling
-    from pipeline.model.patches import fit_layout
-    from pipeline.model.preference import Pair, draw_answers, prefer, rank_pairs, weighted_reward
-    from pipeline.model.trainer import TrainingPlan
+    from pipeline.model.preference import draw_answers, rank_pairs, weighted_reward
     from pipeline.search.best_of_k import rank
     from stages.graph.search_target import shard_evaluator
 
     rendered, flow = inputs
     p, own, schedule = parameters, parameters.settings, parameters.schedule
-    base = load_base(str(FINETUNED), frames=schedule.model_frames, dtype=p.dtype)
-    source = {"flow": flow, "render": rendered}[picture_stage(p.input)]
-    shown = {c: fit_layout(pictures(source[c], p.input, schedule), base.layout) for c in p.used}
-    sampling = Sampling(
-        samples=own.samples,
-        temperature=own.temperature,
-        top_p=own.top_p,
-        reasoning=p.reasoning,
-        seconds=schedule.seconds,
-        numbers="tokens",
-    )
 
     def judge(clip: int, scenes: "Sequence[Scene]") -> np.ndarray:
         evaluator = shard_evaluator(rendered[clip].shard, flow[clip].shard, clip, schedule, p.size)
         rewards = rank(evaluator, scenes).rewards
         return weighted_reward(rewards, own.epe_weight)
 
-    drawn = scratch / "pairs.json"
-    if not drawn.is_file():
+    if not (scratch / PAIRS).is_file():
+        base = load_base(str(FINETUNED), frames=schedule.model_frames, dtype=p.dtype)
         seeds = {c: answer_seed(p.seed, "prefer", own.suite, c) for c in p.used}
-        answers = draw_answers(base, shown, sampling, seeds, own.decode_batch_size)
-        write_pairs(drawn, rank_pairs(answers, judge, own.margin, own.pairs))
-    pairs = [Pair(**row) for row in json.loads(drawn.read_text())]
+        answers = draw_answers(base, shown(base, inputs, p), sampling(p), seeds, own.decode_batch_size)
+        write_pairs(scratch / PAIRS, rank_pairs(answers, judge, own.margin, own.pairs))
+    return in_processes(train_in_each, p.processes, output, scratch, inputs, p)
+
+
+def train_in_each(
+    output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Parameters
+) -> dict[str, float]:
+    """The work of each process of the training; the first one writes the output."""
+    from transformers.utils import logging
+
+    from pipeline.model.base import load_base
+    from pipeline.model.preference import Pair, prefer
+    from pipeline.model.training_plan import TrainingPlan
+
+    p, own = parameters, parameters.settings
+    base = load_base(str(FINETUNED), frames=p.schedule.model_frames, dtype=p.dtype)
+    pairs = [Pair(**row) for row in json.loads((scratch / PAIRS).read_text())]
     rows: list[dict[str, Any]] = []
     if pairs:
         logging.set_verbosity_error()
@@ -115,13 +121,39 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
             lora_rank=own.lora_rank,
             checkpoint_steps=own.checkpoint_steps,
             seed=p.seed,
+            processes=p.processes,
         )
-        prefer(base, pairs, shown, own.beta, sampling, plan, scratch, rows.append)
+        prefer(base, pairs, shown(base, inputs, p), own.beta, sampling(p), plan, scratch, rows.append)
+    if not is_first():
+        return {}
     base.save(output / "model")
-    write_pairs(output / "pairs.json", pairs)
+    write_pairs(output / PAIRS, pairs)
     write_rows(output / CURVE, [row for row in rows if "loss" in row], COLUMNS)
     AnsweringModel(True, own.suite, p.used).write(output)
     return {"clips": len(p.used), "pairs": len(pairs)}
+
+
+def shown(base: "Base", inputs: Sequence[ShardedDataset], p: Parameters) -> dict[int, np.ndarray]:
+    """The pictures of the clips that may be used."""
+    from pipeline.model.patches import fit_layout
+
+    rendered, flow = inputs
+    source = {"flow": flow, "render": rendered}[picture_stage(p.input)]
+    return {c: fit_layout(pictures(source[c], p.input, p.schedule), base.layout) for c in p.used}
+
+
+def sampling(p: Parameters) -> "Sampling":
+    """How answers are drawn."""
+    from pipeline.model.generate import Sampling
+
+    return Sampling(
+        samples=p.settings.samples,
+        temperature=p.settings.temperature,
+        top_p=p.settings.top_p,
+        reasoning=p.reasoning,
+        seconds=p.schedule.seconds,
+        numbers="tokens",
+    )
 
 
 def write_pairs(path: Path, pairs: "Sequence[Pair]") -> None:
@@ -161,6 +193,7 @@ def main() -> None:
         size=(params.search.width, params.search.height),
         used=split_clips(np.random.default_rng(params.seed), clips, own.clips),
         settings=own,
+        processes=processes_for(params, "prefer"),
     )
     keep_folder(
         "prefer",

@@ -69,7 +69,8 @@ def make(
 
     from pipeline.model.patches import resize_frames
     from pipeline.model.scene_vector import encode, scale_of
-    from pipeline.model.trainer import ClipDataset, TrainingPlan
+    from pipeline.model.trainer import ClipDataset
+    from pipeline.model.training_plan import TrainingPlan
     from pipeline.model.vivit import VivitSize, build_regressor, regress
     from pipeline.scene.text import read_scene
 

@@ -2,8 +2,8 @@
 
 Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite>, data/finetune, data/prefer, with
 regress.enabled data/regress, reports/README.md, and the tables and texts of benchmarks/results/{learned,starts}.
-Writes reports/: scores.json (metrics), scores.csv, scores.md, parameters.md, prediction.md, determined.md, clips.csv (a
-row per clip and method), plots/*.csv (plots), index.html.
+Writes reports/: scores.json (metrics), scores.csv, scores.md, parameters.md, prediction.md, determined.md, times.md,
+clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
 Clips that preference optimisation has used are summed up apart, as the suite "<suite>, used by prefer".
 Parameters: seed, clip, score, regress.enabled, and for the page's head model, flow.source, infer.shots.
 Run: python -m stages.score
@@ -23,7 +23,7 @@ from pipeline.evaluation.scene_scores import METRICS
 from pipeline.evaluation.scores_page import RunScores, scores_page, shown_clips
 from pipeline.evaluation.suite import AnsweredSuite, forecast_rows
 from pipeline.evaluation.summary import as_csv, as_json, summarise
-from pipeline.evaluation.tables import ERRORS, FORECAST, SCORES, markdown, metrics_table
+from pipeline.evaluation.tables import ERRORS, FORECAST, SCORES, markdown, metrics_table, times_table
 from pipeline.shards.contents import check_contents
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
@@ -79,6 +79,7 @@ def write_tables(found: RunScores, rows: Sequence[Mapping[str, Any]]) -> None:
     (REPORTS / "scores.md").write_text(markdown(*metrics_table(found.summary, SCORES)) + made_on)
     (REPORTS / "parameters.md").write_text(markdown(*metrics_table(found.summary, ERRORS)))
     (REPORTS / "prediction.md").write_text(markdown(*metrics_table(found.forecast, FORECAST)))
+    (REPORTS / "times.md").write_text(markdown(*times_table(found.summary)))
     (REPORTS / "determined.md").write_text(markdown(*determined_table(found.determined)))
 
 

@@ -9,22 +9,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
 import pyarrow as pa
 
 from pipeline.errors import naming
-from pipeline.language.codec import Codec, Tokens
 from pipeline.language.completion import write_completion
 from pipeline.language.events import Event
-from pipeline.model.checkpoint import load_tokenizer, read_layout
-from pipeline.objects.checkpoint import is_objects
 from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
+
+if TYPE_CHECKING:
+    from pipeline.language.codec import Codec
 
 SCHEMA = pa.schema(
     {
@@ -36,7 +36,6 @@ SCHEMA = pa.schema(
         "numeric": pa.list_(pa.bool_()),
     }
 )
-NO_TOKENS = Tokens(np.zeros(0, np.int32), 0, np.zeros(0, bool), np.zeros(0, bool))
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,12 @@ class Parameters:
 
 
 @lru_cache(maxsize=1)
-def codec(base: str, width: int, height: int, frames: int) -> Codec | None:
+def codec(base: str, width: int, height: int, frames: int) -> "Codec | None":
+    # imported here, as below: it takes seconds, and mostly the shards are in the store
+    from pipeline.language.codec import Codec
+    from pipeline.model.checkpoint import load_tokenizer, read_layout
+    from pipeline.objects.checkpoint import is_objects
+
     if is_objects(base):
         return None
     with naming("model.base"):
@@ -68,6 +72,8 @@ def codec(base: str, width: int, height: int, frames: int) -> Codec | None:
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
+    from pipeline.language.codec import NO_TOKENS
+
     sample, happened = inputs
     writer = codec(parameters.base, parameters.width, parameters.height, parameters.frames)
     reasoning, seconds = parameters.reasoning, parameters.seconds

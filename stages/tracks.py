@@ -13,7 +13,6 @@ import pyarrow as pa
 
 from pipeline.clips.draw_views import view_kind
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.view_scores import SeenClip, view_score
 from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -47,6 +46,9 @@ class Parameters:
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
+    # imported here: it takes seconds, and mostly the shards are in the store
+    from pipeline.evaluation.view_scores import SeenClip, view_score
+
     (sample, rendered), p = inputs, parameters
     rows = []
     for row in sample.table().to_pylist():

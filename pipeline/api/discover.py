@@ -86,7 +86,7 @@ class DiscoveryResult:
 
     def save(self, out: str | Path, force: bool = False) -> None:
         """Write a folder with report.html, report.json, augmented.yaml, augmented.xml, residuals.parquet,
-        recording.rrd and result.json.
+        recording.rrd, times.json and result.json.
 
         Args:
             out: The folder, which must not exist yet.
@@ -127,9 +127,9 @@ class DiscoveryResult:
                 "effects": self.effects,
                 "seed": self.seed,
                 "verdict": self.report["verdict"],
-                "seconds": self.seconds,
                 "versions": {n: version(n) for n in _VERSIONS},
             },
+            self.seconds,
         )
 
 

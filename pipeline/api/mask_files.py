@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,8 @@ from pipeline.api.mask_sheet import mask_sheet, overlay_frames
 from pipeline.api.masks import Masks
 from pipeline.api.result_folder import write_result
 from pipeline.inference.progress import Progress
-from pipeline.perception.user_clip import WEIGHTS, UserClip
+from pipeline.perception.mask_source import WEIGHTS
+from pipeline.perception.user_clip import UserClip
 from pipeline.shards.content_hash import hash_path
 from pipeline.vision.recordings.video import write_video
 from pipeline.vision.rendering.appearance import object_colour
@@ -29,7 +29,7 @@ def write_files(folder: Path, found: Masks, progress: Progress) -> None:
         write_sheet(folder, found.name, found.taken)
         write_masks(folder, found)
         _write_overlay(folder / "overlay.mp4", found)
-    write_result(folder, "masks", _result(found, found.times | progress.seconds))
+    write_result(folder, "masks", _result(found), found.times | progress.seconds)
 
 
 def write_sheet(folder: Path, name: str, taken: UserClip) -> None:
@@ -62,7 +62,7 @@ def _write_overlay(path: Path, found: Masks) -> None:
     write_video(path, frames, 1 / float(np.median(np.diff(clip.source_times))))
 
 
-def _result(found: Masks, seconds: dict[str, float]) -> dict[str, Any]:
+def _result(found: Masks) -> dict[str, Any]:
     """The content of result.json."""
     clip, taken = found.found.clip, found.taken.clip
     seen = [np.flatnonzero((found.masks == k).any((1, 2))) for k in range(1, len(found.found.bodies) + 1)]
@@ -99,7 +99,5 @@ def _result(found: Masks, seconds: dict[str, float]) -> dict[str, Any]:
         ],
         "notes": list(found.found.notes),
         "doubts": list(found.found.doubts),
-        "seconds": seconds,
-        "made": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
         "versions": {name: version(name) for name in _VERSIONS},
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -13,7 +14,7 @@ from pipeline.shards.beside import beside, put_in_place
 from pipeline.shards.output_errors import writing_to
 from pipeline.untrusted import read_json
 
-RESULT = "result.json"
+RESULT, TIMES = "result.json", "times.json"
 
 
 @contextmanager
@@ -40,8 +41,14 @@ def result_folder(target: Path, force: bool) -> Iterator[Path]:
             raise
 
 
-def write_result(folder: Path, command: str, result: dict[str, Any]) -> None:
-    """Write result.json: the command, its result, and the names of all files of the folder, itself included."""
+def write_result(folder: Path, command: str, result: dict[str, Any], seconds: dict[str, float] | None = None) -> None:
+    """Write result.json: the command, its result, and the names of all files of the folder, itself included.
+
+    seconds: of each step; they and the time of day go to times.json, so that equal runs have equal results.
+    """
+    if seconds is not None:
+        times = {"made": time.strftime("%Y-%m-%dT%H:%M:%S%z"), "seconds": seconds}
+        (folder / TIMES).write_text(json.dumps(times, indent=1) + "\n", encoding="utf-8")
     files = sorted({RESULT, *(path.name for path in folder.iterdir())})
     text = json.dumps({"command": command, **result, "files": files}, indent=1, ensure_ascii=False, allow_nan=False)
     (folder / RESULT).write_bytes((text + "\n").encode("utf-8", "backslashreplace"))

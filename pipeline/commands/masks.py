@@ -17,7 +17,7 @@ A network looks at the frames in the video's own size, 30 a second. OUT then has
   overlay.mp4     the same in every frame
   masks.npz       `masks` (T, H, W), `ids`, `scores` and `times` (s): for  dynamics infer CLIP --masks OUT/masks.npz
   masks/          a PNG a frame; the palette index is the body's number
-  result.json     the bodies, what was done because of prompts, what may be wrong, and the time it took
+  result.json     the bodies, what was done because of prompts, and what may be wrong
 
 The camera has to rest, and what moves should be rigid. Where masks.png is wrong, say what is a body: --point and --box
 add one, --ignore drops one, --objects keeps the likeliest. At a --point or --box where the network finds nothing, a

@@ -64,13 +64,18 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def metrics_table(summary: Summary, columns: Mapping[str, str], costs: bool = True) -> Table:
-    """A line per suite and method: clips, costs if asked for, and the metrics of `columns` (metric -> heading)."""
+    """A line per suite and method: clips, simulations if asked for, the metrics of `columns` (metric -> heading)."""
     rows = []
     for key, metrics in summary.intervals.items():
-        seconds = summary.seconds[key]
-        spent = [f"{summary.simulations[key]:.4g}", NONE if np.isnan(seconds) else f"{seconds:.2g}"] if costs else []
+        spent = [f"{summary.simulations[key]:.4g}"] if costs else []
         rows.append([*key, str(metrics["iou"].n), *spent, *(cell(metrics.get(m, NO_CLIPS)) for m in columns)])
-    return ["suite", "method", "clips", *(COSTS if costs else ()), *columns.values()], rows
+    return ["suite", "method", "clips", *["simulations"] * costs, *columns.values()], rows
+
+
+def times_table(summary: Summary) -> Table:
+    """A line per suite and method: simulations and seconds a clip, apart from what equal runs have in common."""
+    rows = [[*key, f"{summary.simulations[key]:.4g}", f"{s:.2g}"] for key, s in summary.seconds.items() if s == s]
+    return ["suite", "method", *COSTS], rows
 
 
 def headline_table(summary: Summary) -> Table:

@@ -30,6 +30,9 @@ class Tokens:
     numeric: np.ndarray
 
 
+NO_TOKENS = Tokens(np.zeros(0, np.int32), 0, np.zeros(0, bool), np.zeros(0, bool))
+
+
 class Codec:
     """Text to ids and back. video_tokens: how many places the clip takes in the prompt."""
 

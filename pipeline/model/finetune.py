@@ -13,7 +13,9 @@ from torch.nn import functional
 from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
 from pipeline.model.forward import hidden_states, right_padded
-from pipeline.model.trainer import ClipDataset, Report, TrainingPlan, train
+from pipeline.model.processes import share_of_mean
+from pipeline.model.trainer import ClipDataset, Report, train
+from pipeline.model.training_plan import TrainingPlan
 
 Example = tuple[Tokens, np.ndarray]  # with pictures (T, H, W, 3) uint8
 
@@ -61,6 +63,7 @@ def finetune(
         return make_batch(base, [tokens for tokens, _ in rows], np.stack([picture for _, picture in rows]))
 
     def objective(batch: Batch) -> tuple[torch.Tensor, Mapping[str, float]]:
-        return batch_loss(base, batch)[0], {}
+        loss = batch_loss(base, batch)[0]
+        return share_of_mean(loss, int((batch.labels != -100).sum())), {}
 
     train(base, clips, collate, objective, plan, work, report, val)

@@ -8,17 +8,18 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 import torch
 from peft import LoraConfig, PeftModel, get_peft_model
-from torch.utils.data import Dataset
+from torch.utils.data import DataLoader, Dataset
 from transformers import PreTrainedModel, Trainer, TrainerCallback, TrainingArguments
 
 from pipeline.model.checkpoint import load_weights
+from pipeline.model.processes import average_gradients, is_first, mean_of_all, process_count, wait_for_all
+from pipeline.model.training_plan import TrainingPlan
 from pipeline.shards.content_hash import hash_files
 
 STATE_FILE = "trainer_state.json"
@@ -50,19 +51,6 @@ class HasModel(Protocol):
     model: Any
 
 
-@dataclass(frozen=True)
-class TrainingPlan:
-    """steps: None for what `epochs` take. lora_rank 0 trains all weights. checkpoint_steps between checkpoints."""
-
-    steps: int | None
-    epochs: float
-    batch_size: int
-    learning_rate: float
-    lora_rank: int
-    checkpoint_steps: int
-    seed: int
-
-
 class _Trainer(Trainer):
     """The Trainer with our objective, whose measures stand beside the loss in the log."""
 
@@ -78,6 +66,19 @@ class _Trainer(Trainer):
             self.measured[name].append(value)
         return (loss, {"loss": loss.detach()}) if return_outputs else loss
 
+    def training_step(self, model: Any, inputs: dict, num_items_in_batch: Any = None) -> torch.Tensor:
+        """As the Trainer; `compute_loss` goes past the wrapper of `model` that would average the gradients."""
+        loss = super().training_step(model, inputs, num_items_in_batch)
+        average_gradients(self.model)
+        return loss
+
+    def get_eval_dataloader(self, eval_dataset: Any = None) -> DataLoader:
+        """As the Trainer; of several processes each goes through all, so that the batches are those of one."""
+        if process_count() == 1:
+            return super().get_eval_dataloader(eval_dataset)
+        assert self.eval_dataset is not None
+        return DataLoader(self.eval_dataset, self.args.per_device_eval_batch_size, collate_fn=self.data_collator)
+
     def prediction_step(
         self, model: Any, inputs: dict[str, Any], prediction_loss_only: bool, ignore_keys: list[str] | None = None
     ) -> Any:
@@ -88,7 +89,7 @@ class _Trainer(Trainer):
     def log(self, logs: dict[str, float], start_time: float | None = None) -> None:
         """As the Trainer, with the means of the measures since the last row of the loss."""
         if "loss" in logs:
-            logs |= {name: float(np.mean(values)) for name, values in self.measured.items()}
+            logs |= mean_of_all({name: float(np.mean(values)) for name, values in self.measured.items()})
             self.measured.clear()
         super().log(logs, start_time)
 
@@ -135,7 +136,7 @@ def train(
         output_dir=str(work),
         max_steps=plan.steps if plan.steps is not None else -1,
         num_train_epochs=plan.epochs,
-        per_device_train_batch_size=plan.batch_size,
+        per_device_train_batch_size=plan.batch_size // plan.processes,
         per_device_eval_batch_size=plan.batch_size,
         learning_rate=plan.learning_rate,
         lr_scheduler_type="cosine",
@@ -180,7 +181,10 @@ class _Hash(TrainerCallback):
     """Writes the hashes of a checkpoint's files when all are written."""
 
     def on_save(self, args: Any, state: Any, control: Any, **_: Any) -> None:
-        write_hashes(Path(args.output_dir) / f"checkpoint-{state.global_step}")
+        wait_for_all()
+        if is_first():
+            write_hashes(Path(args.output_dir) / f"checkpoint-{state.global_step}")
+        wait_for_all()
 
 
 def write_hashes(checkpoint: Path) -> None:

@@ -18,7 +18,8 @@ from transformers import VivitConfig, VivitModel, VivitPreTrainedModel
 from pipeline.errors import ModelError
 from pipeline.model.checkpoint import LOADING_ERRORS, load_weights
 from pipeline.model.scene_vector import CLASSES, HEAD, SLOT, SLOTS, Scale, SceneVector, decode, likeliest_shapes
-from pipeline.model.trainer import ClipDataset, Report, TrainingPlan, train
+from pipeline.model.trainer import ClipDataset, Report, train
+from pipeline.model.training_plan import TrainingPlan
 from pipeline.scene.scene import Scene
 
 TUBELET = (2, 16, 16)  # frames, rows, columns of a token, as in the published ViViT-B/16x2

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from torch import Tensor
 
-from pipeline.model.trainer import ClipDataset, Report, TrainingPlan, train
+from pipeline.model.trainer import ClipDataset, Report, train
+from pipeline.model.training_plan import TrainingPlan
 from pipeline.objects.answering import ObjectsModel
 from pipeline.objects.batch import Group, groups_of, joined, loss_sums, mean_losses, total
 from pipeline.objects.example import Example

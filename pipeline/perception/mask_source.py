@@ -9,6 +9,7 @@ from pipeline.errors import ParamsError
 from pipeline.perception.prompts import Prompts
 from pipeline.vision.recordings.clip_folder import masks_beside
 
+WEIGHTS = Path(__file__).resolve().parents[2] / "models" / "masks"  # the networks that ship
 FAMILIES = ("sam2", "edgetam")  # as pipeline.segmentation.published_models has them, which imports torch
 
 

@@ -13,7 +13,7 @@ from pipeline.errors import ParamsError, VideoError, naming
 from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.found_bodies import FoundBodies, find_in_clip
 from pipeline.perception.free_motion import Stretch, stretch_of
-from pipeline.perception.mask_source import MaskSource
+from pipeline.perception.mask_source import WEIGHTS, MaskSource
 from pipeline.perception.prompts import Prompts
 from pipeline.segmentation import MaskNetworks, load_mask_networks
 from pipeline.vision.recordings.clip_folder import video_of
@@ -23,7 +23,6 @@ from pipeline.vision.recordings.letterbox import letterbox_for
 from pipeline.vision.recordings.mask_file import letterboxed, renumbered
 from pipeline.vision.recordings.video import Clip, read_clip, resampled
 
-WEIGHTS = Path(__file__).resolve().parents[2] / "models" / "masks"  # the network that ships
 UNCORRECTED = Correction()
 LEAST_FRAMES = 30  # in which the network looks for bodies, where so many were filmed
 NETWORK = "the network for masks"

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import cma
 import numpy as np
 
 from pipeline.physics.batch import stack_scenes
@@ -53,6 +52,8 @@ class _Run:
         }
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # pycma warns about missing optional packages
+            import cma  # here: it imports matplotlib, which takes a second
+
             self._es = cma.CMAEvolutionStrategy(self._space.encode(), budget.sigma, options)
 
     def step(self) -> None:

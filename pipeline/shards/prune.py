@@ -10,8 +10,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.errors import ParamsError
 from pipeline.shards.store import Store
 
+LIMIT_ENVIRONMENT = "DYNAMICS_STORE_GIB"
 _DAY_S = 24 * 3600.0
 
 
@@ -61,6 +63,20 @@ def prune(store: Store, *, keep_days: float | None = None, keep_bytes: int | Non
         before.scratch_bytes - after.scratch_bytes,
         before.temporary_bytes - after.temporary_bytes,
     )
+
+
+def store_limit() -> int | None:
+    """Bytes that $DYNAMICS_STORE_GIB allows; None without it. Raises ParamsError where it is no size."""
+    text = os.environ.get(LIMIT_ENVIRONMENT, "")
+    if not text:
+        return None
+    try:
+        gib = float(text)
+    except ValueError:
+        gib = -1.0
+    if not 0 < gib < 2**30:
+        raise ParamsError(f"{LIMIT_ENVIRONMENT} is {text!r}; valid: a number of GiB greater than 0")
+    return int(gib * 2**30)
 
 
 def last_use(folder: Path) -> float:

@@ -110,7 +110,7 @@ def _ending(exitcode: int | None) -> str:
 
 def _work(function: Callable[[Item], Result], connection: Connection) -> None:
     """Receive items and send their outcomes until the connection is closed; runs in a worker."""
-    threading.Thread(target=_die_with_parent, daemon=True).start()
+    threading.Thread(target=die_with_parent, daemon=True).start()
     while True:
         try:
             item = connection.recv()
@@ -132,7 +132,7 @@ def _picklable(error: Exception) -> Exception:
     return error
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
     """Exit when the parent is gone: a parent that is killed cannot stop its workers."""
     parent = multiprocessing.parent_process()
     assert parent is not None

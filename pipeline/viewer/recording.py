@@ -73,7 +73,9 @@ def show(shown: Footage | Path) -> None:
 
 
 def _stream(name: str) -> rr.RecordingStream:
-    recording = rr.RecordingStream(APPLICATION, recording_id=name)
+    # without the times of day, so that equal runs have equal content
+    recording = rr.RecordingStream(APPLICATION, recording_id=name, send_properties=False)
+    recording.set_log_time_enabled(False)
     recording.send_recording_name(name)
     return recording
 

@@ -297,6 +297,10 @@ class DiscoverSettings(Section):
     effects: str
 
 
+class TrainingSettings(Section):
+    processes: Annotated[int, Field(ge=1, le=1024)]
+
+
 class ExecutorSettings(Section):
     name: Literal["local", "ray"]
     workers: Count | None  # null: one a core
@@ -323,4 +327,5 @@ class Params(Section):
     score: ScoreSettings
     hide: HideSettings
     discover: DiscoverSettings
+    training: TrainingSettings
     executor: ExecutorSettings

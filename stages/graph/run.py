@@ -9,6 +9,8 @@ from pathlib import Path
 from pipeline.errors import DynamicsError
 from pipeline.shards.manifest import Manifest
 from pipeline.shards.map_shards import Compute, Parameters, map_shards
+from pipeline.shards.prune import LIMIT_ENVIRONMENT, prune, store_limit
+from pipeline.shards.store import default_store
 from stages.graph.lock_copy import keep
 from stages.graph.stage_params import load_executor
 
@@ -32,7 +34,10 @@ def run(main: Callable[..., None], arguments: list[str] | None = None) -> None:
         sys.exit(2)
     keep()
     try:
+        limit = store_limit()
         _of_module(main)(*words)
+        if limit is not None:
+            _shrink_store(limit)
     except DynamicsError as error:
         notes = "".join(f" ({note})" for note in getattr(error, "__notes__", []))
         print(f"error: {error}{notes}", file=sys.stderr)
@@ -40,6 +45,13 @@ def run(main: Callable[..., None], arguments: list[str] | None = None) -> None:
     except KeyboardInterrupt:
         print("error: interrupted; what was computed is in the store, run it again to go on", file=sys.stderr)
         sys.exit(130)
+
+
+def _shrink_store(limit: int) -> None:
+    """Remove what was not used for the longest time until the store keeps to its limit."""
+    removed = prune(default_store(), keep_bytes=limit)
+    if removed.bytes:
+        print(f"store: {removed.bytes / 2**20:.0f} MiB removed ({LIMIT_ENVIRONMENT})", flush=True)
 
 
 def _of_module(main: Callable[..., None]) -> Callable[..., None]:

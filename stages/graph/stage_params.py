@@ -26,7 +26,7 @@ READS: dict[str, tuple[str, ...]] = {
     "flow": ("seed", "clip", "flow"),
     "events": ("clip", "events", "sample.filters.visible_px"),
     "tokenize": ("clip", "model.base", "model.reasoning", "model.width", "model.height"),
-    "finetune": ("seed", "clip", *SHOWN, "flow.train_source", "model", "finetune", "infer.shots"),
+    "finetune": ("seed", "clip", *SHOWN, "flow.train_source", "model", "finetune", "training", "infer.shots"),
     "prefer": (
         "seed",
         "clip",
@@ -38,6 +38,7 @@ READS: dict[str, tuple[str, ...]] = {
         "search.width",
         "search.height",
         "prefer",
+        "training",
         "infer.shots",
     ),
     "regress": ("seed", "clip", "model.input", "sample.distribution", "regress"),

@@ -12,7 +12,7 @@ from pipeline.editing.filmed_clip import CLIP, FilmedClip, write_clip
 from pipeline.scene.text import load_scene
 from pipeline.vision.recordings.video import read_clip
 
-FILES = ["beside.mp4", "edited.mp4", "recording.rrd", "result.json", "scene.xml", "scene.yaml"]
+FILES = ["beside.mp4", "edited.mp4", "recording.rrd", "result.json", "scene.xml", "scene.yaml", "times.json"]
 
 
 @pytest.fixture(scope="module")

@@ -43,6 +43,7 @@ FILES = [
     "result.json",
     "scene.xml",
     "scene.yaml",
+    "times.json",
     "tracks.parquet",
 ]
 

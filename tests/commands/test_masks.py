@@ -18,7 +18,7 @@ from pipeline.segmentation import published_models
 from pipeline.vision.recordings.video import read_clip, write_video
 from tests.segmentation.tiny_segmenters import save_sam2
 
-FILES = ["masks", "masks.npz", "masks.png", "overlay.mp4", "result.json"]
+FILES = ["masks", "masks.npz", "masks.png", "overlay.mp4", "result.json", "times.json"]
 PATH = drawn_clips.line((30, 60), (200, 90))
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from rerun.chunk import RrdReader
 from ruamel.yaml import YAML
 from small_world import KNOWN, effect, thrown
 
@@ -23,6 +24,7 @@ from pipeline.physics.simulate import compile_xml
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Scene, SceneObject
 from pipeline.scene.text import load_scene
+from pipeline.shards.content_hash import hash_files
 
 ALL = tuple(effect_kinds())
 STRONG = {
@@ -150,6 +152,23 @@ def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path: Path) -> No
         "http://purl.org", ""
     ).replace("http://creativecommons.org", "").replace("https://matplotlib.org", "")
     assert {"residuals.parquet", "recording.rrd"} <= {p.name for p in out.iterdir()}
+
+
+def content(recording: Path) -> list[tuple[str, str]]:
+    """The chunks of a recording without the numbers that rerun draws at random."""
+    chunks = (chunk.to_record_batch() for chunk in RrdReader(str(recording)).stream().to_chunks())
+    rows = [(b.schema.metadata[b"rerun:entity_path"].decode(), b.to_pydict()) for b in chunks]
+    return sorted((path, repr({k: v for k, v in row.items() if k != "rerun.controls.RowId"})) for path, row in rows)
+
+
+def test_two_runs_on_one_input_give_the_same_files_but_for_their_times(tmp_path: Path) -> None:
+    measured, scene = files(tmp_path)
+    for out in ("one", "two"):
+        assert main(["discover", str(measured), str(scene), "-o", str(tmp_path / out)]) == 0
+    one, two = hash_files(tmp_path / "one"), hash_files(tmp_path / "two")
+    assert {name for name in one if one[name] != two[name]} <= {"times.json", "recording.rrd"}
+    assert content(tmp_path / "one" / "recording.rrd") == content(tmp_path / "two" / "recording.rrd")
+    assert "seconds" not in json.loads((tmp_path / "one" / "result.json").read_text())
 
 
 @pytest.mark.parametrize(

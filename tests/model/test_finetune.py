@@ -8,7 +8,8 @@ from small_base import random_clips, random_tokens, small_base
 from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
 from pipeline.model.finetune import batch_loss, finetune, make_batch
-from pipeline.model.trainer import ClipDataset, TrainingPlan, last_checkpoint, write_hashes
+from pipeline.model.trainer import ClipDataset, last_checkpoint, write_hashes
+from pipeline.model.training_plan import TrainingPlan
 
 
 def plan(**values: object) -> TrainingPlan:

@@ -20,7 +20,7 @@ from pipeline.model.preference import (
     prefer,
     rank_pairs,
 )
-from pipeline.model.trainer import TrainingPlan
+from pipeline.model.training_plan import TrainingPlan
 
 BASE = small_base()
 DRAWN = Sampling(4, 1.0, 1.0, reasoning=True, numbers="tokens")

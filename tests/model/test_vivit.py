@@ -8,7 +8,8 @@ import torch
 from sampled_scenes import distribution
 
 from pipeline.model.scene_vector import CLASSES, SLOT, SLOTS, SceneVector, encode, scale_of
-from pipeline.model.trainer import ClipDataset, TrainingPlan
+from pipeline.model.trainer import ClipDataset
+from pipeline.model.training_plan import TrainingPlan
 from pipeline.model.vivit import (
     Regressed,
     VivitSize,

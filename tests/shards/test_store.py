@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -267,3 +268,20 @@ def test_a_damaged_shard_is_replaced_by_one_that_is_computed_meanwhile(tmp_path:
     (first.folder / "clips.parquet").write_text("flip")
     assert store.commit(KEY, put("rows"), {}) == first
     assert store.lookup(KEY) == first
+
+
+def test_a_clock_that_was_set_back_changes_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    make(tmp_path / "sound", clips=12)
+    make(tmp_path / "early", clips=8)
+    in_a_year = time.time() + 365 * 24 * 3600
+    for path in (tmp_path / "early").rglob("*"):  # as they look after the clock was set back
+        os.utime(path, (in_a_year, in_a_year), follow_symlinks=False)
+    capsys.readouterr()
+    make(tmp_path / "early", clips=12)
+    assert "3 shards, 1 computed, 2 from the store" in capsys.readouterr().out
+    assert hash_files(tmp_path / "early" / "drop") == hash_files(tmp_path / "sound" / "drop")
+    store = Store(tmp_path / "early" / "store")
+    assert prune(store, keep_days=1).shards == 0
+    prune(store, keep_bytes=0)
+    make(tmp_path / "early", clips=12)
+    assert hash_files(tmp_path / "early" / "drop") == hash_files(tmp_path / "sound" / "drop")

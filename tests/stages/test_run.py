@@ -1,10 +1,14 @@
 """What a stage's command does with words, errors and Ctrl-C."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
+from toy_stage import make
 
 from pipeline.errors import ParamsError
+from pipeline.shards.prune import usage
+from pipeline.shards.store import Store
 from stages.graph.run import run
 
 
@@ -51,6 +55,34 @@ def test_ctrl_c_is_exit_code_130_without_a_traceback(capsys: pytest.CaptureFixtu
         run(raising(KeyboardInterrupt()), [])
     assert done.value.code == 130
     assert "interrupted" in capsys.readouterr().err
+
+
+def test_a_store_that_has_a_limit_keeps_to_it_after_each_stage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("DYNAMICS_STORE", str(tmp_path / "store"))
+
+    def stage() -> None:
+        for seed in (1, 2, 3):
+            make(tmp_path, seed=seed)
+
+    run(stage, [])
+    everything = usage(Store(tmp_path / "store"))
+    monkeypatch.setenv("DYNAMICS_STORE_GIB", f"{everything.bytes / 2 / 2**30:.9f}")
+    run(stage, [])
+    assert 0 < usage(Store(tmp_path / "store")).bytes <= everything.bytes / 2
+    assert "DYNAMICS_STORE_GIB" in capsys.readouterr().out
+    assert "0 computed" in (make(tmp_path, seed=3), capsys.readouterr().out)[1], "what was used last stays"
+
+
+@pytest.mark.parametrize("limit", ["0", "-1", "nan", "ten"])
+def test_a_limit_that_is_no_size_is_an_error_before_anything_is_done(
+    limit: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("DYNAMICS_STORE_GIB", limit)
+    with pytest.raises(SystemExit):
+        run(raising(AssertionError()), [])
+    assert "valid: a number of GiB" in capsys.readouterr().err
 
 
 def test_a_defect_shows_its_traceback() -> None:

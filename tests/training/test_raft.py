@@ -13,11 +13,12 @@ from pipeline.vision.flow.raft_layers import Correlation
 from pipeline.vision.rendering.camera import focal_px
 from training.augment import augment
 from training.body_motion import sample_body_motion
+from training.checkpoint import load_checkpoint
 from training.muon import Muon, orthogonalised
 from training.raft.matching_loss import matching_loss
 from training.raft.pair_stream import Phase, phase_at
 from training.raft.rendered_pairs import aimed, render_pair, sample_pair_appearance, window_pair
-from training.raft.trainer import Progress, make_optimisers, one_cycle, save_checkpoint, stays_inside
+from training.raft.trainer import Progress, make_optimisers, one_cycle, save_training, stays_inside
 from training.raft.warped_pairs import warped_pair
 
 
@@ -142,8 +143,9 @@ def test_pixels_that_leave_the_window_carry_no_loss():
 
 def test_a_checkpoint_is_whole_or_not_there(tmp_path):
     model = RAFT("small", convex_upsampling=True)
-    save_checkpoint(tmp_path / "checkpoint.pt", model, make_optimisers(model, 1e-3, 1e-3), Progress(1.0, 2, 3))
-    assert [p.name for p in tmp_path.iterdir()] == ["checkpoint.pt"]
-    state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    file = tmp_path / "checkpoint.safetensors"
+    save_training(file, model, make_optimisers(model, 1e-3, 1e-3), Progress(1.0, 2, 3))
+    assert [p.name for p in tmp_path.iterdir()] == [file.name]
+    state = load_checkpoint(file)
     assert state["progress"] == {"seconds": 1.0, "steps": 2, "pairs": 3}
     assert math.isclose(float(state["model"]["fnet.conv1.bias"][0]), float(model.fnet.conv1.bias[0]))

@@ -24,9 +24,9 @@ def test_a_training_learns_and_continues_from_its_checkpoint(examples: list[Exam
     trainer = Trainer("cpu", 1.5e-3, 4e-3, 0.5)
     losses = [trainer.learn(examples, share=1.0)[0] for _ in range(8)]
     assert losses[-1] < losses[0] - 0.3
-    trainer.save(tmp_path / "checkpoint.pt")
+    trainer.save(tmp_path / "checkpoint.safetensors")
     again = Trainer("cpu", 1.5e-3, 4e-3, 0.5)
-    again.load(tmp_path / "checkpoint.pt")
+    again.load(tmp_path / "checkpoint.safetensors")
     assert again.progress == trainer.progress and again.progress.step == 8
     assert again.validate(examples, 4) == pytest.approx(trainer.validate(examples, 4), rel=1e-5)
     assert again.learn(examples, share=1.0) == pytest.approx(trainer.learn(examples, share=1.0), rel=1e-4)
@@ -55,8 +55,8 @@ def test_the_progress_of_a_training_is_read_from_its_log() -> None:
 
 def test_a_checkpoint_is_read_as_a_model_that_answers(examples: list[Example], tmp_path: Path) -> None:
     trainer = Trainer("cpu", 1e-3, 1e-3, 0.5)
-    trainer.save(tmp_path / "checkpoint.pt")
-    base, progress = read_checkpoint(tmp_path / "checkpoint.pt")
+    trainer.save(tmp_path / "checkpoint.safetensors")
+    base, progress = read_checkpoint(tmp_path / "checkpoint.safetensors")
     assert progress == trainer.progress
     for mine, theirs in zip(base.model.parameters(), trainer.base.model.parameters(), strict=True):
         torch.testing.assert_close(mine, theirs)

@@ -5,8 +5,8 @@
 
 The training ends after --minutes, and the learning rate falls to zero in the last --decay of them. It writes a
 checkpoint to --work every few minutes, and a run that finds one continues it; with more --minutes, a finished training
-goes on at full rate from `before_decay.pt`. At fixed numbers of clips it keeps the averaged weights (clips-N.pt).
-`log.csv` in --work has the losses, also on the examples of --development.
+goes on at full rate from `before_decay.safetensors`. At fixed numbers of clips it keeps the averaged weights
+(clips-N.safetensors). `log.csv` in --work has the losses, also on the examples of --development.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from pipeline.objects.batch import Examples, groups_of, loss_sums, mean_losses
 from pipeline.objects.network import ObjectsNetwork, ObjectsSize
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
+from training.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from training.objects.shards import SUITE, read_examples
 from training.objects.trainer import Pool, Trainer
 
@@ -43,11 +44,11 @@ def train(asked: argparse.Namespace) -> None:
     size = ObjectsSize(width=asked.width, own_blocks=asked.own_blocks, blocks=asked.blocks)
     trainer = Trainer(ObjectsNetwork(size), asked.rate, asked.muon_rate)
     seconds, clips = 0.0, 0
-    checkpoint, before = asked.work / "checkpoint.pt", asked.work / "before_decay.pt"
-    if checkpoint.is_file():
-        state = torch.load(checkpoint, weights_only=True)
+    checkpoint, before = asked.work / "checkpoint.safetensors", asked.work / "before_decay.safetensors"
+    if has_checkpoint(checkpoint):
+        state = load_checkpoint(checkpoint)
         if state["share"] < 1 and state["seconds"] < 60 * (asked.minutes - asked.decay) and before.is_file():
-            state = torch.load(before, weights_only=True)
+            state = load_checkpoint(before)
         trainer.load(state)
         seconds, clips = state["seconds"], state["clips"]
         print(f"continues from {clips} clips, {seconds / 60:.1f} min", flush=True)
@@ -68,9 +69,8 @@ def train(asked: argparse.Namespace) -> None:
             sums[name] = sums.get(name, 0.0) + value / LOG_STEPS
         for kept in KEPT:
             if clips < kept <= reached:
-                torch.save(
-                    {"network": trainer.averaged, "size": vars(size), "clips": kept}, asked.work / f"clips-{kept}.pt"
-                )
+                state = {"network": trainer.averaged, "size": vars(size), "clips": kept}
+                save_checkpoint(asked.work / f"clips-{kept}.safetensors", state)
         clips = reached
         if trainer.step % LOG_STEPS == 0:
             row = {"clips": clips, "files": len(pool.times_read), "minutes": seconds / 60, "rate": share, **sums}
@@ -93,9 +93,7 @@ def train(asked: argparse.Namespace) -> None:
 
 def write_state(path: Path, trainer: Trainer, seconds: float, clips: int, share: float) -> None:
     """Write what a training continues from, whole or not at all."""
-    part = path.with_suffix(".part")
-    torch.save({**trainer.state(), "seconds": seconds, "clips": clips, "share": share}, part)
-    part.rename(path)
+    save_checkpoint(path, {**trainer.state(), "seconds": seconds, "clips": clips, "share": share})
 
 
 @torch.no_grad()

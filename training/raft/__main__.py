@@ -5,10 +5,10 @@
     python -m training.raft --export models/raft-small             # write the last checkpoint, train nothing
 
 It reads no data: the pairs are rendered during the training (`training/raft/rendered_pairs.py`). It writes to --out
-`checkpoint.pt`, every few minutes and under a temporary name first, and `log.csv`, the errors on held-out pairs beside
-those of OpenCV's DIS. A run that finds a checkpoint continues it. At the end, or with --export, it writes
-`model.safetensors`, `config.json` and a model card.
-The learning rate follows the time: one cycle over --minutes of training, resumed runs included.
+`checkpoint.safetensors`, every few minutes and under a temporary name first, and `log.csv`, the errors on held-out
+pairs beside those of OpenCV's DIS. A run that finds a checkpoint continues it. At the end, or with --export, it writes
+`model.safetensors`, `config.json` and a model card. The learning rate follows the time: one cycle over --minutes of
+training, resumed runs included.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def main() -> None:
         model, progress = train(arguments)
     else:
         torch.set_num_threads(arguments.threads)
-        model, progress = read_checkpoint(arguments.out / "checkpoint.pt", arguments)
+        model, progress = read_checkpoint(arguments.out / "checkpoint.safetensors", arguments)
     export(model, arguments.export or arguments.weights, progress)
 
 

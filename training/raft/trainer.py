@@ -16,6 +16,7 @@ import torch
 from pipeline.csv_rows import append_row
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.raft import RAFT, sequence_loss
+from training.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from training.muon import Muon
 from training.raft.flow_scores import held_out, score
 from training.raft.matching_loss import matching_loss
@@ -103,16 +104,14 @@ def make_optimisers(model: RAFT, rate: float, muon_rate: float) -> list[torch.op
     return [Muon(hidden, muon_rate), torch.optim.AdamW(rest, rate, weight_decay=0.0)]
 
 
-def save_checkpoint(path: Path, model: RAFT, optimisers: list[torch.optim.Optimizer], progress: Progress) -> None:
-    """Write the checkpoint under a temporary name, then rename it."""
+def save_training(path: Path, model: RAFT, optimisers: list[torch.optim.Optimizer], progress: Progress) -> None:
+    """Write the checkpoint of a training."""
     state = {
         "model": model.state_dict(),
         "optimisers": [o.state_dict() for o in optimisers],
         "progress": vars(progress),
     }
-    temporary = path.with_suffix(".part")
-    torch.save(state, temporary)
-    temporary.replace(path)
+    save_checkpoint(path, state)
 
 
 def train(arguments: argparse.Namespace) -> tuple[RAFT, Progress]:
@@ -124,9 +123,9 @@ def train(arguments: argparse.Namespace) -> tuple[RAFT, Progress]:
     model = new_model(arguments).to(arguments.device)
     optimisers = make_optimisers(model, arguments.rate, arguments.muon_rate)
     progress = Progress()
-    checkpoint = out / "checkpoint.pt"
-    if checkpoint.exists() and arguments.resume:
-        state = torch.load(checkpoint, map_location=arguments.device, weights_only=True)
+    checkpoint = out / "checkpoint.safetensors"
+    if has_checkpoint(checkpoint) and arguments.resume:
+        state = load_checkpoint(checkpoint, arguments.device)
         model.load_state_dict(state["model"])
         for optimiser, values in zip(optimisers, state.get("optimisers", []), strict=False):
             optimiser.load_state_dict(values)
@@ -180,7 +179,7 @@ def train(arguments: argparse.Namespace) -> tuple[RAFT, Progress]:
                 flush=True,
             )
         if done or now - saved > arguments.save_minutes * 60:
-            save_checkpoint(checkpoint, model, optimisers, progress)
+            save_training(checkpoint, model, optimisers, progress)
             saved = now
         if not stopped.is_set() and (done or now - validated > arguments.validate_minutes * 60):
             raft = score(model, validation, HELD_OUT_ITERATIONS)
@@ -221,7 +220,7 @@ def new_model(arguments: argparse.Namespace) -> RAFT:
 
 def read_checkpoint(path: Path, arguments: argparse.Namespace) -> tuple[RAFT, Progress]:
     """The model of a checkpoint, for use, and how far its training was."""
-    state = torch.load(path, map_location="cpu", weights_only=True)
+    state = load_checkpoint(path)
     model = new_model(arguments)
     model.load_state_dict(state["model"])
     return model, Progress(**state["progress"])

@@ -3,9 +3,9 @@
     python -m training.segmentation.train DATA WORK --minutes 90 [--threads 1] [--start FOLDER]
 
 Clips that are added to DATA while it runs are used too. The learning rate falls to nothing over --minutes of training;
-a run that was stopped goes on from WORK/checkpoint.pt. WORK/weights has the moving average of the weights in the
-shipped form, WORK/steps those of the last SAVED saves, for `training.segmentation.average`, WORK/log.csv the losses.
---start: a folder of weights to begin from.
+a run that was stopped goes on from WORK/checkpoint.safetensors. WORK/weights has the moving average of the weights in
+the shipped form, WORK/steps those of the last SAVED saves, for `training.segmentation.average`, WORK/log.csv the
+losses. --start: a folder of weights to begin from.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import numpy as np
 import torch
 
 from pipeline.segmentation.network import SegmentationNetwork, load_network, save_network
+from training.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from training.segmentation.clip import TrainingClip, load_clip
 from training.segmentation.loss import PARTS, segmentation_loss
 from training.segmentation.samples import Sample, batched, draw_sample, with_clear_plate
@@ -111,9 +112,9 @@ def main() -> None:
     optimiser = torch.optim.AdamW(network.parameters(), arguments.rate, weight_decay=1e-2)
     step, spent, shown = 0, 0.0, 0
     average = {k: v.detach().clone() for k, v in network.state_dict().items()}
-    checkpoint = arguments.work / "checkpoint.pt"
-    if checkpoint.exists():
-        saved = torch.load(checkpoint, weights_only=True)
+    checkpoint = arguments.work / "checkpoint.safetensors"
+    if has_checkpoint(checkpoint):
+        saved = load_checkpoint(checkpoint)
         network.load_state_dict(saved["network"])
         optimiser.load_state_dict(saved["optimiser"])
         average, step, spent, shown = saved["average"], saved["step"], saved["spent"], saved["shown"]
@@ -136,8 +137,7 @@ def main() -> None:
             "spent": spent,
             "shown": shown,
         }
-        torch.save(state, checkpoint.with_suffix(".part"))
-        checkpoint.with_suffix(".part").replace(checkpoint)
+        save_checkpoint(checkpoint, state)
         config = {"steps": step, "frames_shown": shown, "clips": len(clips.paths), "minutes": round(spent / 60, 1)}
         for folder in (arguments.work / "weights", arguments.work / "steps" / f"{step:06d}"):
             write_weights(folder, average, network.channels, config)  # type: ignore[arg-type]

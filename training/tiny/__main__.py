@@ -4,8 +4,8 @@
 
 Worker processes make clips; batches are drawn from a pool of the latest ones. The training ends after --minutes, and
 the learning rate falls to zero in the last --decay of them. It writes a checkpoint to --work every few minutes, and a
-run that finds one continues it. To train longer, copy `before_decay.pt` to `checkpoint.pt` and give more --minutes; or
-continue a finished model with --start. `log.csv` in --work has the losses.
+run that finds one continues it. To train longer, copy `before_decay.safetensors` to `checkpoint.safetensors` and give
+more --minutes; or continue a finished model with --start. `log.csv` in --work has the losses.
 
 The vision tower also learns what the simulator knows of each patch (training/tiny/patch_labels.py): only that in the
 first --vision-only minutes, then together with the text. The next --few-objects minutes have clips of one, two and
@@ -26,13 +26,14 @@ from torch import multiprocessing
 from pipeline.csv_rows import append_row, read_rows
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
+from training.checkpoint import has_checkpoint
 from training.tiny.example_pool import Pool
 from training.tiny.examples import CHUNK, SUITE, Example, ExampleKind, generate, make_examples
 from training.tiny.measured import MeasuredExamples
 from training.tiny.schedule import learning_rate, max_objects, noise_strength
 from training.tiny.trainer import LOG, Trainer, progress_of_row, read_checkpoint
 
-CHECKPOINT = "checkpoint.pt"  # in --work
+CHECKPOINT = "checkpoint.safetensors"  # in --work
 HEAD_STEPS = 200  # batches for the head on patch labels, which is not saved with a model
 
 
@@ -44,8 +45,8 @@ def train(args: argparse.Namespace) -> None:
     torch.set_float32_matmul_precision(args.matmul)
     args.work.mkdir(parents=True, exist_ok=True)
     trainer = Trainer(args.device, args.lr, args.muon_lr, args.patch_weight)
-    starts = bool(args.start) and not checkpoint.is_file()
-    if checkpoint.is_file():
+    starts = bool(args.start) and not has_checkpoint(checkpoint)
+    if has_checkpoint(checkpoint):
         trainer.load(checkpoint)
         print(f"continues from step {trainer.progress.step}, {trainer.progress.seconds / 60:.1f} min", flush=True)
     elif starts:
@@ -101,7 +102,7 @@ def train(args: argparse.Namespace) -> None:
     while (elapsed := time.monotonic() - began) < 60 * args.minutes:
         before, minutes = minutes, elapsed / 60
         if before < args.minutes - args.decay <= minutes:
-            trainer.save(args.work / "before_decay.pt")
+            trainer.save(args.work / "before_decay.safetensors")
         if measured and elapsed - last_log > args.log_seconds:
             pool.measured = measured.refresh()[args.validation :]
         noise.value = noise_strength(minutes, args.noise_ramp)

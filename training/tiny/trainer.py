@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -18,6 +17,7 @@ from pipeline.model.finetune import batch_loss, completion_logits, make_batch
 from pipeline.model.forward import video_inputs
 from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.scene.scene import BASIC_SHAPES
+from training.checkpoint import load_checkpoint, save_checkpoint
 from training.muon import Muon
 from training.tiny.examples import CHUNK, LAYOUT, Example
 from training.tiny.patch_labels import PatchHead, PatchLabels
@@ -51,7 +51,7 @@ def new_base() -> Base:
 
 def read_checkpoint(path: Path) -> tuple[Base, Progress]:
     """The model of a checkpoint that a `Trainer` saved, for answering, and its progress."""
-    stored = torch.load(path, map_location="cpu", weights_only=True)
+    stored = load_checkpoint(path)
     base = new_base()
     base.model.load_state_dict(stored["model"])
     base.model.eval()
@@ -104,7 +104,7 @@ class Trainer:
 
     def load(self, path: Path) -> None:
         """Continue from a checkpoint."""
-        stored = torch.load(path, map_location=self.device, weights_only=True)
+        stored = load_checkpoint(path, self.device)
         self.base.model.load_state_dict(stored.pop("model"))
         self.head.load_state_dict(stored.pop("head"))
         for optimizer, kept in zip(self.optimizers, stored.pop("optimizers"), strict=True):
@@ -112,15 +112,13 @@ class Trainer:
         self.progress = Progress(**stored)
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint for `load`, under a temporary name first."""
-        temporary = path.with_suffix(".tmp")
+        """Write a checkpoint for `load`."""
         weights = {
             "model": self.base.model.state_dict(),
             "head": self.head.state_dict(),
             "optimizers": [o.state_dict() for o in self.optimizers],
         }
-        torch.save(weights | asdict(self.progress), temporary)
-        os.replace(temporary, path)
+        save_checkpoint(path, weights | asdict(self.progress))
 
     def vision_tokens(self, clips: torch.Tensor) -> torch.Tensor:
         """The vision tower's tokens (B * tokens, hidden) of clips (B, T, H, W, 3) uint8."""

@@ -1,0 +1,116 @@
+"""`dvc repro` killed at random moments, with all its processes, and run again; the store in a folder or on a server."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaign import FULL, rounds
+from ruamel.yaml import YAML
+from s3_server import S3Server
+
+from pipeline.shards.code_hash import ROOT
+from pipeline.shards.content_hash import hash_files
+
+pytestmark = pytest.mark.campaign
+
+MANY = bool(os.environ.get(FULL))
+TARGET = "fit@id" if MANY else "compile@id"  # with all that it needs: 24 stages, or 2
+LEFT_OUT = shutil.ignore_patterns("__pycache__")
+SMALL = {
+    "sample": {"shard_size": 1},
+    "render": {"width": 120, "height": 80, "backend": "raycast"},
+    "flow": {"width": 120, "height": 80, "iterations": 1},
+    "finetune": {"steps": 4, "batch_size": 2, "checkpoint_steps": 1},
+    "infer": {"samples": 2},
+    "search": {"width": 48, "height": 32, "starts": 1},
+    "fit": {"simulations": 200},
+    "executor": {"workers": 1},
+}
+
+
+def clone(folder: Path) -> Path:
+    """The code and the graph, with parameters for a few small clips and no data."""
+    folder.mkdir()
+    for name in ("pipeline", "stages"):
+        shutil.copytree(ROOT / name, folder / name, ignore=LEFT_OUT)
+    shutil.copy(ROOT / "dvc.yaml", folder)
+    (folder / "models").symlink_to(ROOT / "models")
+    yaml = YAML()
+    params = yaml.load(ROOT / "params.yaml")
+    for suite, clips in (("train", 4), ("val", 2), ("id", 2)):
+        params["suites"][suite]["clips"] = clips
+    for section, values in SMALL.items():
+        params[section] |= values
+    yaml.dump(params, folder / "params.yaml")
+    subprocess.run([sys.executable, "-m", "dvc", "init", "--no-scm", "-q"], cwd=folder, check=True)
+    subprocess.run([sys.executable, "-m", "dvc", "config", "core.analytics", "false"], cwd=folder, check=True)
+    return folder
+
+
+def start(folder: Path, environment: Mapping[str, str]) -> subprocess.Popen[str]:
+    """As `make repro`: dvc.lock is put back where a kill cut it, then `dvc repro`."""
+    command = f"{sys.executable} -m stages.graph.lock_copy && exec {sys.executable} -m dvc repro {TARGET}"
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    return subprocess.Popen(
+        ["bash", "-c", command],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder), "PATH": path, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> str:
+    said, _ = process.communicate(timeout=3600)
+    assert process.returncode == 0, said
+    return said
+
+
+def killed(process: subprocess.Popen[str], after_s: float) -> bool:
+    """Kill the process with all that it started, unless it ends before."""
+    try:
+        said, _ = process.communicate(timeout=after_s)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        return True
+    assert process.returncode == 0, said
+    return False
+
+
+def test_a_graph_that_is_killed_again_and_again_ends_with_the_undisturbed_bytes(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    began = time.monotonic()
+    finish(start(clone(tmp_path / "sound"), {"DYNAMICS_STORE": str(tmp_path / "store")}))
+    duration = time.monotonic() - began
+    expected = hash_files(tmp_path / "sound" / "data")
+    server, environment = S3Server(), {"DYNAMICS_STORE": str(tmp_path / "other")}
+    if MANY:
+        pytest.importorskip("s3fs", reason='S3 is not installed: pip install -e ".[s3]"')
+        pytest.importorskip("moto", reason="no S3 server is installed: pip install moto[server]")
+        server.start()
+        environment = {**server.environment, "DYNAMICS_STORE": "s3://bucket/run"}
+    try:
+        folder, kills = clone(tmp_path / "killed"), 0
+        for _ in rounds(2, 10):
+            kills += killed(start(folder, environment), rng.uniform(0.05, 0.5) * duration)
+        finish(start(folder, environment))
+        assert hash_files(folder / "data") == expected
+        assert list(folder.rglob(".*.partial*")) == []
+        said = finish(start(clone(tmp_path / "second"), environment))  # with an empty disk where the store is a server
+        print(f"{TARGET}: {duration:.0f} s undisturbed, {kills} kills")
+        assert " computed" in said
+        assert [line for line in said.splitlines() if "shard" in line and " 0 computed" not in line] == []
+        assert hash_files(tmp_path / "second" / "data") == expected
+    finally:
+        server.stop()
