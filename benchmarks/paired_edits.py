@@ -185,13 +185,16 @@ def _write_picture(path: Path, rows: Sequence[Shown]) -> None:
 def summary(answers: Sequence[dict[str, Any]]) -> str:
     """A table for each kind of scenes: a row for each kind of edit, and one for all."""
     out = []
-    groups = sorted({(a["scenes"], a["budget"]) for a in answers}, key=lambda g: (g[0] != "true", g[1]))
-    for scenes, budget in groups:
+    settings = sorted({(a["scenes"], a["budget"]) for a in answers}, key=lambda g: (g[0] != "true", g[1]))
+    for scenes, budget in settings:
         some = [a for a in answers if (a["scenes"], a["budget"]) == (scenes, budget)]
         heading = [f"{METHODS[m]} {METRICS[k]}" for k in METRICS for m in METHODS]
         rows = []
-        for kind in (*KINDS, "all"):
-            group = [a for a in some if kind in (a["kind"], "all")]
+        right = [a for a in some if a.get("composition") == a["true"]]
+        groups = {kind: [a for a in some if a["kind"] == kind] for kind in KINDS} | {"all": some}
+        if scenes == "found":
+            groups |= {"shapes right": right, "shapes wrong": [a for a in some if a not in right]}
+        for kind, group in groups.items():
             if group:
                 means = [_mean(group, f"{m}.{k}") for k in METRICS for m in METHODS]
                 ratio = means[-2] / max(means[-3], 1e-9)

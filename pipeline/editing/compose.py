@@ -19,6 +19,7 @@ from pipeline.editing.camera_rays import NOBODY
 from pipeline.editing.drawing import Drawn, blurred, draw
 from pipeline.editing.edit_list import Colour
 from pipeline.editing.filmed_clip import FilmedClip
+from pipeline.editing.in_threads import in_threads
 from pipeline.editing.layers import Layers
 from pipeline.editing.light import ground_light
 from pipeline.editing.surface_texture import SIZE, Textures, plain_texture, unturned
@@ -87,27 +88,27 @@ def compose(
     kind = np.stack([p[1] for p in parts]) if parts else np.zeros((0, 6, SIZE, SIZE), np.uint8)
     turned = unturned(edited, [o is not None and layers.same_all_around[o] for o in origin])
     frames, ids = clip.frames.copy(), np.zeros(clip.masks.shape, np.uint8)
-    shown_bodies, shown_plate = np.zeros(3), np.zeros(3)
-    rectangles = edited.rectangles(layers.view)
-    for t in range(len(frames)):
+    rectangles, noises = edited.rectangles(layers.view), rng.spawn(len(frames))
+
+    def show(t: int) -> tuple[np.ndarray, np.ndarray]:
+        """Write frame t; the counts of its pixels by kind, of bodies and of the background."""
         if t < start and not redraw:
             ids[t] = np.where(clip.masks[t] <= len(layers.motion.objects), clip.masks[t], 0)
-            shown_bodies[0] += (ids[t] > 0).sum()
-            shown_plate[0] += (ids[t] == 0).sum()
-            continue
-        pose = turned.tables[t], corrections[t], rectangles[t], edited.shown[t]
+            bodies = int((ids[t] > 0).sum())
+            return np.array([bodies, 0, 0]), np.array([ids[t].size - bodies, 0, 0])
+        pose, own_texture = (turned.tables[t], corrections[t], rectangles[t], edited.shown[t]), texture.copy()
         for m in np.flatnonzero(edited.shown[t]):
             if (o := origin[m]) is not None:
-                texture[m] = _texture_at(layers, o, turned.quaternion[t, m], corrections[t, m], t, redraw)
-        drawn = draw(layers.view, *pose, Textures(texture, kind), layers.lights)
+                own_texture[m] = _texture_at(layers, o, turned.quaternion[t, m], corrections[t, m], t, redraw)
+        drawn = draw(layers.view, *pose, Textures(own_texture, kind), layers.lights)
         light = ground_light(edited, layers.view, corrections, t, layers.lights)
         touched = np.ones(clip.masks.shape[1:], bool)
         if not redraw:
             touched = _touched(clip, layers, edited, origin, as_filmed[t], light, drawn, t)
         colour, alpha = blurred(drawn, layers.blur)
-        picture = layers.plate.colour * light[..., None]
+        picture = layers.plate.colour * light.astype(np.float32)[..., None]
         picture += alpha[..., None] * (colour - picture)
-        picture += layers.plate.noise * rng.standard_normal(picture.shape, dtype=np.float32)
+        picture += layers.plate.noise * noises[t].standard_normal(picture.shape, dtype=np.float32)
         own = drawn.front != NOBODY
         kept = np.zeros_like(touched)
         for m in np.flatnonzero(as_filmed[t]):
@@ -115,9 +116,15 @@ def compose(
         use = touched & ~(kept & (not redraw))
         frames[t][use] = np.clip(picture[use] + 0.5, 0, 255).astype(np.uint8)
         ids[t][own] = drawn.front[own] + 1
-        shown_bodies += np.bincount(np.where(use, drawn.kinds, surface_texture.MEASURED)[own], minlength=3)
-        shown_plate += np.bincount(np.where(use, layers.plate.kind, plates.MEASURED)[~own], minlength=3)
-    return EditedFrames(frames, ids, _shares(shown_bodies), _shares(shown_plate))
+        return (
+            np.bincount(np.where(use, drawn.kinds, surface_texture.MEASURED)[own], minlength=3),
+            np.bincount(np.where(use, layers.plate.kind, plates.MEASURED)[~own], minlength=3),
+        )
+
+    counts = in_threads(show, range(len(frames)))
+    return EditedFrames(
+        frames, ids, _shares(np.sum([c[0] for c in counts], 0)), _shares(np.sum([c[1] for c in counts], 0))
+    )
 
 
 def follow(

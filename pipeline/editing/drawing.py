@@ -66,9 +66,11 @@ def draw(
     cast_bodies(body, corrections, rectangles, shown, *view.ray_arguments, ids, depth, point)
     paint(body, ids, point, textures.colour, textures.kind, lights.light, lights.on_bodies, colour, kinds)
     blocks = ids.reshape(height, SAMPLES, width, SAMPLES)
-    counts = np.stack([(blocks == m).sum((1, 3)) for m in range(count)]) if count else np.zeros((0, height, width))
+    counts = np.zeros((count, height, width), np.uint8)
+    for m in range(count):
+        counts[m] = _sum(ids == m)
     alpha = counts.sum(0).astype(np.float32) / SAMPLES**2
-    mean = colour.reshape(height, SAMPLES, width, SAMPLES, 3).mean((1, 3))
+    mean = _sum(colour) / np.float32(SAMPLES**2)
     front = np.full((height, width), NOBODY, np.uint8)
     if count:
         front = np.where(alpha > 0.5, counts.argmax(0), NOBODY).astype(np.uint8)
@@ -79,6 +81,15 @@ def draw(
             hit = blocks[:, j, :, k] == front
             kind[hit] = own[:, j, :, k][hit]
     return Drawn(mean, alpha, front, counts > 0, kind)
+
+
+def _sum(samples: np.ndarray) -> np.ndarray:
+    """(H, W, ...) the sum over the samples (K H, K W, ...) of each pixel."""
+    parts = [samples[j::SAMPLES, k::SAMPLES] for j in range(SAMPLES) for k in range(SAMPLES)]
+    out = parts[0].astype(np.uint8) if samples.dtype == bool else parts[0].copy()
+    for part in parts[1:]:
+        out += part
+    return out
 
 
 def blurred(drawn: Drawn, sigma: float) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.editing.drawing import find_blur
 from pipeline.editing.filmed_clip import FilmedClip
-from pipeline.editing.light import NO_LIGHTS, Lights, find_lights, ground_light
+from pipeline.editing.light import NO_LIGHTS, Lights, find_lights, ground_lights
 from pipeline.editing.plate import Plate, find_plate, grown
 from pipeline.editing.registration import register
 from pipeline.editing.surface_texture import Textures, find_gloss, find_textures, unturned
@@ -59,8 +59,7 @@ def take_apart(clip: FilmedClip, motion: BodyMotion, view: View) -> Layers:
         lights = find_lights(motion, view, corrections, clip.frames, clip.masks, plate.colour)
         if not len(lights.light):
             break
-        ratio = [ground_light(motion, view, corrections, t, lights) for t in range(len(clip.frames))]
-        plate = find_plate(clip.frames, covered, np.stack(ratio).astype(np.float32))
+        plate = find_plate(clip.frames, covered, ground_lights(motion, view, corrections, lights))
     shading, same = find_gloss(motion, view, corrections, clip, lights)
     lights, drawn = replace(lights, shading=shading), unturned(motion, same)
     textures = find_textures(drawn, view, corrections, clip, lights)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from pipeline.editing.camera_rays import cast_shadow
+from pipeline.editing.in_threads import in_threads
 from pipeline.editing.plate import grown
 from pipeline.editing.view import BodyMotion, View
 from pipeline.vision.rendering.shading_tables import DISC
@@ -75,6 +76,15 @@ def ground_light(
     return 1 - np.tensordot(lights.darkness, 1 - visible, axes=1)
 
 
+def ground_lights(motion: BodyMotion, view: View, corrections: np.ndarray, lights: Lights) -> np.ndarray:
+    """(T, H, W) float32, `ground_light` of every frame."""
+
+    def one(t: int) -> np.ndarray:
+        return ground_light(motion, view, corrections, t, lights).astype(np.float32)
+
+    return np.stack(in_threads(one, range(len(corrections))))
+
+
 def find_lights(
     motion: BodyMotion, view: View, corrections: np.ndarray, frames: np.ndarray, masks: np.ndarray, plate: np.ndarray
 ) -> Lights:
@@ -107,7 +117,7 @@ def find_lights(
     def shadows(parameters: np.ndarray) -> np.ndarray:
         """(L, K, H, W) share of each light that is hidden, of lights (L, 3)."""
         light = np.stack([light_table(*p) for p in parameters])
-        hidden = [1 - visible_shares(motion, view, corrections, t, light, step) for t in chosen]
+        hidden = in_threads(lambda t: 1 - visible_shares(motion, view, corrections, t, light, step), chosen)
         return np.stack(hidden, axis=1) * use
 
     def gains(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

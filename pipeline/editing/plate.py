@@ -59,7 +59,8 @@ def find_plate(frames: np.ndarray, covered: np.ndarray, ratio: np.ndarray) -> Pl
         colour[:] = np.median(frames, axis=0)
     elif never.any():
         seen = np.clip(colour + 0.5, 0, 255).astype(np.uint8)
-        painted = cv2.inpaint(seen, never, REACH_PX, cv2.INPAINT_TELEA)
+        unlit = never | (lit == 0).astype(np.uint8)  # a shadow around a body that rests is not painted onto its place
+        painted = cv2.inpaint(seen, never if unlit.all() else unlit, REACH_PX, cv2.INPAINT_TELEA)
         colour[never > 0] = painted[never > 0]
     return Plate(colour, kind, _noise(frames, covered))
 
