@@ -34,6 +34,10 @@ from pipeline.vision.recordings.video import read_clip as read_video
 from pipeline.vision.rendering.render_backend import choose_backend
 
 MOST_PAGE_BYTES = 8_000_000
+TRANSPARENT = "In 3D, transparent bodies move as in the original scene."
+PART_OF_THE_TIME = (
+    "Bodies that were added or removed are shown in the clips; in 3D only where they are there all the time."
+)
 
 
 def export(found: str | Path) -> str:
@@ -192,34 +196,35 @@ def _of_edit(folder: Path, result: EditResult) -> ResultPage:
     )
 
 
-def _edits(folder: Path, result: EditResult) -> list[Edit]:
+def _edits(folder: Path, result: EditResult | SimulateResult) -> list[Edit]:
     try:
         return [Edit(**e) for e in result.edits]
     except TypeError as error:
-        raise OutputError(f"{folder / RESULT}: edits: {error}; run `dynamics edit` again") from None
+        raise OutputError(f"{folder / RESULT}: edits: {error}; run `dynamics {result.command}` again") from None
 
 
 def _of_simulate(folder: Path, result: SimulateResult) -> ResultPage:
     scene, seconds = load_scene(folder / SCENE_FILE), result.seconds
+    edits = _edits(folder, result)
     runs = _trajectory(folder / "trajectory.csv", scene)
-    scene, _ = with_camera(scene, np.concatenate([run[0] for run in runs.values()]))
+    scene, _ = with_camera(scene, np.concatenate([place for run in runs.values() for place, _ in run.values()]))
     both = _frames(folder / "replay.mp4", round(seconds * Schedule().fps), Schedule().fps)
     half = (both.shape[2] - 4) // 2
     paths = []
-    for name, (position, quaternion) in runs.items():
-        steps = sampled_steps(len(position) - 1, STEPS_PER_SECOND)
-        for i, o in enumerate(scene.objects):
-            paths.append(BodyPath(o, i, position[steps, i], quaternion[steps, i], name == ORIGINAL))
+    for name, run in runs.items():
+        for i, (position, quaternion) in run.items():
+            steps = sampled_steps(len(position) - 1, STEPS_PER_SECOND)
+            paths.append(BodyPath(scene.objects[i], i, position[steps], quaternion[steps], name == ORIGINAL))
     rows = [(d.name, f"{d.end:.3f} m", f"{d.largest:.3f} m", f"{d.time:.2f} s") for d in result.departures]
     return ResultPage(
         title=f"{Path(result.scene).name}, simulated",
         grade="",
-        reason="; ".join(result.set) or "nothing was changed",
+        reason="; ".join(str(e) for e in edits) or "nothing was changed",
         film=film([Panel("original", both[:, :, :half]), Panel("edited", both[:, :, -half:])], Schedule().fps),
         motion=motion_record(scene, paths, RATE, half / both.shape[1]),
         scene=write_scene(scene),
         tables=[Table("How far the edited motion departs", ("object", "at the end", "at most", "at"), rows)],
-        notes=["In 3D, transparent bodies move as in the original scene.", *result.notes],
+        notes=[TRANSPARENT, *([PART_OF_THE_TIME] if any(e.set is None for e in edits) else []), *result.notes],
     )
 
 
@@ -228,20 +233,23 @@ def _frames(path: Path, count: int, fps: float) -> np.ndarray:
     return read_video(path, 0.0, count / fps, fps, size=None).frames
 
 
-def _trajectory(path: Path, scene: Scene) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Positions (S, N, 3) and quaternions (S, N, 4) of both runs."""
+def _trajectory(path: Path, scene: Scene) -> dict[str, dict[int, tuple[np.ndarray, np.ndarray]]]:
+    """Of both runs, each object that is there all the time: its index, positions (S, 3) and quaternions (S, 4)."""
     try:
         table = pd.read_csv(read_table_bytes(path, SceneError), usecols=list(COLUMNS))
-        runs = {}
-        for name in (EDITED, ORIGINAL):
-            part = table[table["clip"] == name]
-            own = [part[part["object"] == o.name] for o in scene.objects]
-            runs[name] = tuple(
-                np.stack([t[list(keys)].to_numpy(float) for t in own], 1) for keys in ("xyz", ("qw", "qx", "qy", "qz"))
-            )
+        samples = table["time"].nunique()
+        runs: dict[str, dict[int, tuple[np.ndarray, np.ndarray]]] = {EDITED: {}, ORIGINAL: {}}
+        for name, run in runs.items():
+            for i, o in enumerate(scene.objects):
+                own = table[(table["clip"] == name) & (table["object"] == o.name)]
+                if len(own) == samples:
+                    place, turn = (own[list(keys)].to_numpy(float) for keys in ("xyz", ("qw", "qx", "qy", "qz")))
+                    run[i] = place, turn
     except ValueError as error:
         raise SceneError(f"{path} is no trajectory of `dynamics simulate`: {error}") from None
-    return runs  # type: ignore[return-value]
+    if not any(runs.values()):
+        raise SceneError(f"{path} has no object of {SCENE_FILE} that is there all the time")
+    return runs
 
 
 def _two(value: float | None) -> str:

@@ -56,7 +56,7 @@ def write_files(folder: Path, found: Inference, progress: Progress) -> None:
         renderer = _write_pictures(folder, found, run)
         _write_motion(folder, found, run)
     progress.say("pictures", f"of the replay: {renderer}")
-    write_result(folder, "infer", _result(found, run, renderer), found.seconds | progress.seconds)
+    write_result(folder, "infer", _result(found, run, renderer, found.seconds | progress.seconds))
 
 
 def method_table(methods: tuple[Method, ...]) -> list[Row]:
@@ -130,7 +130,7 @@ def _write_pictures(folder: Path, found: Inference, run: Replay) -> str:
     return reason
 
 
-def _result(found: Inference, run: Replay, renderer: str) -> dict[str, Any]:
+def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, float]) -> dict[str, Any]:
     """The content of result.json."""
     taken, settings, best, base = found.clip.taken.clip, found.settings, found.best, found.base
     sampling, shown = found.scenes.sampling, found.base.input
@@ -231,6 +231,7 @@ def _result(found: Inference, run: Replay, renderer: str) -> dict[str, Any]:
         else {
             "simulations": search.simulations,
             "invalid": search.invalid,
+            "seconds": round(search.seconds, 2),
             "spent": search.spent.tolist(),
             "history": [_number(v) for v in search.history],
         },
@@ -254,6 +255,7 @@ def _result(found: Inference, run: Replay, renderer: str) -> dict[str, Any]:
             for c in found.scenes.certainties
         ],
         "renderer": renderer,
+        "seconds": seconds,
         "versions": {name: version(name) for name in _VERSIONS},
     }
 

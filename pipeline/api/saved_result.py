@@ -79,7 +79,7 @@ class Departure(BaseModel):
 class SimulateResult(BaseModel):
     command: Literal["simulate"]
     scene: str
-    set: list[str]
+    edits: list[dict[str, Any]]
     seconds: Seconds
     notes: list[str]
     departures: list[Departure]

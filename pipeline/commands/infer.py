@@ -26,7 +26,7 @@ ones. OUT then has
   motion.png      place, speed and energy of each body against time, measured and of the replay
   tracks.parquet  the measured motion, for `dynamics discover`
   clip.npz        the frames and masks that were used, for `dynamics edit`
-  result.json     what was assumed, and what every step reached
+  result.json     what was assumed, what every step reached, and the time it took
 
 The camera has to rest, and what moves should be rigid. Where masks.png is wrong, say what is a body: --point, --box,
 --objects, --ignore. Slow motion: say with --fps at how many frames a second it

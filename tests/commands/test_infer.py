@@ -43,7 +43,6 @@ FILES = [
     "result.json",
     "scene.xml",
     "scene.yaml",
-    "times.json",
     "tracks.parquet",
 ]
 

@@ -14,6 +14,7 @@ from pipeline.api import export as module
 from pipeline.api.export import export, write_page
 from pipeline.api.simulate import simulate
 from pipeline.commands.main import main
+from pipeline.editing.edit_list import Edit
 from pipeline.errors import OutputError
 from pipeline.page.film import Panel, film
 from pipeline.page.motion_3d import RATE, BodyPath, motion_record
@@ -92,6 +93,9 @@ def test_an_edited_and_a_simulated_clip_show_what_they_are_compared_with(found: 
     heavier = data_of(export(tmp_path / "heavier"))
     assert [p["title"] for p in heavier["film"]["panels"]] == ["original", "edited"]
     assert len(heavier["motion"]["bodies"]) == 4
+    simulate(found, edits=[Edit(0.3, remove="crate")]).save(tmp_path / "without")
+    without = data_of(export(tmp_path / "without"))
+    assert [(b["name"], b["ghost"]) for b in without["motion"]["bodies"]] == [("ball", False), ("ball", True)]
 
 
 def test_a_film_gets_smaller_until_it_fits(rng: np.random.Generator) -> None:
