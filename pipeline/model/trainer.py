@@ -69,6 +69,7 @@ class _Trainer(Trainer):
     def training_step(self, model: Any, inputs: dict, num_items_in_batch: Any = None) -> torch.Tensor:
         """As the Trainer; `compute_loss` goes past the wrapper of `model` that would average the gradients."""
         loss = super().training_step(model, inputs, num_items_in_batch)
+        assert self.model is not None
         average_gradients(self.model)
         return loss
 
@@ -76,7 +77,7 @@ class _Trainer(Trainer):
         """As the Trainer; of several processes each goes through all, so that the batches are those of one."""
         if process_count() == 1:
             return super().get_eval_dataloader(eval_dataset)
-        assert self.eval_dataset is not None
+        assert isinstance(self.eval_dataset, Dataset)
         return DataLoader(self.eval_dataset, self.args.per_device_eval_batch_size, collate_fn=self.data_collator)
 
     def prediction_step(
