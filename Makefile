@@ -5,7 +5,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: install install-benchmark repro test test-machines campaign check clean discovery-benchmark discovery-benchmark-smoke real-motion
+.PHONY: install install-benchmark repro test test-app test-machines campaign check clean discovery-benchmark discovery-benchmark-smoke real-motion
 
 install: .venv/installed
 
@@ -28,6 +28,12 @@ repro: install
 
 test: install
 	pytest -n 2
+
+# The web pages in Chromium, which has to be on the PATH: the whole way from a clip to an edited one, and what goes wrong.
+# Playwright drives it; no browser is downloaded.
+test-app: install
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test,browser]"
+	pytest -m app -rs
 
 # What needs Ray and an S3 server (moto's, on this machine), which nothing else does.
 test-machines: install

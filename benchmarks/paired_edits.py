@@ -1,159 +1,255 @@
-"""Clips rendered twice, before and after a true edit: how near edited clips come to the second, given the true scene.
+"""Edited clips against the clip that MuJoCo renders of the edited scene, given the true scene or the one `infer` finds.
 
-    python -m benchmarks.paired_edits --clips 14 --pictures FOLDER
+    python -m benchmarks.paired_edits [--pairs 63] [--size 240 160] [--minutes M] [--kept FOLDER]
+    python -m benchmarks.paired_edits --pairs 21 --scenes found [--simulations 2000] --kept FOLDER
 
-Each line is a clip: PSNR (dB) against the true edited clip, inside of the bodies' masks in either clip, of the edited
-clip, of the clip without any edit, and of primitives in plain colours; and IoU of the edited and the true masks.
+Each pair is a drawn clip with random looks and the same clip after an edit: of mass, friction, velocity, gravity, a
+removed body, an added one, a velocity at mid-clip. With `found`, `infer` sees only the video; the edit is carried over
+to its scene (`benchmarks/transferred_edit.py`). Compared with the true edited clip are the edited clip, the clip as it
+was (no edit), and primitives in plain colours as `dynamics simulate` draws them. Of the bodies that the edit adds,
+removes or moves elsewhere, from the edit on: IoU of their masks; PSNR inside of their masks in either clip, dB; of
+those that it moves, the distance of the masks' centroids from the true ones, px of 480x320. Where `infer` fails, or
+does not find the body that is edited, the edited clip and the primitives count as no edit.
+
+FOLDER keeps the answers, the scenes that were found and their clips, so that a stopped run can be continued. --again
+makes the edited clips anew from the scenes that it has. --pictures FOLDER keeps a picture of each pair: the clip, the
+edited clip, the true one, primitives.
 """
 
 from __future__ import annotations
 
 import argparse
+import tempfile
+import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from benchmarks.edits import psnr
+from benchmarks.kept_answers import answers_of, kept_answers
+from benchmarks.paired_clips import ADDED, KINDS, SIZE, Pair, Shown, draw_pair, drawn_plain, shown_bodies
+from benchmarks.transferred_edit import Counterpart, transferred
+from pipeline.api.infer import infer
+from pipeline.api.infer_files import relabelled
 from pipeline.clips.schedule import Schedule
-from pipeline.editing.compose import compose
-from pipeline.editing.edit_list import Edit
-from pipeline.editing.edited_motion import EditedMotion, filmed_motion, frame_steps, run_edits
-from pipeline.editing.filmed_clip import FilmedClip
+from pipeline.editing.compose import compose, follow
+from pipeline.editing.edited_motion import EditedMotion, filmed_motion, run_edits
+from pipeline.editing.filmed_clip import CLIP, FilmedClip, read_clip, write_clip
 from pipeline.editing.layers import take_apart
 from pipeline.editing.view import BodyMotion, view_of
-from pipeline.errors import SceneError
-from pipeline.physics.trace import Trace
-from pipeline.scene.scene import Scene, SceneObject
-from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.rendering.appearance import (
-    Appearance,
-    Sensor,
-    apply_sensor,
-    plain_appearance,
-    sample_appearance,
-    sample_sensor,
-)
-from pipeline.vision.rendering.camera import pinhole
-from pipeline.vision.rendering.rasteriser import rasterise
-from pipeline.vision.rendering.render import render_rgb
+from pipeline.errors import SceneError, SimulationError, VideoError
+from pipeline.evaluation.tables import markdown
+from pipeline.metrics.overlap import assign, count, pair_iou
+from pipeline.scene.scene import Scene
+from pipeline.scene.text import load_scene, write_scene
+from pipeline.vision.recordings.video import write_video
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from training.drawn_scenes import drawn_scenes
 
-SUITE = "paired_edits"
-OBJECTS = {1: 1.0, 2: 1.0, 3: 1.0}
-KINDS = ("mass", "friction", "velocity", "gravity", "remove", "add", "later")
-TRIES = 20  # of an edit that puts a body into another, or changes nothing
-LEAST_CHANGE_M = 0.05  # of a body's place, from which on an edit counts
-
-
-def draw_edit(kind: str, scene: Scene, rng: np.random.Generator) -> Edit:
-    """An edit of one kind with random numbers."""
-    k = int(rng.integers(len(scene.objects)))
-    obj = scene.objects[k]
-    if kind == "mass":
-        return Edit(0.0, set=f"objects[{k}].mass={obj.mass * rng.choice([0.1, 10]):g}")
-    if kind == "friction":
-        return Edit(0.0, set=f"objects[{k}].sliding_friction={rng.choice([0.0, 2.0]):g}")
-    if kind == "gravity":
-        return Edit(0.0, set=f"gravity={rng.uniform(1, 4):.3g}")
-    if kind == "remove":
-        return Edit(0.0, remove=obj.name)
-    if kind == "add":
-        place = [float(v) for v in (rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), 0.6)]
-        keys = {"mass": 0.5, "sliding_friction": 0.5, "rolling_friction": 0.001, "damping": 0.7}
-        still = {"velocity": [0.0] * 3, "angular_velocity": [0.0] * 3, "orientation": [1.0, 0.0, 0.0, 0.0]}
-        return Edit(0.0, add={"name": "added", "shape": "sphere", "radius": 0.1, **keys, "position": place, **still})
-    velocity = [round(float(v), 3) for v in (*rng.uniform(-1.5, 1.5, 2), rng.uniform(0, 2))]
-    return Edit(0.4 if kind == "later" else 0.0, set=f"objects[{k}].velocity={velocity}")
+METHODS = {"edited": "edited", "none": "no edit", "plain": "primitives"}
+METRICS = {"iou": "IoU", "psnr": "PSNR, dB", "error": "error, px"}
+LEAST_IOU = 0.1  # mean over the clip, from which on a found object is a true one
+SCENE = "scene.yaml"
+Job = tuple[Path, int, int, str, int, tuple[int, int], Path | None]
 
 
-def shown_bodies(motion: BodyMotion) -> BodyMotion:
-    """The bodies that are there in the last frame; an edit at the beginning has no others."""
-    there = motion.shown[-1]
-    return BodyMotion(
-        tuple(o for o, kept in zip(motion.objects, there, strict=True) if kept),
-        motion.position[:, there],
-        motion.quaternion[:, there],
-        motion.shown[:, there],
+def scores(shown: Shown, pair: Pair) -> dict[str, float]:
+    """The metrics of a clip against the true edited one."""
+    true, first = pair.after, pair.made.first
+    shared = either = 0
+    where = np.zeros(true.ids.shape, bool)
+    for name in pair.concerned:
+        one, other = shown.mask(name)[first:], true.mask(name)[first:]
+        shared, either = shared + int((one & other).sum()), either + int((one | other).sum())
+        where |= pair.before.mask(name) | true.mask(name)
+    where[:first] = False
+    apart = []
+    for name in pair.moved:
+        if name in shown.names:
+            seen = true.mask(name).any((1, 2))
+            seen[:first] = False
+            apart.append(np.linalg.norm(shown.places(name) - true.places(name), axis=-1)[seen])
+    distances = np.concatenate(apart) if apart else np.zeros(0)
+    return {
+        "iou": shared / either if either else 1.0,
+        "psnr": psnr(shown.frames, true.frames, where),
+        "error": float(distances.mean()) * SIZE[0] / true.size[0] if len(distances) else np.nan,
+    }
+
+
+def edited_clip(scene: Scene, clip: FilmedClip, motion: BodyMotion, made: EditedMotion, names: Sequence[str]) -> Shown:
+    """The edited clip, and where it shows its bodies.
+
+    Args:
+        scene: Of the clip.
+        clip: T frames.
+        motion: Of the scene.
+        made: The edited motion, M bodies.
+        names: (M,), by which they are called.
+    """
+    height, width = clip.masks.shape[1:]
+    layers = take_apart(clip, motion, view_of(scene, width, height))
+    noise = np.random.default_rng(0)
+    pictures = compose(clip, layers, made.motion, made.origin, made.first, noise, colours=made.colour_of)
+    _, corrections = follow(layers, made.motion, made.origin, made.first, False)
+    return Shown(tuple(names), pictures.frames, pictures.ids, corrections[..., :2] + corrections[..., 2:4])
+
+
+def found_scene(folder: Path, pair: Pair, simulations: int) -> tuple[Scene, FilmedClip]:
+    """What `infer` finds in the video of a pair's first clip, kept in a folder. Raises VideoError, SimulationError."""
+    if not (folder / SCENE).exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        schedule = Schedule()
+        write_video(folder / "clip.mp4", pair.before.frames, schedule.fps)
+        found = infer(folder / "clip.mp4", start=0.0, seconds=schedule.seconds, search=simulations)
+        masks = relabelled(found.clip.taken.masks, found.best.overlap.pairs, len(found.scene.objects))
+        write_clip(folder / CLIP, FilmedClip(found.clip.taken.clip.frames, masks, schedule.fps))
+        (folder / SCENE).write_text(write_scene(found.scene), encoding="utf-8")
+    return load_scene(folder / SCENE), read_clip(folder / CLIP)
+
+
+def _with_found_scene(folder: Path, pair: Pair, simulations: int) -> tuple[str, Shown, Shown]:
+    """What was found, the edited clip and the primitives; raises VideoError, SimulationError or SceneError."""
+    scene, clip = found_scene(folder, pair, simulations)
+    motion, trace = filmed_motion(scene, len(clip.frames), clip.fps)
+    iou = pair_iou(
+        count(clip.masks, pair.before.ids, max(len(scene.objects), int(clip.masks.max())), len(pair.before.names))
+    )[:, : len(scene.objects)]
+    pairs = np.array([(i, j) for i, j in assign(iou) if np.nan_to_num(iou[:, i, j]).mean() >= LEAST_IOU])
+    edit = transferred(pair.edit, Counterpart(pair.scene, scene, pairs.reshape(-1, 2)))
+    if edit is None:
+        raise SceneError("the edited body was not found")
+    made = run_edits(scene, trace, [edit], len(clip.frames), clip.fps)
+    called = {scene.objects[i].name: pair.scene.objects[j].name for i, j in pairs} | {ADDED: ADDED}
+    names = [called.get(o.name, f"unknown {o.name}") for o in made.motion.objects]
+    left = shown_bodies(made.motion)
+    changed = replace(scene, gravity=made.scene.gravity)
+    size = clip.masks.shape[2], clip.masks.shape[1]
+    plain = replace(
+        drawn_plain(changed, left, size), names=tuple(called.get(o.name, f"unknown {o.name}") for o in left.objects)
     )
+    return scene.composition, edited_clip(scene, clip, motion, made, names), plain
 
 
-def filmed(
-    scene: Scene, motion: BodyMotion, look: Appearance, sensor: Sensor, size: tuple[int, int], rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Frames (T, H, W, 3) and masks (T, H, W) of a motion before a scene's camera."""
-    assert scene.camera is not None
-    bodies = replace(scene, objects=motion.objects)
-    frames = render_rgb(bodies, motion.position, motion.quaternion, look, *size, "mujoco")
-    pose = motion.position, motion.quaternion, pinhole(scene.camera)
-    return apply_sensor(frames, sensor, rng), rasterise(motion.objects, *pose, *size, scene.ground).mask
+def _with_true_scene(pair: Pair) -> tuple[str, Shown, Shown]:
+    schedule = Schedule()
+    motion, _ = filmed_motion(pair.scene, schedule.frames, schedule.fps)
+    clip = FilmedClip(pair.before.frames, pair.before.ids, schedule.fps)
+    names = [o.name for o in pair.made.motion.objects]
+    changed, left = replace(pair.scene, gravity=pair.made.scene.gravity), shown_bodies(pair.made.motion)
+    plain = drawn_plain(changed, left, pair.before.size)
+    return pair.scene.composition, edited_clip(pair.scene, clip, motion, pair.made, names), plain
 
 
-def look_of(objects: tuple[SceneObject, ...], names: list[str], look: Appearance) -> Appearance:
-    """The appearance of these objects; those that are not among `names` are plain."""
-    plain = plain_appearance(len(names) + 1).materials[-1]
-    materials = tuple(look.materials[names.index(o.name)] if o.name in names else plain for o in objects)
-    return replace(look, materials=materials)
+def answer(job: Job) -> dict[str, Any]:
+    """The scores of one pair."""
+    kept, seed, number, scenes, simulations, size, pictures = job
+    warnings.simplefilter("ignore")
+    pair = draw_pair(read_params_file(PARAMS_FILE, Params), seed, number, size)
+    row: dict[str, Any] = {"seed": seed, "pair": number, "scenes": scenes, "kind": pair.kind, "edit": str(pair.edit)}
+    row |= {
+        "budget": simulations if scenes == "found" else 0,
+        "true": pair.scene.composition,
+        "size": list(size),
+        "failed": None,
+    }
+    edited = plain = pair.before
+    try:
+        if scenes == "true":
+            row["composition"], edited, plain = _with_true_scene(pair)
+        else:
+            folder = kept / f"seed-{seed}-pair-{number}-{simulations}"
+            row["composition"], edited, plain = _with_found_scene(folder, pair, simulations)
+    except (VideoError, SimulationError, SceneError) as error:
+        row["failed"] = str(error)
+    for method, shown in {"edited": edited, "none": pair.before, "plain": plain}.items():
+        for metric, value in scores(shown, pair).items():
+            row[f"{method}.{metric}"] = None if np.isnan(value) else value
+    if pictures is not None:
+        _write_picture(pictures / f"{scenes}_{number:02d}_{pair.kind}.jpg", [pair.before, edited, pair.after, plain])
+    return row
+
+
+def _write_picture(path: Path, rows: Sequence[Shown]) -> None:
+    """A row of four frames for each clip."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    chosen = np.linspace(0, len(rows[0].frames) - 1, 4).astype(int)
+    columns = [np.concatenate([shown.frames[t] for shown in rows]) for t in chosen]
+    cv2.imwrite(str(path), np.concatenate(columns, axis=1)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
+
+
+def summary(answers: Sequence[dict[str, Any]]) -> str:
+    """A table for each kind of scenes: a row for each kind of edit, and one for all."""
+    out = []
+    groups = sorted({(a["scenes"], a["budget"]) for a in answers}, key=lambda g: (g[0] != "true", g[1]))
+    for scenes, budget in groups:
+        some = [a for a in answers if (a["scenes"], a["budget"]) == (scenes, budget)]
+        heading = [f"{METHODS[m]} {METRICS[k]}" for k in METRICS for m in METHODS]
+        rows = []
+        for kind in (*KINDS, "all"):
+            group = [a for a in some if kind in (a["kind"], "all")]
+            if group:
+                means = [_mean(group, f"{m}.{k}") for k in METRICS for m in METHODS]
+                ratio = means[-2] / max(means[-3], 1e-9)
+                failed = sum(a["failed"] is not None for a in group)
+                cells = [f"{v:.2f}" if np.isfinite(v) else "" for v in means]
+                gain = f"{ratio:.1f}" if np.isfinite(ratio) else ""
+                rows.append([kind, str(len(group)), str(failed), *cells, gain])
+        said = "the true scenes" if scenes == "true" else f"the scenes that `infer` finds with {budget} simulations"
+        ratios = [a["none.error"] / max(a["edited.error"], 1e-9) for a in some if a["none.error"] is not None]
+        table = markdown(["edit", "pairs", "failed", *heading, "times nearer"], rows)
+        median = f"Median over pairs of how many times nearer: {np.median(ratios):.1f}.\n" if ratios else ""
+        out.append(f"With {said}:\n\n{table}\n{median}")
+    return "\n".join(out)
+
+
+def _mean(answers: Sequence[dict[str, Any]], key: str) -> float:
+    values = [a[key] for a in answers if a[key] is not None]
+    return float(np.mean(values)) if values else np.nan
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clips", type=int, default=14, metavar="N")
+    parser.add_argument("--pairs", type=int, default=63)
     parser.add_argument("--seed", type=int, default=21)
-    parser.add_argument("--size", type=int, nargs=2, default=(240, 160), metavar=("W", "H"))
+    parser.add_argument("--scenes", choices=("true", "found"), default="true")
+    parser.add_argument("--simulations", type=int, default=2000, help="of the search, with --scenes found")
+    parser.add_argument(
+        "--size", type=int, nargs=2, default=SIZE, metavar=("W", "H"), help="of the clips, px (480 320)"
+    )
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--minutes", type=float, help="stop after so long; run again to continue")
+    parser.add_argument("--kept", type=Path, help="a folder for the answers and scenes; default: a temporary one")
+    parser.add_argument("--again", action="store_true", help="forget the answers that it has, not the scenes")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER")
     a = parser.parse_args()
-    params, schedule, size = read_params_file(PARAMS_FILE, Params), Schedule(), tuple(a.size)
-    print(f"{'clip':<6}{'edit':<10}{'edited':>8}{'no edit':>9}{'plain':>8}{'IoU':>7}")
-    rows = []
-    for index in range(a.clips):
-        kind = KINDS[index % len(KINDS)]
-        (scene,) = drawn_scenes(params, a.seed, SUITE, range(index, index + 1), OBJECTS)
-        rng = clip_rng(a.seed, SUITE, index, "edit")
-        motion, trace = filmed_motion(scene, schedule.frames, schedule.fps)
-        look, sensor = sample_appearance(rng, len(scene.objects)), sample_sensor(rng)
-        frames, masks = filmed(scene, motion, look, sensor, size, rng)
-        made_motion = _edited(kind, scene, trace, schedule, rng)
-        if made_motion is None:
-            continue
-        after = shown_bodies(made_motion.motion)
-        names = [o.name for o in scene.objects]
-        changed = replace(scene, gravity=made_motion.scene.gravity)
-        true, true_masks = filmed(changed, after, look_of(after.objects, names, look), sensor, size, rng)
-        plain, _ = filmed(changed, after, plain_appearance(len(after.objects)), Sensor(), size, rng)
-        clip = FilmedClip(frames, masks, schedule.fps)
-        layers = take_apart(clip, motion, view_of(scene, *size))
-        noise = np.random.default_rng(0)
-        made = compose(clip, layers, made_motion.motion, made_motion.origin, made_motion.first, noise)
-        either = (masks > 0) | (true_masks > 0)
-        overlap = ((made.ids > 0) & (true_masks > 0)).sum() / max(((made.ids > 0) | (true_masks > 0)).sum(), 1)
-        row = [psnr(made.frames, true, either), psnr(frames, true, either), psnr(plain, true, either), float(overlap)]
-        rows.append(row)
-        print(f"{index:<6}{kind:<10}{row[0]:8.2f}{row[1]:9.2f}{row[2]:8.2f}{row[3]:7.3f}", flush=True)
-        if a.pictures is not None:
-            a.pictures.mkdir(parents=True, exist_ok=True)
-            columns = [np.concatenate([frames[t], made.frames[t], true[t]]) for t in (0, 10, 20, 29)]
-            cv2.imwrite(str(a.pictures / f"{index:02d}_{kind}.png"), np.concatenate(columns, axis=1)[..., ::-1])
-    mean = np.mean(rows, axis=0)
-    print(f"{'mean':<16}{mean[0]:8.2f}{mean[1]:9.2f}{mean[2]:8.2f}{mean[3]:7.3f}")
+    with tempfile.TemporaryDirectory() as passing:
+        kept = (a.kept or Path(passing)).absolute()
+        kept.mkdir(parents=True, exist_ok=True)
+        path, budget = kept / f"{a.scenes}.jsonl", a.simulations if a.scenes == "found" else 0
+        if a.again:
+            path.unlink(missing_ok=True)
+        answers = kept_answers(path)
+        done = {(x["seed"], x["pair"], x["budget"]) for x in answers}
+        jobs: list[Job] = [
+            (kept, a.seed, number, a.scenes, a.simulations, tuple(a.size), a.pictures)
+            for number in range(a.pairs)
+            if (a.seed, number, budget) not in done
+        ]
+        for row in answers_of(answer, jobs, path, a.workers, a.minutes):
+            failed = f"  failed: {row['failed']}" if row["failed"] else ""
+            cells = "".join(f"{_text(row[f'{m}.{k}'])}" for k in METRICS for m in METHODS)
+            print(f"{row['pair']:<4}{row['kind']:<10}{cells}{failed}", flush=True)
+            answers.append(row)
+        print(summary(answers))
 
 
-def _edited(kind: str, scene: Scene, trace: Trace, schedule: Schedule, rng: np.random.Generator) -> EditedMotion | None:
-    """The motion after a drawn edit that is possible and changes it; None where there is none, as mass without hits."""
-    steps = frame_steps(schedule.frames, schedule.fps)
-    for _ in range(TRIES):
-        try:
-            made = run_edits(scene, trace, [draw_edit(kind, scene, rng)], schedule.frames, schedule.fps)
-        except SceneError:
-            continue
-        count = len(scene.objects)
-        apart = np.linalg.norm(made.motion.position[:, :count] - trace.position[steps], axis=-1)
-        if apart.max() > LEAST_CHANGE_M or not made.motion.shown.all():
-            return made
-    return None
+def _text(value: float | None) -> str:
+    return f"{value:8.2f}" if value is not None else f"{'':8}"
 
 
 if __name__ == "__main__":

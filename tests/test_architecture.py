@@ -77,6 +77,14 @@ def test_the_viewer_alone_imports_rerun(graph: Graph) -> None:
     assert [package for package, found in graph.items() if "rerun" in found] == ["pipeline.viewer"]
 
 
+def test_the_app_alone_serves_pages_and_none_needs_a_framework_for_it(graph: Graph) -> None:
+    assert [package for package, found in graph.items() if "http" in found] == ["pipeline.app"]
+    frameworks = {"aiohttp", "fastapi", "flask", "gradio", "playwright", "starlette", "streamlit"}
+    assert {
+        package: sorted(frameworks & set(found)) for package, found in graph.items() if frameworks & set(found)
+    } == {}
+
+
 def test_imports_in_functions_and_for_types_close_a_circle(tmp_path: Path) -> None:
     files = {
         "pipeline/a/one.py": "import numpy\ndef f():\n    from pipeline.b import two\n",

@@ -100,7 +100,7 @@ def edit(found: str | Path, edits: Sequence[Edit] = (), progress: Progress | Non
         layers = take_apart(clip, filmed, view_of(scene, width, height))
     with progress.step("pictures"):
         rng = np.random.default_rng(SEED)
-        pictures = compose(clip, layers, motion.motion, motion.origin, motion.first, rng)
+        pictures = compose(clip, layers, motion.motion, motion.origin, motion.first, rng, colours=motion.colour_of)
     return EditedClip(
         name=str(found),
         edits=tuple(ordered),
@@ -136,7 +136,7 @@ def write_files(folder: Path, run: EditedClip, progress: Progress) -> None:
     measured = run.layers.registered.mean(0)
     result = {
         "found": run.name,
-        "edits": [_record(e) for e in run.edits],
+        "edits": [e.record() for e in run.edits],
         "scene_at_s": round(run.motion.time, 4),
         "first_edited_frame": run.motion.first if run.edits else None,
         "pixels": _shares(("measured", "mirrored", "invented"), run.pictures.bodies),
@@ -155,11 +155,6 @@ def write_files(folder: Path, run: EditedClip, progress: Progress) -> None:
         "versions": {name: version(name) for name in ("dynamics-pipeline", "mujoco", "numpy")},
     }
     write_result(folder, "edit", result, run.seconds | progress.seconds)
-
-
-def _record(edit: Edit) -> dict[str, object]:
-    kinds = {"set": edit.set, "remove": edit.remove, "add": edit.add}
-    return {"at": edit.at} | {kind: value for kind, value in kinds.items() if value is not None}
 
 
 def _shares(names: tuple[str, ...], values: tuple[float, ...]) -> dict[str, float]:

@@ -15,19 +15,24 @@ import numpy as np
 from pipeline.api.overlay import Row, markdown, side_by_side
 from pipeline.api.result_folder import result_folder, write_result
 from pipeline.api.scene_source import SCENE_FILE, read_scene_source, with_camera
-from pipeline.clips.replay import replay_trace
+from pipeline.clips.replay import HEIGHT, WIDTH, replay_trace
 from pipeline.clips.schedule import Schedule
+from pipeline.editing.edit_list import Edit, in_order
+from pipeline.editing.edited_motion import Run, edited_runs
 from pipeline.errors import SceneError
 from pipeline.inference.progress import Progress
 from pipeline.physics.simulate import simulate as run_scene
 from pipeline.physics.trace import Trace
-from pipeline.scene.edited import edited
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import save_scene
 from pipeline.viewer.footage import Footage, MotionLayer, Pictures
 from pipeline.viewer.recording import save
 from pipeline.vision.recordings.video import write_video
+from pipeline.vision.rendering.appearance import plain_appearance
+from pipeline.vision.rendering.camera import pinhole
+from pipeline.vision.rendering.rasteriser import rasterise
+from pipeline.vision.rendering.render import render_rgb
 from pipeline.vision.rendering.render_backend import choose_backend
 
 ORIGINAL, EDITED = "original", "edited"
@@ -60,41 +65,56 @@ class Simulation:
 
     Attributes:
         name: Where the scene is from.
-        edits: As they were given.
+        edits: By time.
         original: The scene.
-        scene: The edited scene.
         schedule: Which moments are frames.
         original_trace: States and contacts of the original, 240 a second.
-        trace: Those of the edited scene.
+        runs: Those of the edited scene, from one edit to the next.
     """
 
     name: str
-    edits: tuple[str, ...]
+    edits: tuple[Edit, ...]
     original: Scene
-    scene: Scene
     schedule: Schedule
     original_trace: Trace
-    trace: Trace
+    runs: tuple[Run, ...]
+
+    @property
+    def scene(self) -> Scene:
+        """The scene after the last edit, with its state at that time."""
+        return self.runs[-1].scene
+
+    @property
+    def trace(self) -> Trace:
+        """The motion from the last edit on."""
+        return self.runs[-1].trace
 
     @cached_property
     def departures(self) -> list[Departure]:
-        """One for each object, in order."""
-        apart = np.linalg.norm(self.trace.position - self.original_trace.position, axis=-1)  # (S + 1, N)
-        steps = apart.argmax(0)
-        return [
-            Departure(
-                o.name, o.shape, float(apart[-1, i]), float(apart[steps[i], i]), float(self.trace.times[steps[i]])
-            )
-            for i, o in enumerate(self.scene.objects)
-        ]
+        """One for each object that both have at the end, in order."""
+        out, times = [], self.original_trace.times
+        for i, o in enumerate(self.original.objects):
+            path = self._path(o.name)
+            if np.isfinite(path[-1]).all():
+                apart = np.linalg.norm(path - self.original_trace.position[:, i], axis=-1)  # (S + 1,), NaN where absent
+                most = int(np.nanargmax(apart))
+                out.append(Departure(o.name, o.shape, float(apart[-1]), float(apart[most]), float(times[most])))
+        return out
 
     def table(self) -> list[Row]:
         """The departures as cells, a heading first."""
         cells: list[Row] = [("object", "shape", "ends apart", "most apart", "at", "original end", "edited end")]
-        for i, d in enumerate(self.departures):
-            traces = (self.original_trace, self.trace)
-            ends = ("({:.2f}, {:.2f}, {:.2f}) m".format(*t.position[-1, i]) for t in traces)
-            cells.append((d.name, d.shape, f"{d.end:.3f} m", f"{d.largest:.3f} m", f"{d.time:.2f} s", *ends))
+        departures = {d.name: d for d in self.departures}
+        originals = {o.name: i for i, o in enumerate(self.original.objects)}
+        for o in {o.name: o for o in (*self.original.objects, *self.scene.objects)}.values():
+            d, i = departures.get(o.name), originals.get(o.name)
+            before = "" if i is None else _place(self.original_trace.position[-1, i])
+            after = _place(self._path(o.name)[-1])
+            if d is None:
+                cells.append((o.name, o.shape, "added" if i is None else "removed", "", "", before, after))
+            else:
+                apart = f"{d.end:.3f} m", f"{d.largest:.3f} m", f"{d.time:.2f} s"
+                cells.append((o.name, o.shape, *apart, before, after))
         return cells
 
     def save(self, out: str | Path, force: bool = False, progress: Progress | None = None) -> None:
@@ -119,7 +139,7 @@ class Simulation:
                 "simulate",
                 {
                     "scene": self.name,
-                    "set": list(self.edits),
+                    "edits": [edit.record() for edit in self.edits],
                     "seconds": self.schedule.seconds,
                     "notes": notes,
                     "departures": [vars(d) for d in self.departures],
@@ -127,14 +147,25 @@ class Simulation:
                 },
             )
 
+    def _path(self, name: str) -> np.ndarray:
+        """(S + 1, 3) m, where the edited object of a name is; NaN while there is none."""
+        out = np.full((len(self.original_trace.position), 3), np.nan)
+        for run in self.runs:
+            out[run.step :] = np.nan
+            for k, o in enumerate(run.scene.objects):
+                if o.name == name:
+                    out[run.step :] = run.trace.position[: len(out) - run.step, k]
+        return out
 
-def simulate(scene: str | Path | Scene, seconds: float = 1.0, edits: Sequence[str] = ()) -> Simulation:
+
+def simulate(scene: str | Path | Scene, seconds: float = 1.0, edits: Sequence[str | Edit] = ()) -> Simulation:
     """Run a scene as it is and with changes.
 
     Args:
         scene: A scene file, a model's answer, a folder that `dynamics` wrote, or a scene.
         seconds: How long to run.
-        edits: Changes in order, as "objects[0].mass=2" or "gravity=1.6"; objects go by index or by name.
+        edits: Changes from the beginning on, as "objects[0].mass=2" or "gravity=1.6", objects by index or by name; or
+            edits with a time (`pipeline.editing.edit_list`).
 
     Returns:
         Both scenes with their traces, and how far apart the objects end.
@@ -148,15 +179,17 @@ def simulate(scene: str | Path | Scene, seconds: float = 1.0, edits: Sequence[st
     before = scene if isinstance(scene, Scene) else read_scene_source(Path(scene))
     if not before.objects:
         raise SceneError(f"{name}: objects: there are none to simulate")
-    after = edited(before, edits)
+    listed = [Edit(0.0, set=edit) if isinstance(edit, str) else edit for edit in edits]
+    ordered = in_order(listed, schedule.seconds, "the run")
+    trace = run_scene(before, schedule.seconds)
+    runs, _ = edited_runs(before, trace, ordered)
     return Simulation(
         name=name,
-        edits=tuple(edits),
+        edits=tuple(ordered),
         original=before,
-        scene=after,
         schedule=schedule,
-        original_trace=run_scene(before, schedule.seconds),
-        trace=run_scene(after, schedule.seconds),
+        original_trace=trace,
+        runs=runs,
     )
 
 
@@ -169,48 +202,61 @@ def run_schedule(seconds: float) -> Schedule:
     return Schedule(seconds=seconds, model_frames=min(usual.model_frames, frames - 1))
 
 
-def write_trajectory(path: Path, runs: Sequence[tuple[str, Scene, Trace]]) -> None:
-    """Every state of every run as CSV: measured motion (docs/formats.md), `clip` being the run, and the velocity."""
+def write_trajectory(path: Path, runs: Sequence[tuple[str, Sequence[Run]]]) -> None:
+    """Every state of every motion as CSV: measured motion (docs/formats.md), `clip` being its name, and the velocity.
+
+    A motion is one run, or several, each of which ends where the next begins.
+    """
     with path.open("w", newline="", encoding="utf-8") as file:
         out = csv.writer(file)
         out.writerow(COLUMNS)
-        for name, scene, trace in runs:
-            values: Any = np.concatenate(
-                [trace.position, trace.quaternion, trace.angular_velocity, trace.velocity], axis=-1
-            )
-            for i, obj in enumerate(scene.objects):
-                for step, time in enumerate(trace.times):
-                    out.writerow((name, obj.name, f"{time:.6f}", *(f"{v:.6g}" for v in values[step, i])))
+        for name, parts in runs:
+            ends = [part.step for part in parts[1:]] + [parts[-1].step + len(parts[-1].trace.position)]
+            for obj_name in dict.fromkeys(o.name for part in parts for o in part.scene.objects):
+                for part, end in zip(parts, ends, strict=True):
+                    index = next((i for i, o in enumerate(part.scene.objects) if o.name == obj_name), None)
+                    if index is None:
+                        continue
+                    t = part.trace
+                    states: Any = (t.position, t.quaternion, t.angular_velocity, t.velocity)
+                    values: Any = np.concatenate([v[: end - part.step, index] for v in states], axis=-1)
+                    for step, row in enumerate(values, start=part.step):
+                        out.writerow((name, obj_name, f"{step / t.rate:.6f}", *(f"{v:.6g}" for v in row)))
+
+
+def _place(position: np.ndarray) -> str:
+    return "({:.2f}, {:.2f}, {:.2f}) m".format(*position) if np.isfinite(position).all() else ""
 
 
 def _write(folder: Path, run: Simulation) -> list[str]:
     """The files beside result.json; notes on what was assumed."""
-    before, after, schedule = run.original, run.scene, run.schedule
-    save_scene(after, folder / SCENE_FILE)
-    (folder / "scene.xml").write_text(scene_xml(after), encoding="utf-8")
-    runs = ((ORIGINAL, before, run.original_trace), (EDITED, after, run.trace))
-    write_trajectory(folder / "trajectory.csv", runs)
-    made, note = with_camera(after, np.concatenate([run.original_trace.position, run.trace.position]))
-    shown_before = before if before.camera is not None else replace(before, camera=made.camera)
+    before, schedule = run.original, run.schedule
+    save_scene(run.scene, folder / SCENE_FILE)
+    (folder / "scene.xml").write_text(scene_xml(run.scene), encoding="utf-8")
+    originals = (Run(0, before, run.original_trace),)
+    write_trajectory(folder / "trajectory.csv", ((ORIGINAL, originals), (EDITED, run.runs)))
+    places = [r.trace.position.reshape(-1, 3) for r in (*originals, *run.runs)]
+    made, note = with_camera(before, np.concatenate(places))
     backend, reason = choose_backend("auto")
-    original = replay_trace(shown_before, run.original_trace, schedule)
-    changed = replay_trace(made, run.trace, schedule)
-    frames = [r.pictures(backend) for r in (original, changed)]
-    write_video(folder / "replay.mp4", side_by_side(frames[0], frames[1], (ORIGINAL, EDITED)), schedule.fps)
-    shown = [Pictures(f, r.masks) for f, r in zip(frames, (original, changed), strict=True)]
-    motions = (
-        MotionLayer(EDITED, changed.scene, run.trace, True, changed.events),
-        MotionLayer(ORIGINAL, original.scene, run.original_trace, False, original.events),
-    )
+    names = list(dict.fromkeys(o.name for r in (*originals, *run.runs) for o in r.scene.objects))
+    shown = [_drawn(runs, schedule, names, made, backend) for runs in (originals, run.runs)]
+    both = [pictures.rgb for pictures in shown if pictures.rgb is not None]
+    write_video(folder / "replay.mp4", side_by_side(both[0], both[1], (ORIGINAL, EDITED)), schedule.fps)
     notes = [*([note] if note else []), f"pictures by {reason}"]
+    if len(run.runs) > 1:
+        notes.append("the 3D view of recording.rrd shows the bodies from the last edit on")
     text = "\n".join(["### What if", "", *markdown(run.table()), "", *(f"- {n}" for n in notes)])
     place = Path(run.name)
     name = f"{place.stem if place.name != SCENE_FILE else place.resolve().parent.name}, edited"
+    motions = [
+        _layer(EDITED, run.runs[-1], made, schedule, True),
+        _layer(ORIGINAL, originals[0], made, schedule, False),
+    ]
     save(
         Footage(
             name=name,
             notes=text,
-            motions=motions,
+            motions=tuple(motions),
             seen=shown[1],
             replayed=shown[0],
             fps=schedule.fps,
@@ -219,3 +265,32 @@ def _write(folder: Path, run: Simulation) -> list[str]:
         folder / "recording.rrd",
     )
     return notes
+
+
+def _drawn(runs: Sequence[Run], schedule: Schedule, names: Sequence[str], camera: Scene, backend: str) -> Pictures:
+    """Pictures and masks of a motion that consists of runs; an object's colour and id are its place among names."""
+    steps = schedule.frame_steps
+    ends = [run.step for run in runs[1:]] + [int(steps[-1]) + 1]
+    plain = plain_appearance(len(names), len(camera.fixed))
+    frames, masks = [], []
+    for run, end in zip(runs, ends, strict=True):
+        own = steps[(steps >= run.step) & (steps < end)] - run.step
+        if not len(own):
+            continue
+        scene = run.scene if run.scene.camera is not None else replace(run.scene, camera=camera.camera)
+        assert scene.camera is not None
+        index = [names.index(o.name) for o in scene.objects]
+        look = replace(plain_appearance(0, len(scene.fixed)), materials=tuple(plain.materials[i] for i in index))
+        poses = run.trace.position[own], run.trace.quaternion[own]
+        frames.append(render_rgb(scene, *poses, look, WIDTH, HEIGHT, backend))
+        pose = *poses, pinhole(scene.camera)
+        seen = rasterise(scene.objects, *pose, WIDTH, HEIGHT, scene.ground, scene.fixed).mask
+        masks.append(np.array([0, *(i + 1 for i in index)], np.uint8)[seen])
+    return Pictures(np.concatenate(frames), np.concatenate(masks))
+
+
+def _layer(name: str, run: Run, camera: Scene, schedule: Schedule, solid: bool) -> MotionLayer:
+    """A run in the viewer, with its events where it is the whole motion."""
+    scene = run.scene if run.scene.camera is not None else replace(run.scene, camera=camera.camera)
+    events = replay_trace(scene, run.trace, schedule).events if run.step == 0 and scene.objects else ()
+    return MotionLayer(name, scene, run.trace, solid, events)

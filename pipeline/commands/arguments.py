@@ -5,6 +5,11 @@ from __future__ import annotations
 import argparse
 import re
 from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pipeline.editing.edit_list import Edit
 
 
 def positive(text: str) -> float:
@@ -169,6 +174,28 @@ def add_world(parser: argparse.ArgumentParser) -> None:
         help="a fixed box that bodies hit, where none of them moves: a point on it, told apart by its colour, or the "
         "corners of its face, box@X0,Y0,X1,Y1 (px of the video's own picture); may be repeated",
     )
+
+
+def add_edits(parser: argparse.ArgumentParser) -> None:
+    """The arguments that change a scene."""
+    add = parser.add_argument
+    add("--set", dest="set", action="append", default=[], metavar="PATH=VALUE", help="a change of a number")
+    add("--remove", action="append", default=[], metavar="NAME", help="an object that is taken away")
+    add("--add", action="append", type=Path, default=[], metavar="FILE", help="an object (YAML) that is put in")
+    add("--at", type=number, default=0.0, metavar="S", help="when these changes are made, s from the beginning (0)")
+    add("--edits", type=Path, metavar="FILE", help="a list of edits (YAML), each with its own time")
+
+
+def edits_of(arguments: argparse.Namespace) -> list[Edit]:
+    """The edits that the arguments of `add_edits` say. Raises SceneError for a file that is not right."""
+    from pipeline.editing.edit_list import Edit, read_edits, read_object
+
+    a = arguments
+    edits = [] if a.edits is None else read_edits(a.edits)
+    edits += [Edit(a.at, remove=name) for name in a.remove]
+    edits += [Edit(a.at, set=text) for text in a.set]
+    edits += [Edit(a.at, add=read_object(path)) for path in a.add]
+    return edits
 
 
 def _numbers(text: str, lengths: tuple[int, ...], form: str) -> tuple[float, ...]:

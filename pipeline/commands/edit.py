@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from pipeline.commands.arguments import add_edits, edits_of
+
 SUMMARY = "change a number of a clip's scene and see the clip itself change"
 DESCRIPTION = """\
 Show a clip as it would have been filmed had its scene been another.
@@ -33,11 +35,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("found", type=Path, metavar="FOUND", help="a folder that `dynamics infer` wrote")
-    add("--set", dest="set", action="append", default=[], metavar="PATH=VALUE", help="a change of a number")
-    add("--remove", action="append", default=[], metavar="NAME", help="an object that is taken away")
-    add("--add", action="append", type=Path, default=[], metavar="FILE", help="an object (YAML) that is put in")
-    add("--at", type=float, default=0.0, metavar="S", help="when these changes are made, s of the clip (0)")
-    add("--edits", type=Path, metavar="FILE", help="a list of edits (YAML)")
+    add_edits(parser)
     add("-o", "--out", type=Path, required=True, metavar="OUT", help="folder for the results; it must not exist yet")
     add("--force", action="store_true", help="replace OUT where `dynamics` wrote it and nothing else is in it")
 
@@ -45,15 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     from pipeline.api.edit import edit
     from pipeline.api.result_folder import check_replaceable
-    from pipeline.editing.edit_list import Edit, read_edits, read_object
     from pipeline.inference.progress import Progress
 
     a = arguments
     check_replaceable(a.out, a.force)
-    edits = [] if a.edits is None else read_edits(a.edits)
-    edits += [Edit(a.at, remove=name) for name in a.remove]
-    edits += [Edit(a.at, set=text) for text in a.set]
-    edits += [Edit(a.at, add=read_object(path)) for path in a.add]
+    edits = edits_of(a)
     with Progress(4, shown=True) as progress:
         made = edit(a.found, edits, progress)
         made.save(a.out, a.force, progress)

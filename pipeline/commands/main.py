@@ -34,7 +34,7 @@ where to go on:
 """
 #: The subcommands: a module each, with SUMMARY (one line for `dynamics --help`), DESCRIPTION (what it does, with
 #: examples), add_arguments(parser) and run(arguments). It imports nothing heavy before `run`.
-VERBS = ("discover", "edit", "infer", "masks", "simulate", "store", "view")
+VERBS = ("app", "discover", "edit", "export", "infer", "masks", "simulate", "store", "view")
 INTERRUPTED = 130
 CLOSED_PIPE = 141
 TERMINATED = 143

@@ -249,11 +249,10 @@ def gather(
     clear: np.ndarray,
     light: np.ndarray,
     darkness: np.ndarray,
-    total: np.ndarray,
-    square: np.ndarray,
+    colour: np.ndarray,
     weight: np.ndarray,
 ) -> None:
-    """Add what one frame shows of the texels of body i, each weighted by the fourth power of the facing cosine.
+    """Write what one frame shows of the texels of body i, each weighted by the fourth power of the facing cosine.
 
     Args:
         body: (N, 17).
@@ -267,9 +266,8 @@ def gather(
         clear: (H, W) bool, where this body is seen for certain.
         light: (L, 8).
         darkness: (L,).
-        total: (M, 3), changed: weighted sum of colours in the light of open ground.
-        square: (M,), changed: weighted sum of the squared lengths of these colours.
-        weight: (M,), changed.
+        colour: (M, 3) float32, output: in the light of open ground; untouched where a texel is not seen.
+        weight: (M,) float32, output; untouched there.
     """
     height, width = clear.shape
     cu, cv, du, dv, s = correction
@@ -289,12 +287,9 @@ def gather(
         if not (clear[row, col] and clear[row, col + 1] and clear[row + 1, col] and clear[row + 1, col + 1]):
             continue
         a, b = u - col, v - row
-        power = facing**4
         bright = max(_light_of(body, light, darkness, i, p, n), _LEAST_LIGHT)
         for channel in range(3):
             above = (1 - a) * frame[row, col, channel] + a * frame[row, col + 1, channel]
             below = (1 - a) * frame[row + 1, col, channel] + a * frame[row + 1, col + 1, channel]
-            value = ((1 - b) * above + b * below) / bright
-            total[m, channel] += power * value
-            square[m] += power * value * value
-        weight[m] += power
+            colour[m, channel] = ((1 - b) * above + b * below) / bright
+        weight[m] = facing**4

@@ -7,6 +7,7 @@ another one is, the picture is made of the plate, of shadows and of the bodies' 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -16,11 +17,14 @@ from pipeline.editing import plate as plates
 from pipeline.editing import surface_texture
 from pipeline.editing.camera_rays import NOBODY
 from pipeline.editing.drawing import Drawn, blurred, draw
+from pipeline.editing.edit_list import Colour
 from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.layers import Layers
 from pipeline.editing.light import ground_light
 from pipeline.editing.surface_texture import SIZE, Textures, plain_texture, unturned
+from pipeline.editing.texture_views import Pose, nearness, texture_near
 from pipeline.editing.view import BodyMotion, within_px
+from pipeline.vision.rendering.appearance import object_colour
 
 SAME_PX = 0.1  # a body that is shown this close to where it was filmed is left as it was filmed
 SHADOW_CHANGE = 0.004  # of the light on the ground, from which on a pixel is touched
@@ -55,6 +59,7 @@ def compose(
     start: int,
     rng: np.random.Generator,
     redraw: bool = False,
+    colours: Sequence[Colour | None] = (),
 ) -> EditedFrames:
     """Show an edited motion.
 
@@ -65,16 +70,21 @@ def compose(
         origin: (M,) which body of the clip each of them is; None for a new one.
         start: First frame that may differ from the clip's.
         rng: Of the noise.
-        redraw: Make every pixel from the layers, also those that the edit does not touch.
+        redraw: Make every pixel from the layers, also those that the edit does not touch; textures then come from the
+            other frames.
+        colours: (M,) RGB of new bodies, from 0 to 255, where it is said; none where none is.
 
     Returns:
         The pictures.
     """
     as_filmed, corrections = follow(layers, edited, origin, start, redraw)
-    parts = [layers.textures.colour[o] if o is not None else plain_texture(m)[0] for m, o in enumerate(origin)]
-    kinds = [layers.textures.kind[o] if o is not None else plain_texture(m)[1] for m, o in enumerate(origin)]
-    texture = np.stack(parts) if parts else np.zeros((0, 6, SIZE, SIZE, 3), np.float32)
-    kind = np.stack(kinds) if kinds else np.zeros((0, 6, SIZE, SIZE), np.uint8)
+    said = [object_colour(m) if m >= len(colours) else colours[m] or object_colour(m) for m in range(len(origin))]
+    parts = [
+        plain_texture(said[m]) if o is None else (layers.textures.colour[o], layers.textures.kind[o])
+        for m, o in enumerate(origin)
+    ]
+    texture = np.stack([p[0] for p in parts]) if parts else np.zeros((0, 6, SIZE, SIZE, 3), np.float32)
+    kind = np.stack([p[1] for p in parts]) if parts else np.zeros((0, 6, SIZE, SIZE), np.uint8)
     turned = unturned(edited, [o is not None and layers.same_all_around[o] for o in origin])
     frames, ids = clip.frames.copy(), np.zeros(clip.masks.shape, np.uint8)
     shown_bodies, shown_plate = np.zeros(3), np.zeros(3)
@@ -86,6 +96,9 @@ def compose(
             shown_plate[0] += (ids[t] == 0).sum()
             continue
         pose = turned.tables[t], corrections[t], rectangles[t], edited.shown[t]
+        for m in np.flatnonzero(edited.shown[t]):
+            if (o := origin[m]) is not None:
+                texture[m] = _texture_at(layers, o, turned.quaternion[t, m], corrections[t, m], t, redraw)
         drawn = draw(layers.view, *pose, Textures(texture, kind), layers.lights)
         light = ground_light(edited, layers.view, corrections, t, layers.lights)
         touched = np.ones(clip.masks.shape[1:], bool)
@@ -112,7 +125,9 @@ def follow(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which bodies are where they were filmed, (T, M) bool, and the corrections (T, M, 5) of the edited motion.
 
-    A body has the clip's own correction as long as it moves as filmed, and keeps the last of these from then on.
+    A body has the clip's own correction as long as it moves as filmed. From then on it has the last of these, and the
+    one of each frame as far as it is still near to where the scene has it in that frame of the clip: the scene's error
+    is alike there.
     """
     frames, count = edited.shown.shape
     filmed, index = layers.motion, [o for o in origin if o is not None]
@@ -138,13 +153,32 @@ def follow(
     same[start:] = together
     corrections = np.zeros((frames, count, 5))
     corrections[..., :2], corrections[..., 4] = edited.centres_px(layers.view), 1
+    boxes = edited.rectangles(layers.view)
     for m in known:
-        last = max(start - 1, 0)
+        own, last = layers.corrections[:, _origin(origin, m)], max(start - 1, 0)
         for t in range(frames):
             if t < start or same[t, m]:
                 last = t
-            corrections[t, m, 2:] = layers.corrections[last, _origin(origin, m), 2:]
+            apart = float(np.linalg.norm(corrections[t, m, :2] - own[t, :2]))
+            size = max(boxes[t, m, 1] - boxes[t, m, 0], boxes[t, m, 3] - boxes[t, m, 2], 1.0)
+            near = math.exp(-0.5 * (apart / size) ** 2)
+            corrections[t, m, 2:] = near * own[t, 2:] + (1 - near) * own[last, 2:]
     return same & (not redraw), corrections
+
+
+def _texture_at(
+    layers: Layers, body: int, quaternion: np.ndarray, correction: np.ndarray, t: int, others: bool
+) -> np.ndarray:
+    """(6, S, S, 3) the texture of a body of the clip for a pose in frame t; `others`: without that frame's own."""
+    seen, mean = layers.textures.seen[body], layers.textures.colour[body]
+    use = seen.frames != t if others else np.ones(len(seen.frames), bool)
+    if not use.any():
+        return mean
+    filmed, drawn = layers.corrections[seen.frames, body], layers.drawn.quaternion[seen.frames, body]
+    poses = Pose(drawn, filmed[:, :2] + filmed[:, 2:4], seen.frames)
+    pose = Pose(quaternion, correction[:2] + correction[2:4], np.array(t))
+    near = np.where(use, nearness(poses, pose, layers.view.ray_arguments[2]), 0)
+    return texture_near(mean, seen, near / near.max())
 
 
 def _touched(

@@ -14,6 +14,7 @@ from pydantic_core import PydanticCustomError
 from pipeline.errors import SceneError, did_you_mean
 from pipeline.untrusted import parse_yaml, read_text
 
+Colour = tuple[int, int, int]
 _VALID = "one of `set` (with `value`), `remove` and `add`"
 
 
@@ -25,7 +26,8 @@ class Edit:
         at: s of the clip, from which on it holds.
         set: `path=value`, as `dynamics simulate --set` takes it.
         remove: Name of an object.
-        add: An object as the text of a scene has it.
+        add: An object as the text of a scene has it, and `colour`, [R, G, B] from 0 to 255, if it shall have a certain
+            one.
     """
 
     at: float
@@ -40,6 +42,11 @@ class Edit:
             what = f"remove {self.remove}" if self.add is None else f"add {self.add.get('name', 'an object')}"
         return f"{what} at {self.at:g} s"
 
+    def record(self) -> dict[str, Any]:
+        """The edit for result.json."""
+        kinds = {"set": self.set, "remove": self.remove, "add": self.add}
+        return {"at": self.at} | {kind: value for kind, value in kinds.items() if value is not None}
+
 
 class EditText(BaseModel):
     """One entry of a list of edits."""
@@ -52,7 +59,9 @@ class EditText(BaseModel):
     set: str | None = Field(None, description="path of a number of the scene, as objects[0].mass")
     value: Any = Field(None, description="what is set there: a number or a list of numbers")
     remove: str | None = Field(None, description="name of an object that is taken away")
-    add: dict[str, Any] | None = Field(None, description="an object as in a scene (docs/formats.md)")
+    add: dict[str, Any] | None = Field(
+        None, description="an object as in a scene (docs/formats.md), and its colour, [R, G, B] from 0 to 255"
+    )
 
     @model_validator(mode="after")
     def _one(self) -> EditText:
@@ -104,11 +113,24 @@ def read_object(path: Path) -> dict[str, Any]:
     return data
 
 
-def in_order(edits: Sequence[Edit], seconds: float) -> list[Edit]:
-    """Edits by time; those of one time in their own order. Raises SceneError for one outside of the clip."""
+def added_object(edit: Edit) -> tuple[dict[str, Any], Colour | None]:
+    """The object that an edit adds, as in the text of a scene, and its colour. Raises SceneError for another colour."""
+    assert edit.add is not None
+    obj = {key: value for key, value in edit.add.items() if key != "colour"}
+    colour = edit.add.get("colour")
+    if colour is None:
+        return obj, None
+    whole = isinstance(colour, list) and len(colour) == 3 and all(type(v) is int and 0 <= v <= 255 for v in colour)
+    if not whole:
+        raise SceneError(f"{edit}: colour: {colour!r}; valid: [R, G, B], three whole numbers from 0 to 255")
+    return obj, (colour[0], colour[1], colour[2])
+
+
+def in_order(edits: Sequence[Edit], seconds: float, what: str = "the clip") -> list[Edit]:
+    """Edits by time; those of one time in their own order. Raises SceneError for one outside of `what`."""
     for edit in edits:
         if not 0 <= edit.at < seconds:
-            raise SceneError(f"{edit}: the clip is {seconds:g} s long; valid: 0 to less than {seconds:g}")
+            raise SceneError(f"{edit}: {what} is {seconds:g} s long; valid: 0 to less than {seconds:g}")
     return sorted(edits, key=lambda e: e.at)
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from itertools import groupby
 
 import numpy as np
 
-from pipeline.editing.edit_list import Edit
+from pipeline.editing.edit_list import Colour, Edit, added_object
 from pipeline.editing.view import BodyMotion
 from pipeline.errors import SceneError, did_you_mean
 from pipeline.physics.overlap import ground_penetration, overlaps
@@ -33,6 +33,7 @@ class EditedMotion:
         scene: The scene after the last edit, with its state at that time.
         time: When that is, s.
         first: First frame that an edit concerns.
+        colours: Colours of added bodies, RGB from 0 to 255, by name, as far as the edits say.
     """
 
     motion: BodyMotion
@@ -40,6 +41,13 @@ class EditedMotion:
     scene: Scene
     time: float
     first: int
+    colours: Mapping[str, Colour] = field(default_factory=dict)
+
+    @property
+    def colour_of(self) -> tuple[Colour | None, ...]:
+        """(M,) the colours of new bodies, where they are known."""
+        known = zip(self.motion.objects, self.origin, strict=True)
+        return tuple(self.colours.get(o.name) if origin is None else None for o, origin in known)
 
 
 def frame_steps(frames: int, fps: float) -> np.ndarray:
@@ -55,8 +63,57 @@ def filmed_motion(scene: Scene, frames: int, fps: float) -> tuple[BodyMotion, Tr
     return BodyMotion(scene.objects, trace.position[steps], trace.quaternion[steps], shown), trace
 
 
+@dataclass(frozen=True)
+class Run:
+    """A scene that is run from one edit to the next.
+
+    Attributes:
+        step: Simulation step of the whole motion at which it begins.
+        scene: The scene, with its state then.
+        trace: Its motion to the end of the whole motion; the next run goes on from a state within it.
+    """
+
+    step: int
+    scene: Scene
+    trace: Trace
+
+
+def edited_runs(scene: Scene, trace: Trace, edits: Sequence[Edit]) -> tuple[tuple[Run, ...], dict[str, int]]:
+    """Run a scene on from each of its edits.
+
+    Args:
+        scene: Without the edits.
+        trace: Its motion.
+        edits: By time, from `in_order`.
+
+    Returns:
+        The runs, that of the scene without edits first unless there are edits at its beginning; and which object of
+        the scene each name still means, since a removed name may be given to another.
+
+    Raises:
+        SceneError: An edit does not fit the scene, or puts a body into another.
+        SimulationError: The edited scene becomes unstable.
+    """
+    origins = {o.name: i for i, o in enumerate(scene.objects)}
+    runs, steps = [Run(0, scene, trace)], len(trace.position) - 1
+    for step, group in groupby(edits, key=lambda e: round(e.at * STEPS_PER_SECOND)):
+        last = runs[-1]
+        after = _applied(scene_at(last.scene, last.trace, step - last.step), list(group), origins)
+        rest = max(steps - step, 1) / STEPS_PER_SECOND
+        runs = runs[:-1] if last.step == step else runs
+        runs.append(Run(step, after, simulate(after, rest) if after.objects else _nothing(last.trace, steps - step)))
+    return tuple(runs), origins
+
+
+def _nothing(trace: Trace, steps: int) -> Trace:
+    """The motion of no bodies."""
+    vector = np.zeros((steps + 1, 0, 3))
+    contacts = replace(trace.contacts, **{f.name: getattr(trace.contacts, f.name)[:0] for f in fields(trace.contacts)})
+    return Trace(trace.rate, vector, np.zeros((steps + 1, 0, 4)), vector, vector, contacts)
+
+
 def run_edits(scene: Scene, trace: Trace, edits: Sequence[Edit], frames: int, fps: float) -> EditedMotion:
-    """Run a scene with edits.
+    """The motion of a scene with edits, at the frames of its clip.
 
     Args:
         scene: The clip's scene.
@@ -70,23 +127,21 @@ def run_edits(scene: Scene, trace: Trace, edits: Sequence[Edit], frames: int, fp
         SimulationError: The edited scene becomes unstable.
     """
     steps = frame_steps(frames, fps)
+    runs, origins = edited_runs(scene, trace, edits)
     bodies: list[SceneObject] = list(scene.objects)
-    origins: dict[str, int] = {o.name: i for i, o in enumerate(scene.objects)}
     origin: list[int | None] = list(range(len(bodies)))
     position = [trace.position[steps, i] for i in range(len(bodies))]
     quaternion = [trace.quaternion[steps, i] for i in range(len(bodies))]
     shown = [np.ones(frames, bool) for _ in bodies]
-    begun, first, current, run = 0, frames, scene, trace
-    for step, group in groupby(edits, key=lambda e: round(e.at * STEPS_PER_SECOND)):
-        state = scene_at(current, run, step - begun)
-        after = _applied(state, list(group), origins)
-        begun, current = step, after
-        run = simulate(after, (steps[-1] + 1 - step) / STEPS_PER_SECOND) if after.objects else run
-        later = np.flatnonzero(steps >= step)
+    first = frames
+    for run in runs:
+        if run.trace is trace:
+            continue
+        later = np.flatnonzero(steps >= run.step)
         first = min(first, int(later[0])) if len(later) else first
         for known in shown:
             known[later] = False
-        for k, obj in enumerate(after.objects):
+        for k, obj in enumerate(run.scene.objects):
             m = _entry(bodies, obj)
             if m is None:
                 m = len(bodies)
@@ -95,11 +150,14 @@ def run_edits(scene: Scene, trace: Trace, edits: Sequence[Edit], frames: int, fp
                 position.append(np.tile(np.array(obj.position, float), (frames, 1)))
                 quaternion.append(np.tile(np.array(obj.orientation, float), (frames, 1)))
                 shown.append(np.zeros(frames, bool))
-            position[m][later] = run.position[steps[later] - step, k]
-            quaternion[m][later] = run.quaternion[steps[later] - step, k]
+            position[m][later] = run.trace.position[steps[later] - run.step, k]
+            quaternion[m][later] = run.trace.quaternion[steps[later] - run.step, k]
             shown[m][later] = True
     motion = BodyMotion(tuple(bodies), np.stack(position, 1), np.stack(quaternion, 1), np.stack(shown, 1))
-    return EditedMotion(motion, tuple(origin), current, begun / STEPS_PER_SECOND, first)
+    added = [added_object(edit) for edit in edits if edit.add is not None]
+    colours = {str(obj.get("name")): colour for obj, colour in added if colour is not None}
+    last = runs[-1]
+    return EditedMotion(motion, tuple(origin), last.scene, last.step / STEPS_PER_SECOND, first, colours)
 
 
 def scene_at(scene: Scene, trace: Trace, step: int) -> Scene:
@@ -152,7 +210,7 @@ def _without(scene: Scene, edit: Edit) -> Scene:
 
 def _with(scene: Scene, edit: Edit) -> Scene:
     data = parse_yaml(write_scene(scene), "the scene", SceneError)
-    data["objects"] = [*data["objects"], edit.add]
+    data["objects"] = [*data["objects"], added_object(edit)[0]]
     try:
         return scene_from_dict(data, "the edited scene")
     except SceneError as error:

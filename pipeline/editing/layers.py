@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -42,6 +43,11 @@ class Layers:
     textures: Textures
     same_all_around: tuple[bool, ...]
     blur: float
+
+    @cached_property
+    def drawn(self) -> BodyMotion:
+        """The motion with which the textures turn."""
+        return unturned(self.motion, self.same_all_around)
 
 
 def take_apart(clip: FilmedClip, motion: BodyMotion, view: View) -> Layers:

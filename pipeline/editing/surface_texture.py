@@ -28,23 +28,11 @@ LEAST_WEIGHT = 1e-3
 NEIGHBOURS = 8  # from which a texel is filled in
 ERODED_PX = 1  # of a mask, whose rim is mixed with the background
 SHADINGS = (0.0, 0.5, 1.0)  # that are tried
-TRIED_SIZE, TRIED_EVERY = 24, 3  # texels and frames that they are tried with
+MOST_FRAMES = 60  # whose texels are kept
+TRIED_SIZE, TRIED_FRAMES = 24, 10  # texels and frames that they are tried with
 STILL_BETTER = 0.7  # of the spread of a body that turns: at most so much has one that looks the same all around
 #: Reflections along the body's axes, in the order in which they are tried.
 MIRRORS = ((-1, 1, 1), (1, -1, 1), (1, 1, -1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1), (-1, -1, -1))
-
-
-@dataclass(frozen=True)
-class Textures:
-    """The surfaces of N bodies.
-
-    Attributes:
-        colour: (N, 6, S, S, 3) float32, 0 to 255, in the light of open ground.
-        kind: (N, 6, S, S) uint8: MEASURED, MIRRORED or INVENTED.
-    """
-
-    colour: np.ndarray
-    kind: np.ndarray
 
 
 def cube_directions(size: int = SIZE) -> np.ndarray:
@@ -77,21 +65,47 @@ def surface_points(obj: SceneObject, size: int = SIZE) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Gathered:
-    """What a clip shows of one body's texels.
+class SeenTexels:
+    """What K frames show of one body's M texels.
 
     Attributes:
-        colour: (M, 3), the weighted mean of each texel.
-        weight: (M,).
-        spread: Squared deviation from these means, as a share of their squares: how much the frames contradict.
+        frames: (K,), which they are.
+        colour: (K, M, 3) float32, in the light of open ground.
+        weight: (K, M) float32, the fourth power of the facing cosine; 0 where a texel is not seen.
+    """
+
+    frames: np.ndarray
+    colour: np.ndarray
+    weight: np.ndarray
+
+    def mean(self) -> np.ndarray:
+        """(M, 3), the weighted mean of each texel."""
+        total = np.einsum("km,kmc->mc", self.weight, self.colour)
+        return np.asarray(total / np.maximum(self.weight.sum(0), LEAST_WEIGHT)[:, None])
+
+    def spread(self) -> float:
+        """Squared deviation from the means, as a share of their squares: how much the frames contradict each other."""
+        squares = float(np.einsum("km,kmc->", self.weight, self.colour**2))
+        explained = float((self.mean() ** 2).sum(1) @ self.weight.sum(0))
+        return (squares - explained) / max(explained, 1e-9)
+
+
+@dataclass(frozen=True)
+class Textures:
+    """The surfaces of N bodies.
+
+    Attributes:
+        colour: (N, 6, S, S, 3) float32, 0 to 255, in the light of open ground.
+        kind: (N, 6, S, S) uint8: MEASURED, MIRRORED or INVENTED.
+        seen: (N,) what single frames show of them.
     """
 
     colour: np.ndarray
-    weight: np.ndarray
-    spread: float
+    kind: np.ndarray
+    seen: tuple[SeenTexels, ...] = ()
 
 
-def gathered(
+def seen_texels(
     motion: BodyMotion,
     i: int,
     view: View,
@@ -99,8 +113,8 @@ def gathered(
     clip: FilmedClip,
     lights: Lights,
     size: int = SIZE,
-    every: int = 1,
-) -> Gathered:
+    most: int = MOST_FRAMES,
+) -> SeenTexels:
     """Collect the texels of body i.
 
     Args:
@@ -111,21 +125,21 @@ def gathered(
         clip: T frames.
         lights: By which shading is taken off.
         size: Texels along the side of a face.
-        every: Only each such frame is used.
+        most: So many frames are used, evenly spaced over those in which the body is seen.
     """
     eye, rotation, focal, _ = view.ray_arguments
     square = np.ones((2 * ERODED_PX + 1,) * 2, np.uint8)
     points = surface_points(motion.objects[i], size).reshape(-1, 3)
-    total, squares, weight = np.zeros((len(points), 3)), np.zeros(len(points)), np.zeros(len(points))
-    for t in np.flatnonzero(motion.shown[:, i])[::every]:
+    seen = np.flatnonzero(motion.shown[:, i] & (clip.masks == i + 1).any((1, 2)))
+    frames = seen[np.unique(np.linspace(0, len(seen) - 1, min(most, len(seen))).astype(int))]
+    colour = np.zeros((len(frames), len(points), 3), np.float32)
+    weight = np.zeros((len(frames), len(points)), np.float32)
+    for k, t in enumerate(frames):
         clear = cv2.erode((clip.masks[t] == i + 1).astype(np.uint8), square) > 0
-        if clear.any():
-            pose = motion.tables[t], i, points, corrections[t, i]
-            light = lights.light, lights.on_bodies
-            gather(*pose, eye, rotation, focal, clip.frames[t], clear, *light, total, squares, weight)
-    mean = total / np.maximum(weight, LEAST_WEIGHT)[:, None]
-    explained = float((mean**2).sum(1) @ weight)
-    return Gathered(mean, weight, (float(squares.sum()) - explained) / max(explained, 1e-9))
+        pose = motion.tables[t], i, points, corrections[t, i]
+        light = lights.light, lights.on_bodies
+        gather(*pose, eye, rotation, focal, clip.frames[t], clear, *light, colour[k], weight[k])
+    return SeenTexels(frames, colour, weight)
 
 
 def find_textures(
@@ -135,12 +149,12 @@ def find_textures(
     count = len(motion.objects)
     colour = np.empty((count, 6, SIZE, SIZE, 3), np.float32)
     kind = np.empty((count, 6, SIZE, SIZE), np.uint8)
-    for i in range(count):
-        found = gathered(motion, i, view, corrections, clip, lights)
-        seen = (found.weight > LEAST_WEIGHT).reshape(6, SIZE, SIZE)
-        mean = found.colour.reshape(6, SIZE, SIZE, 3)
-        colour[i], kind[i] = completed(mean, seen) if seen.any() else plain_texture(i)
-    return Textures(colour, kind)
+    texels = tuple(seen_texels(motion, i, view, corrections, clip, lights) for i in range(count))
+    for i, found in enumerate(texels):
+        seen = (found.weight.sum(0) > LEAST_WEIGHT).reshape(6, SIZE, SIZE)
+        mean = found.mean().reshape(6, SIZE, SIZE, 3)
+        colour[i], kind[i] = completed(mean, seen) if seen.any() else plain_texture(object_colour(i))
+    return Textures(colour, kind, texels)
 
 
 def find_gloss(
@@ -157,7 +171,8 @@ def find_gloss(
         shaded = replace(lights, shading=shading)
         for i, obj in enumerate(motion.objects):
             for k, tried in enumerate((motion, still) if obj.shape == "sphere" else (motion,)):
-                spreads[s, i, k] = gathered(tried, i, view, corrections, clip, shaded, TRIED_SIZE, TRIED_EVERY).spread
+                found = seen_texels(tried, i, view, corrections, clip, shaded, TRIED_SIZE, TRIED_FRAMES)
+                spreads[s, i, k] = found.spread()
     spreads[..., 1] /= STILL_BETTER
     best = int(spreads.min(-1).sum(-1).argmin()) if len(lights.light) else 0
     return SHADINGS[best], tuple(bool(k) for k in spreads[best].argmin(-1))
@@ -196,10 +211,10 @@ def completed(colour: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndar
     return out.astype(np.float32), kind
 
 
-def plain_texture(index: int) -> tuple[np.ndarray, np.ndarray]:
-    """The texture of a body that was never seen: the colour in which object `index` is drawn everywhere, invented."""
-    colour = np.broadcast_to(np.array(object_colour(index), np.float32), (6, SIZE, SIZE, 3))
-    return colour.copy(), np.full((6, SIZE, SIZE), INVENTED, np.uint8)
+def plain_texture(colour: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """The texture of a body that was never seen: invented, of one colour (3,), RGB from 0 to 255."""
+    everywhere = np.broadcast_to(np.array(colour, np.float32), (6, SIZE, SIZE, 3))
+    return everywhere.copy(), np.full((6, SIZE, SIZE), INVENTED, np.uint8)
 
 
 def _mirrored(values: np.ndarray, signs: tuple[int, ...]) -> np.ndarray:

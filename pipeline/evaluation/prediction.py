@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from pipeline.clips.replay import replay_poses
 from pipeline.clips.schedule import Schedule
-from pipeline.metrics.extrapolation import at_constant_velocity
+from pipeline.metrics.extrapolation import at_constant_velocity, moved_with_replay
 from pipeline.metrics.overlap import Counts, assign, count, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
 
@@ -66,38 +65,3 @@ def forecast_scores(scene: Scene, masks: np.ndarray, seen: int, schedule: Schedu
 
 def _frames(counts: Counts, which: slice) -> Counts:
     return Counts(counts.shared[which], counts.predicted[which], counts.true[which], counts.foreground[which])
-
-
-def moved_with_replay(own: np.ndarray, masks: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """The frames after `masks`: each instance's last mask, moved and scaled as its object's mask in the replay.
-
-    Args:
-        own: (F + M, H, W) the replay's masks.
-        masks: (F, H, W) masks of the seen frames.
-        pairs: (P, 2) object, instance.
-
-    Returns:
-        (M, H, W). Where instance and object are not both visible in the last frame seen: the object's own mask.
-    """
-    last, later = len(masks) - 1, own[len(masks) :]
-    out = np.zeros_like(later)
-    for i, j in pairs:
-        shape = masks[last] == j + 1
-        before, true = _centre_and_size(own[last] == i + 1), _centre_and_size(shape)
-        for frame, mask in zip(out, later == i + 1, strict=True):
-            now = _centre_and_size(mask)
-            if before is None or true is None or now is None:
-                frame[mask] = j + 1
-                continue
-            scale = now[1] / before[1]
-            shift = true[0] + now[0] - before[0] - scale * true[0]
-            matrix = np.column_stack([scale * np.eye(2), shift])
-            moved = cv2.warpAffine(shape.astype(np.uint8), matrix, shape.shape[::-1], flags=cv2.INTER_NEAREST)
-            frame[moved > 0] = j + 1
-    return out
-
-
-def _centre_and_size(mask: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Centroid (2,) column, row of a mask (H, W) and the square root of its area, px; None where it is empty."""
-    rows, columns = np.nonzero(mask)
-    return (np.array([columns.mean(), rows.mean()]), float(np.sqrt(len(rows)))) if len(rows) else None

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.clips.replay import masks_at
 from pipeline.errors import SimulationError
-from pipeline.metrics.extrapolation import at_constant_velocity
+from pipeline.metrics.extrapolation import at_constant_velocity, moved_with_replay
 from pipeline.metrics.overlap import Counts, assign, count, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
 
@@ -26,8 +26,8 @@ class Forecast:
 
     Attributes:
         from_s: Where the rest begins, s from the clip's beginning.
-        iou: Sequence IoU over the rest.
-        constant_velocity_iou: That of the last masks, moved on at constant velocity.
+        iou: Sequence IoU over the rest, of the last masks moved on as the scene's replay moves.
+        constant_velocity_iou: That of the last masks moved on at constant velocity.
     """
 
     from_s: float
@@ -62,6 +62,9 @@ def fitted_frames(times: np.ndarray) -> int:
 def forecast(scene: Scene, masks: np.ndarray, times: np.ndarray, seen: int) -> Forecast | None:
     """Score a scene that was found from the first part of a clip on the rest.
 
+    Its motion is scored: the last mask of each body before the rest is carried on as the replay moves, and for
+    comparison at constant velocity.
+
     Args:
         scene: What was found.
         masks: (T, H, W) ids of the whole clip; bodies without an object count as missed.
@@ -82,8 +85,8 @@ def forecast(scene: Scene, masks: np.ndarray, times: np.ndarray, seen: int) -> F
     rate = (len(times) - 1) / float(times[-1] - times[0])
     moved = at_constant_velocity(masks[:seen], len(masks) - seen, rate)
     same = np.stack([np.arange(instances)] * 2, 1)
-    iou = float(sequence_iou(_part(counts, slice(seen, None)), pairs))
-    rival = float(sequence_iou(count(moved, masks[seen:], instances, instances), same))
+    told = moved_with_replay(own, masks[:seen], pairs)
+    iou, rival = (float(sequence_iou(count(m, masks[seen:], instances, instances), same)) for m in (told, moved))
     if not np.isfinite(iou) or not np.isfinite(rival):  # no body is seen in the rest
         return None
     return Forecast(from_s=float(times[seen] - times[0]), iou=iou, constant_velocity_iou=rival)

@@ -245,7 +245,7 @@ def _likely_kind(
     if slope is not None:
         return "incline", f"bodies speed up along a line of {abs(slope):.1f}°"
     if gravity is not None:
-        kind = "flight" if all(m.kind in ("free", "rest") for m in motions) else "side"
+        kind = "flight" if all(m.kind in ("free", "rest") or may_fall(m, gravity) for m in motions) else "side"
         return kind, f"bodies fall with {np.linalg.norm(gravity):.0f} px/s²"
     if sum(m.path for m in _of_kind(moving, "other")) > LEAST_SHARE_FREE * total:
         return "table", "paths bend, and not as free fall does"
@@ -254,6 +254,12 @@ def _likely_kind(
             return "table", "balls move along straight lines in several directions, and may come nearer"
         return "top", "bodies move along straight lines in several directions and grow nowhere"
     return "side", "bodies move along level lines"
+
+
+def may_fall(motion: ArcMotion, gravity: np.ndarray) -> bool:
+    """Whether an arc is too short to tell its motion from free fall. gravity: (2,) px/s²."""
+    off = np.linalg.norm(motion.arc.acceleration - gravity)
+    return bool(off <= SIGNIFICANT * motion.arc.acceleration_sigma)
 
 
 def bent(motion: ArcMotion) -> bool:

@@ -62,6 +62,40 @@ def test_without_a_change_nothing_departs_and_nothing_is_written(run: Run, shelf
     assert sorted(tmp_path.iterdir()) == before
 
 
+BALL = """\
+{name: new, shape: sphere, radius: 0.05, mass: 0.1, sliding_friction: 0.5, rolling_friction: 0.0, damping: 1.0,
+ position: [0, 0.5, 0.6], velocity: [0, 0, 0], angular_velocity: [0, 0, 0], orientation: [1, 0, 0, 0]}
+"""
+
+
+def test_bodies_are_removed_and_added_at_a_time_as_by_edit(run: Run, shelf: Path, tmp_path: Path) -> None:
+    (tmp_path / "ball.yaml").write_text(BALL)
+    edits = f"edits:\n- {{at: 0.5, remove: crate}}\n- {{at: 0.5, add: {BALL.strip()}}}\n"
+    (tmp_path / "edits.yaml").write_text(edits)
+    words = ("--remove", "crate", "--add", tmp_path / "ball.yaml", "--at", "0.5")
+    one = run("simulate", shelf / "scene.yaml", *words, "-o", tmp_path / "one")
+    other = run("simulate", shelf / "scene.yaml", "--edits", tmp_path / "edits.yaml", "-o", tmp_path / "other")
+    assert (one.code, other.code) == (0, 0)
+    for name in ("scene.yaml", "trajectory.csv"):
+        assert (tmp_path / "one" / name).read_text() == (tmp_path / "other" / name).read_text()
+    assert [o.name for o in load_scene(tmp_path / "one" / "scene.yaml").objects] == ["ball", "new"]
+    assert [line.split()[2] for line in one.out.splitlines()[1:4]] == ["0.000", "removed", "added"]
+    rows = list(csv.DictReader((tmp_path / "one" / "trajectory.csv").open()))
+    times = {k: [float(r["time"]) for r in rows if (r["clip"], r["object"]) == ("edited", k)] for k in ("crate", "new")}
+    assert times["crate"] == pytest.approx(np.arange(120) / 240, abs=1e-6)
+    assert times["new"] == pytest.approx(np.arange(120, 241) / 240, abs=1e-6)
+    falls = [float(r["z"]) for r in rows if (r["clip"], r["object"]) == ("edited", "new")][:24]
+    t = np.arange(24) / 240
+    np.testing.assert_allclose(falls, 0.6 - 0.5 * 9.81 * t**2, atol=5e-3)
+
+
+def test_an_edit_after_the_end_is_refused_and_nothing_is_written(run: Run, shelf: Path, tmp_path: Path) -> None:
+    done = run("simulate", shelf / "scene.yaml", "--remove", "crate", "--at", "1.5", "-o", tmp_path / "out")
+    assert done.code == 2
+    assert "remove crate at 1.5 s: the run is 1 s long; valid: 0 to less than 1" in done.err
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("size", [300, 20_000, 400_000])
 def test_a_full_disk_is_one_error_and_leaves_nothing(run: Run, shelf: Path, tmp_path: Path, size: int) -> None:
     words = ("simulate", shelf / "scene.yaml", "--set", "gravity=3", "-o", tmp_path / "new" / "out")

@@ -1,11 +1,13 @@
 """Laws of lists of edits: what is read, what is refused, and their schema."""
 
+import json
 from pathlib import Path
 
 import pytest
 
-from pipeline.editing.edit_list import Edit, edits_schema, in_order, read_edits, read_object
+from pipeline.editing.edit_list import Edit, added_object, edits_schema, in_order, read_edits, read_object
 from pipeline.errors import SceneError
+from pipeline.shards.code_hash import ROOT
 
 FILE = """\
 edits:
@@ -60,5 +62,17 @@ def test_edits_are_put_in_order_of_time_and_keep_their_order_within_one() -> Non
         in_order(edits[2:3], 0.5)
 
 
-def test_the_schema_names_every_key_of_an_edit() -> None:
+def test_the_schema_in_docs_is_that_of_the_code() -> None:
+    written = (ROOT / "docs" / "edits.schema.json").read_text(encoding="utf-8")
+    assert json.loads(written) == edits_schema(), (
+        "write it anew: python -c 'import json; from pipeline.editing.edit_list import edits_schema; "
+        "print(json.dumps(edits_schema(), indent=2))' > docs/edits.schema.json"
+    )
     assert set(edits_schema()["$defs"]["EditText"]["properties"]) == {"at", "set", "value", "remove", "add"}
+
+
+@pytest.mark.parametrize("colour", ["red", [1, 2], [1, 2, 256], [1.5, 2, 3], [True, 0, 0], 5])
+def test_a_colour_that_is_none_is_refused_with_what_is_valid(colour: object) -> None:
+    assert added_object(Edit(0.0, add={"name": "a", "colour": [0, 10, 255]})) == ({"name": "a"}, (0, 10, 255))
+    with pytest.raises(SceneError, match=r"add a at 0 s: colour: .*\[R, G, B\]"):
+        added_object(Edit(0.0, add={"name": "a", "colour": colour}))

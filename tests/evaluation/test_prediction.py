@@ -7,7 +7,8 @@ import pytest
 from sampled_scenes import SCHEDULE, draw
 
 from pipeline.clips.replay import replay_poses
-from pipeline.evaluation.prediction import at_constant_velocity, forecast_scores, moved_with_replay
+from pipeline.evaluation.prediction import forecast_scores
+from pipeline.metrics.extrapolation import at_constant_velocity, moved_with_replay
 from pipeline.scene.scene import SceneObject
 
 
