@@ -7,9 +7,11 @@ with the whole batch, up to rounding. They die with the process that started the
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from pipeline.errors import ModelError
@@ -33,6 +35,7 @@ def in_processes(function: Callable[..., Any], count: int, *arguments: object) -
     """
     if count == 1:
         return function(*arguments)
+    from torch.distributed.elastic.multiprocessing.api import SignalException
     from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
     from torch.distributed.launcher.api import LaunchConfig, elastic_launch
 
@@ -47,14 +50,29 @@ def in_processes(function: Callable[..., Any], count: int, *arguments: object) -
         monitor_interval=0.2,
     )
     try:
-        with threads_of_children(max(1, len(os.sched_getaffinity(0)) // count)):
+        with _own_signals(), threads_of_children(max(1, len(os.sched_getaffinity(0)) // count)):
             return elastic_launch(config, _call)(function, arguments)[0]
+    except SignalException as error:
+        if error.sigval == signal.SIGINT:
+            raise KeyboardInterrupt from None
+        raise SystemExit(128 + error.sigval) from None
     except ChildFailedError as error:
         rank, failure = error.get_first_failure()
         raise ModelError(
             f"process {rank} of the training died ({failure.message}); run it again, and it goes on from its last "
             "checkpoint"
         ) from error
+
+
+@contextmanager
+def _own_signals() -> Iterator[None]:
+    """What this process does on a signal stays as it was, though torch sets its own meanwhile."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _call(function: Callable[..., Any], arguments: tuple[object, ...]) -> Any:
