@@ -13,7 +13,7 @@ from pipeline.search.outlines.registration import Registration, register
 
 #: Free parameters of each shape: sizes, and where it has one, an orientation and an angular velocity that show.
 PARAMETERS = {"sphere": 1, "cylinder": 6, "box": 9}
-CORRELATED = 24.0  # points of an outline that count as one independent observation: masks that were found err alike
+CORRELATED = 16.0  # points of an outline that count as one independent observation: masks that were found err alike
 LEAST_PROBABILITY = 0.05  # of a shape that is tried, relative to the most probable
 FLOOR = 0.05  # least mean square of the residuals: finer differences than outlines between pixels can tell
 assert PARAMETERS.keys() == set(BASIC_SHAPES)
