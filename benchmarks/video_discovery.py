@@ -22,6 +22,7 @@ import numpy as np
 from ruamel.yaml import YAML
 from tqdm import tqdm
 
+from benchmarks.filmed_worlds import FPS, SIZE, VISIBLE_EFFECTS, FilmedClip, make_filmed_world
 from benchmarks.kept_answers import answers_of, kept_answers
 from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.report.report_dict import report_dict
@@ -31,7 +32,6 @@ from pipeline.evaluation.tables import markdown
 from pipeline.filmed.measured_motion import measure_motion
 from pipeline.filmed.recorded_clip import RecordedClip
 from pipeline.filmed.unfitted import forecast_unfitted
-from pipeline.hidden.filmed_world import FPS, SIZE, VISIBLE_EFFECTS, FilmedClip, make_filmed_world
 from pipeline.hidden.judge import judge
 from pipeline.metrics.intervals import wilson
 from pipeline.perception.found_bodies import find_in_clip

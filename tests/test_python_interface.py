@@ -23,7 +23,7 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     heavy = {"torch", "transformers", "mujoco", "numba", "rerun", "cv2", "numpy"}
     code = f"import sys, pipeline\nprint({heavy} & set(sys.modules), sorted(pipeline.__all__))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
-    assert done.stdout.split("\n")[0] == "set() ['discover', 'edit', 'infer', 'masks', 'simulate']"
+    assert done.stdout.split("\n")[0] == "set() ['discover', 'edit', 'export', 'infer', 'masks', 'simulate']"
 
 
 def test_the_functions_are_those_of_the_commands() -> None:

@@ -1,5 +1,6 @@
 """`dynamics discover` and `dynamics infer`, killed at random moments and run again into the same folder."""
 
+import json
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 import small_clip
 from campaign import rounds
 
+from pipeline.api.result_folder import RESULT
 from pipeline.shards.code_hash import ROOT
 from pipeline.shards.content_hash import hash_files
 
@@ -20,8 +22,12 @@ pytestmark = pytest.mark.campaign
 OWN = ("times.json", "recording.rrd")  # which differ between equal runs
 
 
-def results(folder: Path) -> dict[str, str]:
-    return {name: digest for name, digest in hash_files(folder).items() if name not in OWN}
+def results(folder: Path) -> dict[str, object]:
+    """What equal runs have in common: hashes of files, and result.json but for the times of `infer`."""
+    found: dict[str, object] = {name: digest for name, digest in hash_files(folder).items() if name not in OWN}
+    result = json.loads((folder / RESULT).read_text())
+    result.pop("seconds", None)
+    return found | {RESULT: result}
 
 
 def start(*words: object) -> subprocess.Popen[str]:

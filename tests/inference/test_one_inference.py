@@ -149,7 +149,7 @@ def test_a_tuned_checkpoint_is_shown_what_it_was_tuned_on(
 
 
 def test_a_tuned_model_of_objects_answers_alike(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stages.infer, "answer_seed", lambda *_: answer_seed(SEED, 0))
+    monkeypatch.setattr("pipeline.inference.answers.answer_seed", lambda *_: answer_seed(SEED, 0))
     suites = {f"suites__{suite}__clips": 1 for suite in ("train", "val")}
     write_params(model__input="objects", flow__source="dis", sample__shard_size=1, **suites)
     torch.manual_seed(0)
@@ -194,7 +194,7 @@ def test_a_checkpoint_that_contradicts_the_parameters_is_refused(project: Path) 
 def test_the_same_clip_becomes_the_same_scene(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Both take their random numbers from a clip's name, of which the command has none. Samples are the greedy answer
     # (its numbers and words, as good as certainly): the graph starts from samples alone, the command from all answers.
-    monkeypatch.setattr(stages.infer, "answer_seed", lambda *_: answer_seed(SEED, 0))
+    monkeypatch.setattr("pipeline.inference.answers.answer_seed", lambda *_: answer_seed(SEED, 0))
     monkeypatch.setattr(stages.fit, "clip_rng", lambda *_: np.random.default_rng(SEED))
     write_params(infer__temperature=1e-3, infer__middle=1e-12)
     small_clip.write_model(
