@@ -96,6 +96,18 @@ def test_files_that_are_none_are_said_to_be(tmp_path: Path) -> None:
     (tmp_path / "m.txt").write_text("x")
     with pytest.raises(MeasurementError, match=r"valid: \.parquet, \.csv"):
         read_tracks(tmp_path / "m.txt")
+    lines = good().to_csv(index=False).splitlines()
+    (tmp_path / "m.csv").write_text("\n".join([lines[0], lines[1] + ",0.1,0.2", *lines[2:]]))
+    with pytest.raises(MeasurementError, match="row 1 has more fields than the header names"):
+        read_tracks(tmp_path / "m.csv")
+
+
+def test_the_index_of_a_frame_is_read_as_columns(tmp_path: Path) -> None:
+    good().set_index(["clip", "object"]).to_parquet(tmp_path / "m.parquet")
+    good().to_csv(tmp_path / "m.csv", index=False)
+    for indexed, plain in zip(read_tracks(tmp_path / "m.parquet"), read_tracks(tmp_path / "m.csv"), strict=True):
+        assert indexed.clip == plain.clip
+        np.testing.assert_allclose(indexed.position, plain.position)
 
 
 def test_a_track_comes_back_from_rows_as_it_was(rng: np.random.Generator) -> None:

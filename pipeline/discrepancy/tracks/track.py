@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from pipeline.discrepancy.tracks.camera_error import CameraError
 from pipeline.errors import MeasurementError
@@ -84,10 +85,13 @@ def _table(path: Path) -> pd.DataFrame:
     data = read_table_bytes(path, MeasurementError)
     try:
         if path.suffix == ".parquet":
-            return pd.read_parquet(data)
-        return pd.read_csv(data, dtype={"clip": str, "object": str}, keep_default_na=True)
+            return pq.read_table(data).to_pandas(ignore_metadata=True)  # columns that pandas took for an index, too
+        table = pd.read_csv(data, dtype={"clip": str, "object": str}, keep_default_na=True)
     except (OSError, ValueError, LookupError, pa.ArrowException) as error:
         raise MeasurementError(f"{path} cannot be read ({(str(error) or 'damaged').splitlines()[0]})") from None
+    if not isinstance(table.index, pd.RangeIndex):  # pandas takes the surplus fields of the first row for an index
+        raise MeasurementError(f"{path}: row 1 has more fields than the header names ({len(table.columns)})")
+    return table
 
 
 def _numbers(table: pd.DataFrame, column: str, path: Path) -> np.ndarray:
