@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> None:
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
     correction = Correction(a.distortion, a.steady)
-    steps = 8 + bool(a.search)
+    steps = 8 + 2 * bool(a.search)  # at most: a search that explains a clip leaves out the tracks
     with (
         result_folder(a.out, a.force) as folder,
         Progress(steps, shown=True) as progress,
@@ -129,7 +129,7 @@ def run(arguments: argparse.Namespace) -> None:
             progress=progress,
             when_seen=show,
         )
-        from pipeline.api.infer_files import method_table, write_files
+        from pipeline.api.infer_files import method_table
         from pipeline.api.overlay import aligned
 
         for line in aligned(method_table(found.methods)):
@@ -139,7 +139,7 @@ def run(arguments: argparse.Namespace) -> None:
         progress.say("scale", f"by {found.metric}" if found.metric != "none" else "not known: lengths are relative")
         for line in found.doubts:
             progress.say("doubt", line)
-        write_files(folder, found, progress)
+        found.write(folder, progress)
     print(f"{'grade':<11}{found.grade.name}: {found.grade.reason}")
     print(f"{'written':<11}{a.out}: look at overlay.png first")
 
