@@ -25,7 +25,8 @@ from pipeline.evaluation.tables import cell, markdown
 from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
-from pipeline.model.generate import Sampling, generate
+from pipeline.model.generate import generate
+from pipeline.model.sampling import Sampling
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
 from stages.graph.params import PARAMS_FILE, Params
