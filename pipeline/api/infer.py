@@ -135,7 +135,7 @@ def infer(
     masks: str | Path | None = None,
     prompts: Prompts | None = None,
     correction: Correction | None = None,
-    model: str | Base | ObjectsModel | LoadingModel = "models/tiny",
+    model: str | Base | ObjectsModel | LoadingModel = "models/objects",
     samples: int = 8,
     temperature: float = 1.0,
     top_p: float = 0.9,
