@@ -73,6 +73,8 @@ RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
 COMPARED = (  # first minus second, by clip
+    ("objects", "tiny"),
+    ("objects", "objects with true masks"),
     ("tiny", "tokens"),
     ("tiny", "noisy"),
     ("tiny", "silent"),
