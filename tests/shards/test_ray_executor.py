@@ -12,7 +12,7 @@ from toy_stage import drop_until_shard_2, make, make_weights
 from pipeline.errors import ParamsError, ShardError, SimulationError
 from pipeline.shards import ray_executor
 from pipeline.shards.content_hash import hash_files
-from pipeline.shards.ray_executor import RayExecutor
+from pipeline.shards.ray_executor import RayExecutor, _check_address
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +86,10 @@ def test_without_ray_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPa
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
     with pytest.raises(ParamsError, match=r"pip install -e \"\.\[ray\]\""):
         list(RayExecutor(2, 1).map(die_sometimes, [Item("a", tmp_path, 0)]))
+
+
+def test_an_address_where_nothing_answers_is_one_error_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    for address in ("127.0.0.1:1", "ray://127.0.0.1:1", "nowhere"):
+        monkeypatch.setenv("RAY_ADDRESS", address)
+        with pytest.raises(ParamsError, match=rf"no Ray cluster can be reached \(RAY_ADDRESS={address}\)"):
+            _check_address(address)
