@@ -139,7 +139,8 @@ class _Head:
 
     def __init__(self, address: str) -> None:
         self._address = address
-        self._asked = self._answered = time.monotonic()
+        self._asked = time.monotonic()
+        self._silent_since: float | None = None
         self.gone = False
 
     @staticmethod
@@ -156,9 +157,10 @@ class _Head:
         self._asked = now
         try:
             _knock(self._address)
-            self._answered = now
+            self._silent_since = None
         except OSError as error:
-            if now - self._answered > GONE_S:
+            self._silent_since = now if self._silent_since is None else self._silent_since
+            if now - self._silent_since >= GONE_S:
                 self.gone = True
                 raise HeadGoneError(
                     f"the head of the Ray cluster ({self._address}) has not answered for {GONE_S:g} s ({error}); what "
