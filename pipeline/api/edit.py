@@ -151,7 +151,8 @@ def write_files(folder: Path, run: EditedClip, progress: Progress) -> None:
         "same_all_around": [
             o.name for o, same in zip(run.original.objects, run.layers.same_all_around, strict=True) if same
         ],
-        "blur_px": run.layers.blur,
+        "blur_px": run.layers.exposure.blur,
+        "shutter": run.layers.exposure.shutter,
         "versions": {name: version(name) for name in ("dynamics-pipeline", "mujoco", "numpy")},
     }
     write_result(folder, "edit", result, run.seconds | progress.seconds)

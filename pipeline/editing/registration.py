@@ -112,9 +112,7 @@ def _match(body: np.ndarray, seen: np.ndarray, mask: np.ndarray, plain: np.ndarr
     return np.array([*shift, scale])
 
 
-def _match_part(
-    shown: Callable[[np.ndarray], np.ndarray], mask: np.ndarray, centre: np.ndarray
-) -> np.ndarray | None:
+def _match_part(shown: Callable[[np.ndarray], np.ndarray], mask: np.ndarray, centre: np.ndarray) -> np.ndarray | None:
     """Shift (2,) px that brings what is seen of a body to its mask; None where they cannot be compared.
 
     Args:

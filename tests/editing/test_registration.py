@@ -37,9 +37,9 @@ def masks(shown: BodyMotion) -> np.ndarray:
     return out
 
 
-def track(first: float, last: float, depth: float = 0.0) -> np.ndarray:
+def track(first: float, last: float, depth: float = 0.0, across: float = 0.0) -> np.ndarray:
     """(T, 3) m, across the picture."""
-    x = np.linspace(first, last, FRAMES)
+    x = np.linspace(first, last, FRAMES) + across
     return np.stack([x, np.full(FRAMES, depth), np.full(FRAMES, 0.5)], axis=1)
 
 
@@ -51,19 +51,19 @@ def error_px(true: BodyMotion, found: BodyMotion) -> np.ndarray:
 
 
 def test_a_body_that_is_seen_whole_is_brought_to_its_mask() -> None:
-    error = error_px(motion(track(-0.3, 0.3)), motion(track(-0.3, 0.3) + [ACROSS, 0, 0]))
+    error = error_px(motion(track(-0.3, 0.3)), motion(track(-0.3, 0.3, across=ACROSS)))
     assert error.max() < 0.3
 
 
 def test_a_body_that_leaves_the_picture_is_brought_to_what_is_seen_of_it() -> None:
-    true, found = motion(track(0.98, 1.1)), motion(track(0.98, 1.1) + [6 * ACROSS, 0, 0])
+    true, found = motion(track(0.98, 1.1)), motion(track(0.98, 1.1, across=6 * ACROSS))
     assert (masks(true)[:, :, -1] > 0).any(1).all()  # cut by the border in every frame
     assert error_px(true, found).max() < 2.0
 
 
 def test_a_body_behind_another_one_is_brought_to_what_is_seen_of_it() -> None:
     front = track(0.1, 0.1, depth=-0.5)
-    true, found = motion(front, track(-0.1, -0.1)), motion(front, track(-0.1, -0.1) + [2 * ACROSS, 0, 0])
+    true, found = motion(front, track(-0.1, -0.1)), motion(front, track(-0.1, -0.1, across=2 * ACROSS))
     assert error_px(true, found)[:, 1].max() < 1.0
 
 
