@@ -24,9 +24,10 @@ BLURS = (0.0, 0.35, 0.5, 0.7, 0.9, 1.2, 1.6)  # px, standard deviations that are
 SHUTTERS = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of the time between two frames that are tried
 FRAMES = 4  # that they are tried in
 LEAST_PATH_PX = 4.0  # from one frame to the next: of the bodies that show whether there is a shutter
+PATH_PX = 16  # the same, of the frames that are taken first
 LEAST_GAIN = 0.1  # share of the squared error along moving edges that the shutter has to explain
 RIM_PX = 2  # about the bodies' edges, where pictures are compared
-MOST_PLACES = 9  # of a body while the shutter is open, one a px
+STEP_PX, MOST_PLACES = 2.0, 9  # between the places at which a body is drawn while the shutter is open; how many
 FASTER_PX = 1.0  # a body whose path while the shutter is open is that much longer than the filmed one is blurred inside
 
 
@@ -93,18 +94,25 @@ def draw_exposed(
         faster: (M,) bool, those whose textures are blurred along the path, too, and not only their edges.
     """
     longest = float(np.linalg.norm(paths[shown], axis=-1).max(initial=0.0))
-    middle = draw(view, body, corrections, rectangles, shown, textures, lights)
-    places = min(2 * math.ceil(longest / 2) + 1, MOST_PLACES)
-    if places == 1 or longest < 1:
-        return middle
-    colour, alpha, cover = np.zeros_like(middle.colour), np.zeros_like(middle.alpha), middle.cover.copy()
-    for at in (np.arange(places) + 0.5) / places - 0.5:
+    count = min(2 * math.ceil(longest / 2 / STEP_PX) + 1, MOST_PLACES) if longest >= 1 else 1
+    places = []
+    for at in (np.arange(count) + 0.5) / count - 0.5:
         moved = corrections.copy()
         moved[:, 2:4] += at * paths
-        one = draw(view, body, moved, rectangles, shown, textures, lights)
-        colour, alpha, cover = colour + one.colour / places, alpha + one.alpha / places, cover | one.cover
+        places.append(draw(view, body, moved, rectangles, shown, textures, lights))
+    return _mean(places, faster)
+
+
+def _mean(places: Sequence[Drawn], faster: np.ndarray) -> Drawn:
+    """The mean of pictures of bodies at an odd number of places along their paths; `faster` as in `draw_exposed`."""
+    middle = places[len(places) // 2]
+    if len(places) == 1:
+        return middle
+    alpha = np.mean([one.alpha for one in places], axis=0)
+    colour = np.mean([one.colour for one in places], axis=0)
     sharp = (middle.alpha > 0) & ~np.append(faster, True)[np.minimum(middle.front, len(faster))]
     inside = middle.colour / np.maximum(middle.alpha, 1e-6)[..., None] * alpha[..., None]
+    cover = np.any([one.cover for one in places], axis=0)
     return replace(middle, colour=np.where(sharp[..., None], inside, colour), alpha=alpha, cover=cover)
 
 
@@ -129,7 +137,7 @@ def find_exposure(
 ) -> Exposure:
     """The exposure with which a clip that is drawn anew is nearest to what was filmed, at the bodies' edges.
 
-    The shutter is found first, with the frames in which bodies move fastest, and at the edges of these bodies only.
+    The shutter is found first, with frames in which bodies move fast, and at the edges of these bodies only.
 
     Args:
         clip: T frames.
@@ -140,34 +148,40 @@ def find_exposure(
         textures: Of the bodies.
         lights: The lights.
     """
-    rectangles, paths, every = motion.rectangles(view), paths_px(corrections), np.ones(len(motion.objects), bool)
-    none = ~every
+    rectangles, paths, count = motion.rectangles(view), paths_px(corrections), len(motion.objects)
+    seen = motion.shown & np.stack([(clip.masks == i + 1).any((1, 2)) for i in range(count)], axis=1)
+    lengths = np.where(seen, np.linalg.norm(paths, axis=-1), 0.0)
 
-    def errors(t: int, shutter: float, rims: np.ndarray) -> np.ndarray:
-        """(B,) squared error of one frame at the rims of some bodies, (N,) bool, with each blur."""
-        pose = motion.tables[t], corrections[t], rectangles[t], motion.shown[t]
-        drawn = draw_exposed(view, *pose, textures, lights, paths=shutter * paths[t], faster=none)
+    def errors(t: int, rims: np.ndarray, shutters: Sequence[float]) -> np.ndarray:
+        """(S, B) squared error of one frame at the rims of some bodies, (N,) bool, with each shutter and blur."""
         behind = plate * ground_light(motion, view, corrections, t, lights).astype(np.float32)[..., None]
+        reach = RIM_PX + min(math.ceil(lengths[t][rims].max(initial=0.0) / 2), PATH_PX)
         body = np.isin(clip.masks[t], np.flatnonzero(rims) + 1)[None]
-        half = math.ceil(np.linalg.norm(paths[t][rims], axis=-1).max(initial=0.0) / 2)
-        reach = RIM_PX + min(half, MOST_PLACES)
         rim = (grown(body, reach) & grown(~body, reach))[0]
-        out = np.zeros(len(BLURS))
-        for k, sigma in enumerate(BLURS):
-            colour, alpha = blurred(drawn, sigma)
-            made = behind + alpha[..., None] * (colour - behind)
-            out[k] = float(((made - clip.frames[t])[rim] ** 2).sum())
+        out = np.zeros((len(shutters), len(BLURS)))
+        if not rim.any():
+            return out
+        box = tuple(slice(int(k.min()), int(k.max()) + 1) for k in np.nonzero(rim))
+        true, where = clip.frames[t][box].astype(np.float32), rim[box]
+        pose = motion.tables[t], corrections[t], rectangles[t], motion.shown[t]
+        for j, shutter in enumerate(shutters):
+            open_ = {"paths": shutter * paths[t], "faster": np.zeros(count, bool)}
+            drawn = draw_exposed(view, *pose, textures, lights, **open_)
+            cut = replace(drawn, colour=drawn.colour[box], alpha=drawn.alpha[box])
+            for k, sigma in enumerate(BLURS):
+                colour, alpha = blurred(cut, sigma)
+                made = behind[box] + alpha[..., None] * (colour - behind[box])
+                out[j, k] = float(((made - true)[where] ** 2).sum())
         return out
 
     shutter = 0.0
-    seen = motion.shown & np.stack([(clip.masks == i + 1).any((1, 2)) for i in range(len(motion.objects))], axis=1)
-    fast = np.where(seen, np.linalg.norm(paths, axis=-1), 0.0)
-    chosen = [int(t) for t in np.argsort(-fast.max(1, initial=0.0), kind="stable")[:FRAMES]]
-    chosen = [t for t in chosen if fast[t].max(initial=0.0) >= LEAST_PATH_PX]
-    if chosen:
-        tried = np.array([[errors(t, s, fast[t] >= LEAST_PATH_PX) for t in chosen] for s in SHUTTERS]).sum(1).min(-1)
+    longest = lengths.max(1, initial=0.0)
+    moving = [int(t) for t in np.argsort(np.abs(longest - PATH_PX), kind="stable") if longest[t] >= LEAST_PATH_PX]
+    if moving:
+        tried = np.sum([errors(t, lengths[t] >= LEAST_PATH_PX, SHUTTERS) for t in moving[:FRAMES]], axis=0).min(-1)
         best = int(tried.argmin())
         shutter = SHUTTERS[best] if tried[best] < (1 - LEAST_GAIN) * tried[0] else 0.0
     evenly = np.unique(np.linspace(0, len(clip.frames) - 1, FRAMES).astype(int))
-    blur = np.sum([errors(int(t), shutter, every) for t in evenly], axis=0).argmin()
+    every = np.ones(count, bool)
+    blur = np.sum([errors(int(t), every, [shutter])[0] for t in evenly], axis=0).argmin()
     return Exposure(BLURS[int(blur)], shutter)
