@@ -15,6 +15,7 @@ import numpy as np
 
 from pipeline.editing.drawing import Drawn, draw
 from pipeline.editing.filmed_clip import FilmedClip
+from pipeline.editing.in_threads import in_threads
 from pipeline.editing.light import Lights, ground_light
 from pipeline.editing.plate import grown
 from pipeline.editing.surface_texture import Textures
@@ -174,14 +175,17 @@ def find_exposure(
                 out[j, k] = float(((made - true)[where] ** 2).sum())
         return out
 
+    def total(frames: Sequence[int], rims: np.ndarray, shutters: Sequence[float]) -> np.ndarray:
+        """(S, B), the sum of `errors` over some frames. rims: (T, N) bool."""
+        return np.asarray(np.sum(in_threads(lambda t: errors(t, rims[t], shutters), frames), axis=0))
+
     shutter = 0.0
     longest = lengths.max(1, initial=0.0)
     moving = [int(t) for t in np.argsort(np.abs(longest - PATH_PX), kind="stable") if longest[t] >= LEAST_PATH_PX]
     if moving:
-        tried = np.sum([errors(t, lengths[t] >= LEAST_PATH_PX, SHUTTERS) for t in moving[:FRAMES]], axis=0).min(-1)
+        tried = total(moving[:FRAMES], lengths >= LEAST_PATH_PX, SHUTTERS).min(-1)
         best = int(tried.argmin())
         shutter = SHUTTERS[best] if tried[best] < (1 - LEAST_GAIN) * tried[0] else 0.0
-    evenly = np.unique(np.linspace(0, len(clip.frames) - 1, FRAMES).astype(int))
-    every = np.ones(count, bool)
-    blur = np.sum([errors(int(t), every, [shutter])[0] for t in evenly], axis=0).argmin()
+    evenly = [int(t) for t in np.unique(np.linspace(0, len(clip.frames) - 1, FRAMES))]
+    blur = total(evenly, np.ones_like(seen), [shutter])[0].argmin()
     return Exposure(BLURS[int(blur)], shutter)
