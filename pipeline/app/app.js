@@ -53,7 +53,7 @@
     if (!going) return;
     $("job-title").textContent = sentence(job.title).replace(/\.$/, " …");
     $("job").querySelector("progress").value = job.share;
-    $("job-step").textContent = job.state === "waiting" ? `waiting: ${job.before} run${job.before === 1 ? "" : "s"} before yours` : [job.step, ...job.lines.slice(-1)].filter(Boolean).join(" · ");
+    $("job-step").textContent = job.state === "waiting" ? `waiting: ${job.before} run${job.before === 1 ? "" : "s"} before yours` : [job.step || "starting", ...job.lines.slice(-1)].filter(Boolean).join(" · ");
   }
   async function start(path, body) { showJob(await ask(path, body)); watch(); }
   $("cancel").addEventListener("click", () => anew(() => ask("api/cancel", {})));
@@ -128,7 +128,7 @@
     $("bodies").hidden = !bodies;
     if (!bodies) { stage = null; $("stage-clock").replaceChildren(); return; }
     const key = JSON.stringify([state.clip, bodies.source, bodies.times]);
-    $("bodies-note").textContent = [`${bodies.count} ${bodies.count === 1 ? "body" : "bodies"} in ${state.clip}.`, ...bodies.notes.map(sentence)].join(" ");
+    $("bodies-note").textContent = [`${bodies.count} ${bodies.count === 1 ? "body" : "bodies"} in ${state.clip}, ${bodies.times[0].toFixed(2)} to ${bodies.times[bodies.times.length - 1].toFixed(2)} s.`, ...bodies.notes.map(sentence)].join(" ");
     undo.disabled = !bodies.can_undo;
     if (stage && stage.key === key) { stage.bodies = bodies; drawStage(); return; }
     const video = await filmOf("files/clip.mp4");
