@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.kept_answers import answers_of, kept_answers
+from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
 from benchmarks.mask_clips import data_folder, moving_in
 from pipeline.api.infer import infer
 from pipeline.clips.replay import HEIGHT, WIDTH, replay_poses
@@ -124,9 +123,7 @@ def main() -> None:
     if not folder.is_dir():
         parser.error(f"no folder {folder}; set DYNAMICS_DATA to the folder that has cross_engine")
     places = [p for p in find_clips(folder) if p.is_dir() and (not asked.clips or p.name in asked.clips)]
-    with tempfile.TemporaryDirectory() as passing:
-        kept = (asked.kept or Path(passing)).absolute()
-        kept.mkdir(parents=True, exist_ok=True)
+    with kept_folder(asked.kept) as kept:
         path = kept / "answers.jsonl"
         answers = kept_answers(path)
         done = {(a["clip"], a["budget"], a["words"]) for a in answers}

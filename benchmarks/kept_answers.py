@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 Answer = dict[str, Any]
 Job = TypeVar("Job")
+
+
+@contextmanager
+def kept_folder(named: Path | None) -> Iterator[Path]:
+    """A folder for what a benchmark keeps: the one that was named, made where it is missing, else a temporary one."""
+    with tempfile.TemporaryDirectory() as passing:
+        folder = (named or Path(passing)).absolute()
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
 
 
 def kept_answers(path: Path) -> list[Answer]:

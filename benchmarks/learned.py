@@ -51,8 +51,9 @@ from pipeline.inference.loading import load_answering
 from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base
-from pipeline.model.generate import Sampling, generate
+from pipeline.model.generate import generate
 from pipeline.model.patches import resize_frames
+from pipeline.model.sampling import Sampling
 from pipeline.objects.answering import ObjectsModel, write_answers
 from pipeline.objects.instances import Instances
 from pipeline.scene.mjcf import STEPS_PER_SECOND
@@ -72,6 +73,8 @@ RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
 COMPARED = (  # first minus second, by clip
+    ("objects", "tiny"),
+    ("objects", "objects with true masks"),
     ("tiny", "tokens"),
     ("tiny", "noisy"),
     ("tiny", "silent"),

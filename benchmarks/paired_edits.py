@@ -19,7 +19,6 @@ edited clip, the true one, primitives.
 from __future__ import annotations
 
 import argparse
-import tempfile
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,7 +29,7 @@ import cv2
 import numpy as np
 
 from benchmarks.edits import psnr
-from benchmarks.kept_answers import answers_of, kept_answers
+from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
 from benchmarks.paired_clips import ADDED, KINDS, SIZE, Pair, Shown, draw_pair, drawn_plain, shown_bodies
 from benchmarks.transferred_edit import Counterpart, transferred
 from pipeline.api.infer import infer
@@ -230,9 +229,7 @@ def main() -> None:
     parser.add_argument("--again", action="store_true", help="forget the answers that it has, not the scenes")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER")
     a = parser.parse_args()
-    with tempfile.TemporaryDirectory() as passing:
-        kept = (a.kept or Path(passing)).absolute()
-        kept.mkdir(parents=True, exist_ok=True)
+    with kept_folder(a.kept) as kept:
         path, budget = kept / f"{a.scenes}.jsonl", a.simulations if a.scenes == "found" else 0
         if a.again:
             path.unlink(missing_ok=True)

@@ -32,9 +32,9 @@ from pipeline.evaluation.tables import cell, markdown
 from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
-from pipeline.model.generate import Sampling
 from pipeline.model.patches import resize_frames
 from pipeline.model.preference import Pair, draw_answers, pairs_of, prefer, weighted_reward
+from pipeline.model.sampling import Sampling
 from pipeline.model.training_plan import TrainingPlan
 from pipeline.perception.mask_source import MaskSource
 from pipeline.perception.prompts import Prompts

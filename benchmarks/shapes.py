@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.kept_answers import answers_of, kept_answers
+from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
 from pipeline.clips.replay import replay_poses
 from pipeline.evaluation.scene_scores import score, true_reference
 from pipeline.evaluation.tables import cell, markdown
@@ -143,9 +143,7 @@ def main() -> None:
     parser.add_argument("--words", default="this tree", help="name of this version of the search in the tables")
     parser.add_argument("--minutes", type=float, help="stop after so long; run again to continue")
     asked = parser.parse_args()
-    with tempfile.TemporaryDirectory() as passing:
-        folder = (asked.kept or Path(passing)).absolute()
-        folder.mkdir(parents=True, exist_ok=True)
+    with kept_folder(asked.kept) as folder:
         path = folder / "answers.jsonl"
         answers = kept_answers(path)
         done = {(a["seed"], a["objects"], a["clip"], a["budget"], a["words"]) for a in answers}

@@ -118,7 +118,7 @@ def prompt(base: "Base | ObjectsModel", p: Parameters) -> "Prompt | None":
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     from pipeline.inference.answers import answer_seed, ask
-    from pipeline.model.generate import Sampling
+    from pipeline.model.sampling import Sampling
 
     p, m, own = parameters, parameters.model, parameters.settings
     base = model(m.base, m.width, m.height, p.schedule.model_frames, m.dtype)

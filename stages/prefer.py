@@ -31,8 +31,8 @@ from stages.graph.training_processes import processes_for
 
 if TYPE_CHECKING:
     from pipeline.model.base import Base
-    from pipeline.model.generate import Sampling
     from pipeline.model.preference import Pair
+    from pipeline.model.sampling import Sampling
     from pipeline.scene.scene import Scene
 
 COLUMNS = ("step", "loss", "accuracy", "margin")
@@ -144,7 +144,7 @@ def shown(base: "Base", inputs: Sequence[ShardedDataset], p: Parameters) -> dict
 
 def sampling(p: Parameters) -> "Sampling":
     """How answers are drawn."""
-    from pipeline.model.generate import Sampling
+    from pipeline.model.sampling import Sampling
 
     return Sampling(
         samples=p.settings.samples,

@@ -141,12 +141,14 @@ def write_curves(output: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 def main() -> None:
     params = load("regress")
-    own, source = params.regress, picture_stage(params.model.input)
+    own = params.regress
+    kind = "rgb" if params.model.input == "rgb" else "flow"  # this baseline knows no objects
+    source = picture_stage(kind)
     if not own.enabled:
         keep_folder("regress", MODEL, skip, parameters=None)
         return
     distribution = Distribution(**params.sample.distribution.model_dump())
-    shown = Parameters(params.clip.schedule, params.model.input, distribution)
+    shown = Parameters(params.clip.schedule, kind, distribution)
     parameters = TrainingParameters(shown.schedule, shown.input, distribution, params.seed, own)
     inputs = [folder(stage, suite) for suite in ("train", "val") for stage in ("sample", source)]
     keep_folder(

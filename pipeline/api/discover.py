@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.api.result_folder import result_folder, write_result
+from pipeline.api.result_folder import FolderResult, write_result
 from pipeline.discrepancy.discover import discover as find_missing_physics
 from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.report.html_page import html_page, sentence
@@ -36,7 +36,7 @@ _VERSIONS = ("dynamics-pipeline", "mujoco", "numpy")
 
 
 @dataclass(frozen=True)
-class DiscoveryResult:
+class DiscoveryResult(FolderResult):
     """What `discover` found.
 
     Attributes:
@@ -84,22 +84,14 @@ class DiscoveryResult:
         """Every sample, and what the models before and after make of it."""
         return residual_table(self.found)
 
-    def save(self, out: str | Path, force: bool = False) -> None:
-        """Write a folder with report.html, report.json, augmented.yaml, augmented.xml, residuals.parquet,
-        recording.rrd, times.json and result.json.
-
-        Args:
-            out: The folder, which must not exist yet.
-            force: Replace it where `dynamics` wrote it and nothing else is in it.
-
-        Raises:
-            OutputError: Where it cannot be written; nothing is left then.
+    def write(self, folder: Path, progress: Progress) -> None:
+        """Write report.html, report.json, augmented.yaml, augmented.xml, residuals.parquet, recording.rrd, times.json
+        and result.json.
         """
-        with result_folder(Path(out), force) as folder:
-            self.write(folder)
+        with progress.step("report"):
+            self._write(folder)
 
-    def write(self, folder: Path) -> None:
-        """Write everything into a folder, report.json and result.json last."""
+    def _write(self, folder: Path) -> None:
         facts = {
             "measured": self.measured,
             "scene": self.known,

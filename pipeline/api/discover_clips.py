@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from pipeline.api.discover import DiscoveryResult, discover
 from pipeline.api.overlay import caption
-from pipeline.api.result_folder import result_folder
+from pipeline.api.result_folder import FolderResult
 from pipeline.clips.replay import WIDTH
 from pipeline.discrepancy.tracks.known_scene import KnownScene, known_scene, load_known_scene
 from pipeline.discrepancy.tracks.track import tracks_table
@@ -31,7 +31,7 @@ OUTLINE = np.array([255, 60, 60], np.uint8)
 
 
 @dataclass(frozen=True)
-class ClipDiscoveryResult:
+class ClipDiscoveryResult(FolderResult):
     """What `discover_clips` found.
 
     Attributes:
@@ -54,27 +54,14 @@ class ClipDiscoveryResult:
         """The verdict in words."""
         return self.result.sentence
 
-    def save(self, out: str | Path, force: bool = False) -> None:
-        """Write the files of `DiscoveryResult.save`, tracks.parquet and, where a clip was held out, replay.mp4.
-
-        Args:
-            out: The folder, which must not exist yet.
-            force: Replace it where `dynamics` wrote it and nothing else is in it.
-
-        Raises:
-            OutputError: Where it cannot be written; nothing is left then.
-        """
-        with result_folder(Path(out), force) as folder:
-            self.write(folder)
-
-    def write(self, folder: Path) -> None:
-        """Write everything into a folder."""
+    def write(self, folder: Path, progress: Progress) -> None:
+        """Write the files of `DiscoveryResult`, tracks.parquet and, where a clip was held out, replay.mp4."""
         pq.write_table(tracks_table(self.motion.tracks), folder / "tracks.parquet", compression="zstd")
         if self.unfitted.before:
             pictures = _beside(self.unfitted.before[0], self.unfitted.after[0])
             times = self.unfitted.before[0].clip.times
             write_video(folder / "replay.mp4", pictures, (len(times) - 1) / float(times[-1] - times[0]))
-        self.result.write(folder)
+        self.result.write(folder, progress)
 
 
 def discover_clips(

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pipeline.api.overlay import side_by_side
-from pipeline.api.result_folder import result_folder, write_result
+from pipeline.api.result_folder import FolderResult, write_result
 from pipeline.api.scene_source import SCENE_FILE
 from pipeline.editing.compose import EditedFrames, compose
 from pipeline.editing.edit_list import Edit, in_order
@@ -32,7 +33,7 @@ SEED = 0  # of the noise
 
 
 @dataclass(frozen=True)
-class EditedClip:
+class EditedClip(FolderResult):
     """An edited clip.
 
     Attributes:
@@ -55,19 +56,11 @@ class EditedClip:
     pictures: EditedFrames
     seconds: dict[str, float]
 
-    def save(self, out: str | Path, force: bool = False, progress: Progress | None = None) -> None:
-        """Write a folder with edited.mp4, beside.mp4, scene.yaml, scene.xml, recording.rrd and result.json.
-
-        Args:
-            out: The folder, which must not exist yet.
-            force: Replace it where `dynamics` wrote it and nothing else is in it.
-            progress: Told of the files.
-
-        Raises:
-            OutputError: Where it cannot be written; nothing is left then.
-        """
-        with result_folder(Path(out), force) as folder:
-            write_files(folder, self, progress or Progress())
+    def write(self, folder: Path, progress: Progress) -> None:
+        """Write edited.mp4, beside.mp4, scene.yaml, scene.xml, recording.rrd and result.json."""
+        with progress.step("files"):
+            _write(folder, self)
+        write_result(folder, "edit", _record(self), self.seconds | progress.seconds)
 
 
 def edit(found: str | Path, edits: Sequence[Edit] = (), progress: Progress | None = None) -> EditedClip:
@@ -113,28 +106,31 @@ def edit(found: str | Path, edits: Sequence[Edit] = (), progress: Progress | Non
     )
 
 
-def write_files(folder: Path, run: EditedClip, progress: Progress) -> None:
-    """Write everything into a folder, result.json last."""
-    with progress.step("files"):
-        made, fps = run.pictures.frames, run.clip.fps
-        write_video(folder / "edited.mp4", made, fps)
-        write_video(folder / "beside.mp4", side_by_side(run.clip.frames, made, (ORIGINAL, EDITED)), fps)
-        (folder / SCENE_FILE).write_text(write_scene(run.motion.scene), encoding="utf-8")
-        (folder / "scene.xml").write_text(scene_xml(run.motion.scene), encoding="utf-8")
-        notes = "\n".join(["### What if", "", *(f"- {e}" for e in run.edits)])
-        shown = Pictures(made, run.pictures.ids), Pictures(run.clip.frames, run.clip.masks)
-        footage = Footage(
-            name=f"{Path(run.name).resolve().name}, edited",
-            notes=notes,
-            motions=(),
-            seen=shown[0],
-            replayed=shown[1],
-            fps=fps,
-            titles=(EDITED, ORIGINAL),
-        )
-        save(footage, folder / "recording.rrd")
+def _write(folder: Path, run: EditedClip) -> None:
+    """The files beside result.json."""
+    made, fps = run.pictures.frames, run.clip.fps
+    write_video(folder / "edited.mp4", made, fps)
+    write_video(folder / "beside.mp4", side_by_side(run.clip.frames, made, (ORIGINAL, EDITED)), fps)
+    (folder / SCENE_FILE).write_text(write_scene(run.motion.scene), encoding="utf-8")
+    (folder / "scene.xml").write_text(scene_xml(run.motion.scene), encoding="utf-8")
+    notes = "\n".join(["### What if", "", *(f"- {e}" for e in run.edits)])
+    shown = Pictures(made, run.pictures.ids), Pictures(run.clip.frames, run.clip.masks)
+    footage = Footage(
+        name=f"{Path(run.name).resolve().name}, edited",
+        notes=notes,
+        motions=(),
+        seen=shown[0],
+        replayed=shown[1],
+        fps=fps,
+        titles=(EDITED, ORIGINAL),
+    )
+    save(footage, folder / "recording.rrd")
+
+
+def _record(run: EditedClip) -> dict[str, Any]:
+    """The entries of result.json."""
     measured = run.layers.registered.mean(0)
-    result = {
+    return {
         "found": run.name,
         "edits": [e.record() for e in run.edits],
         "scene_at_s": round(run.motion.time, 4),
@@ -154,7 +150,6 @@ def write_files(folder: Path, run: EditedClip, progress: Progress) -> None:
         "blur_px": run.layers.blur,
         "versions": {name: version(name) for name in ("dynamics-pipeline", "mujoco", "numpy")},
     }
-    write_result(folder, "edit", result, run.seconds | progress.seconds)
 
 
 def _shares(names: tuple[str, ...], values: tuple[float, ...]) -> dict[str, float]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.api.result_folder import result_folder
+from pipeline.api.result_folder import FolderResult
 from pipeline.clips.replay import Replay, replay
 from pipeline.errors import ParamsError
 from pipeline.inference.asking import (
@@ -26,7 +26,7 @@ from pipeline.inference.asking import (
 )
 from pipeline.inference.filmed_world import World
 from pipeline.inference.find_scenes import FoundScenes, SearchBudget, find_scenes
-from pipeline.inference.measure_clip import FlowSource, VideoStretch, measure_clip
+from pipeline.inference.measure_clip import FlowSource, measure_clip
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.method import TRACKS, Method
 from pipeline.inference.progress import Progress
@@ -34,6 +34,7 @@ from pipeline.inference.scene_search import LEAST_SEARCH
 from pipeline.inference.trust import Grade, grade
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import UserClip
+from pipeline.perception.video_stretch import VideoStretch
 from pipeline.scene.scene import Scene
 from pipeline.search.certainty import Certainty, weakly_identified
 from pipeline.vision.recordings.corrections import Correction
@@ -59,7 +60,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Inference:
+class Inference(FolderResult):
     """What `infer` found.
 
     Attributes:
@@ -118,20 +119,11 @@ class Inference:
         """The scene, run over the clip."""
         return replay(self.scene, self.clip.schedule)
 
-    def save(self, out: str | Path, force: bool = False) -> None:
-        """Write a folder with scene.yaml, scene.xml, replay.mp4, overlay.png, masks.png, recording.rrd and result.json.
-
-        Args:
-            out: The folder, which must not exist yet.
-            force: Replace it where `dynamics` wrote it and nothing else is in it.
-
-        Raises:
-            OutputError: Where it cannot be written; nothing is left then.
-        """
+    def write(self, folder: Path, progress: Progress) -> None:
+        """Write scene.yaml, scene.xml, replay.mp4, overlay.png, masks.png, recording.rrd and result.json."""
         from pipeline.api.infer_files import write_files
 
-        with result_folder(Path(out), force) as folder:
-            write_files(folder, self, Progress())
+        write_files(folder, self, progress)
 
 
 def infer(
@@ -143,7 +135,7 @@ def infer(
     masks: str | Path | None = None,
     prompts: Prompts | None = None,
     correction: Correction | None = None,
-    model: str | Base | ObjectsModel | LoadingModel = "models/tiny",
+    model: str | Base | ObjectsModel | LoadingModel = "models/objects",
     samples: int = 8,
     temperature: float = 1.0,
     top_p: float = 0.9,

@@ -7,20 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.api.result_folder import result_folder
+from pipeline.api.result_folder import FolderResult
 from pipeline.errors import ParamsError
 from pipeline.inference.measure_clip import say_bodies
 from pipeline.inference.progress import Progress
 from pipeline.perception.found_bodies import FoundBodies
 from pipeline.perception.mask_source import FAMILIES, mask_source
 from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import UserClip, chosen_stretch, read_frames, with_masks
+from pipeline.perception.user_clip import UserClip, with_masks
+from pipeline.perception.video_stretch import VideoStretch, read_stretch
 from pipeline.vision.recordings.corrections import Correction
-from pipeline.vision.recordings.video import FPS
 
 
 @dataclass(frozen=True)
-class Masks:
+class Masks(FolderResult):
     """What `masks` found.
 
     Attributes:
@@ -52,20 +52,11 @@ class Masks:
         """(T, H, W) uint8: 0 or the body's number, in the video's own size."""
         return self.found.masks
 
-    def save(self, out: str | Path, force: bool = False) -> None:
-        """Write a folder with masks.npz, masks/ (PNGs), masks.png, overlay.mp4 and result.json.
-
-        Args:
-            out: The folder, which must not exist yet.
-            force: Replace it where `dynamics` wrote it and nothing else is in it.
-
-        Raises:
-            OutputError: Where it cannot be written; nothing is left then.
-        """
+    def write(self, folder: Path, progress: Progress) -> None:
+        """Write masks.npz, masks/ (PNGs), masks.png, overlay.mp4 and result.json."""
         from pipeline.api.mask_files import write_files
 
-        with result_folder(Path(out), force) as folder:
-            write_files(folder, self, Progress())
+        write_files(folder, self, progress)
 
 
 def masks(
@@ -102,16 +93,15 @@ def masks(
     if source.given is not None:
         raise ParamsError(f"masks: {masks} is no segmenter; valid: {', '.join(f'{name}:PATH' for name in FAMILIES)}")
     with progress.step("masks"):
-        part = chosen_stretch(Path(clip), start=start, seconds=seconds, assume_fps=fps, source=source)
-        read = read_frames(
-            Path(clip),
-            start=part.start,
-            seconds=part.seconds,
-            fps=FPS,
-            assume_fps=fps,
-            source=source,
+        stretch = VideoStretch(
+            place=Path(clip),
+            start=start,
+            seconds=seconds,
+            fps=fps,
+            prompts=prompts,
             correction=correction or Correction(),
         )
+        read, part = read_stretch(stretch, source)
         taken = with_masks(read, prompts)
     found = Masks(
         name=str(clip),

@@ -4,17 +4,41 @@ from __future__ import annotations
 
 import json
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from pipeline.errors import OutputError
+from pipeline.inference.progress import Progress
 from pipeline.shards.beside import beside, put_in_place
 from pipeline.shards.output_errors import writing_to
 from pipeline.untrusted import read_json
 
 RESULT, TIMES = "result.json", "times.json"
+
+
+class FolderResult(ABC):
+    """What a command found, which can be saved as a folder."""
+
+    @abstractmethod
+    def write(self, folder: Path, progress: Progress) -> None:
+        """Write all files into a folder, result.json last; progress is told of them."""
+
+    def save(self, out: str | Path, force: bool = False, progress: Progress | None = None) -> None:
+        """Write all files into a new folder.
+
+        Args:
+            out: The folder, which must not exist yet.
+            force: Replace it where `dynamics` wrote it and nothing else is in it.
+            progress: Told of the files; None: nothing is printed.
+
+        Raises:
+            OutputError: Where it cannot be written; nothing is left then.
+        """
+        with result_folder(Path(out), force) as folder:
+            self.write(folder, progress or Progress())
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.api.overlay import Row, markdown, side_by_side
-from pipeline.api.result_folder import result_folder, write_result
+from pipeline.api.result_folder import FolderResult, write_result
 from pipeline.api.scene_source import SCENE_FILE, read_scene_source, with_camera
 from pipeline.clips.replay import HEIGHT, WIDTH, replay_trace
 from pipeline.clips.schedule import Schedule
@@ -60,7 +60,7 @@ class Departure:
 
 
 @dataclass(frozen=True)
-class Simulation:
+class Simulation(FolderResult):
     """Two runs of a scene, as it is and edited.
 
     Attributes:
@@ -117,35 +117,24 @@ class Simulation:
                 cells.append((o.name, o.shape, *apart, before, after))
         return cells
 
-    def save(self, out: str | Path, force: bool = False, progress: Progress | None = None) -> None:
-        """Write a folder with scene.yaml, scene.xml, replay.mp4, trajectory.csv, recording.rrd and result.json.
-
-        Args:
-            out: The folder, which must not exist yet.
-            force: Replace it where `dynamics` wrote it and nothing else is in it.
-            progress: Told of the pictures.
-
-        Raises:
-            OutputError: Where it cannot be written; nothing is left then.
-        """
-        progress = progress or Progress()
-        with result_folder(Path(out), force) as folder:
-            with progress.step("pictures"):
-                notes = _write(folder, self)
-            for note in notes:
-                progress.say("note", note)
-            write_result(
-                folder,
-                "simulate",
-                {
-                    "scene": self.name,
-                    "edits": [edit.record() for edit in self.edits],
-                    "seconds": self.schedule.seconds,
-                    "notes": notes,
-                    "departures": [vars(d) for d in self.departures],
-                    "versions": {name: version(name) for name in ("dynamics-pipeline", "mujoco", "numpy")},
-                },
-            )
+    def write(self, folder: Path, progress: Progress) -> None:
+        """Write scene.yaml, scene.xml, replay.mp4, trajectory.csv, recording.rrd and result.json."""
+        with progress.step("pictures"):
+            notes = _write(folder, self)
+        for note in notes:
+            progress.say("note", note)
+        write_result(
+            folder,
+            "simulate",
+            {
+                "scene": self.name,
+                "edits": [edit.record() for edit in self.edits],
+                "seconds": self.schedule.seconds,
+                "notes": notes,
+                "departures": [vars(d) for d in self.departures],
+                "versions": {name: version(name) for name in ("dynamics-pipeline", "mujoco", "numpy")},
+            },
+        )
 
     def _path(self, name: str) -> np.ndarray:
         """(S + 1, 3) m, where the edited object of a name is; NaN while there is none."""

@@ -104,7 +104,7 @@ def infer_scene(request: Request, folder: Path, tell: Callable[..., None]) -> di
     from pipeline.api.infer import infer
     from pipeline.inference.filmed_world import World
 
-    progress = ToldProgress(8 + bool(request["search"]) + 1, tell)
+    progress = ToldProgress(8 + 2 * bool(request["search"]), tell)
     length = request.get("length")
     found = infer(
         request["clip"],
@@ -118,8 +118,7 @@ def infer_scene(request: Request, folder: Path, tell: Callable[..., None]) -> di
     )
     for line in found.doubts:
         tell(line=f"doubt: {line}")
-    with progress.step("files"):
-        found.save(folder / "out")
+    found.save(folder / "out", progress=progress)
     return _shown(folder, folder / "out")
 
 
@@ -157,9 +156,7 @@ def discover(request: Request, folder: Path, tell: Callable[..., None]) -> dict[
 
     progress = ToldProgress(2, tell)
     found = find(request["table"], request["scene"], progress=progress)
-    with progress.step("report"):
-        (folder / "found").mkdir()
-        found.write(folder / "found")
+    found.save(folder / "found", progress=progress)
     return {"sentence": found.sentence}
 
 

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     from pipeline.api.discover import DiscoveryResult, discover
     from pipeline.api.discover_clips import ClipDiscoveryResult, discover_clips
-    from pipeline.api.result_folder import check_replaceable, result_folder
+    from pipeline.api.result_folder import check_replaceable
     from pipeline.inference.progress import Progress
 
     a = arguments
@@ -82,8 +82,7 @@ def run(arguments: argparse.Namespace) -> None:
                 seed=a.seed,
                 progress=progress,
             )
-        with progress.step("report"), result_folder(a.out, a.force) as folder:
-            found.write(folder)
+        found.save(a.out, a.force, progress)
     print(f"{'verdict':<11}{found.sentence}")
     for note in found.report["notes"]:
         print(f"{'note':<11}{note}")

@@ -14,8 +14,8 @@ Find the scene that a clip shows.
 
 The bodies that move are found (`dynamics masks` does only that), the clip is brought to 30 FPS and 480x320, and its
 optical flow is measured. The model is shown what its checkpoint says that it was trained with (model_input.json;
-models/tiny: the flow) and writes scenes, each is simulated and compared with the clip, and --search refines the best
-ones. OUT then has
+models/objects: masks and flow of each body) and writes scenes, each is simulated and compared with the clip, and
+--search refines the best ones. OUT then has
 
   overlay.png     the clip with the outlines of the replay over it, and both flows: look at this first
   masks.png       which bodies were found in the clip, written before anything is inferred from them
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--samples", type=count, default=8, metavar="K", help="answers sampled beside the greedy one (8)")
     add("--search", type=count, default=0, metavar="N", help="refine the best answers with N simulations (0: do not)")
     add("--incline", action="store_true", help="the ground may slope in the picture: the search may roll the camera")
-    add("--model", default="models/tiny", metavar="NAME", help="a folder or hub name (models/tiny)")
+    add("--model", default="models/objects", metavar="NAME", help="a folder or hub name (models/objects)")
     add("--raft", type=Path, default=Path("models/raft-small"), metavar="PATH", help="RAFT weights (models/raft-small)")
     add(
         "--flow",
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> None:
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
     correction = Correction(a.distortion, a.steady)
-    steps = 8 + bool(a.search)
+    steps = 8 + 2 * bool(a.search)  # at most: a search that explains a clip leaves out the tracks
     with (
         result_folder(a.out, a.force) as folder,
         Progress(steps, shown=True) as progress,
@@ -129,7 +129,7 @@ def run(arguments: argparse.Namespace) -> None:
             progress=progress,
             when_seen=show,
         )
-        from pipeline.api.infer_files import method_table, write_files
+        from pipeline.api.infer_files import method_table
         from pipeline.api.overlay import aligned
 
         for line in aligned(method_table(found.methods)):
@@ -139,7 +139,7 @@ def run(arguments: argparse.Namespace) -> None:
         progress.say("scale", f"by {found.metric}" if found.metric != "none" else "not known: lengths are relative")
         for line in found.doubts:
             progress.say("doubt", line)
-        write_files(folder, found, progress)
+        found.write(folder, progress)
     print(f"{'grade':<11}{found.grade.name}: {found.grade.reason}")
     print(f"{'written':<11}{a.out}: look at overlay.png first")
 

@@ -45,7 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    from pipeline.api.mask_files import write_files
     from pipeline.api.masks import masks
     from pipeline.api.result_folder import result_folder
     from pipeline.inference.progress import Progress
@@ -65,5 +64,5 @@ def run(arguments: argparse.Namespace) -> None:
             correction=Correction(a.distortion, a.steady),
             progress=progress,
         )
-        write_files(folder, found, progress)
+        found.write(folder, progress)
     print(f"{'written':<11}{a.out}: look at masks.png first")

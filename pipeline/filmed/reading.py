@@ -10,8 +10,8 @@ from pipeline.editing.filmed_clip import CLIP, read_clip
 from pipeline.errors import SceneError
 from pipeline.filmed.recorded_clip import RecordedClip
 from pipeline.perception.mask_source import mask_source
-from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import chosen_stretch, read_frames, with_masks
+from pipeline.perception.user_clip import with_masks
+from pipeline.perception.video_stretch import VideoStretch, read_stretch
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import load_scene
 
@@ -49,10 +49,9 @@ def read_recorded_clip(
         clip = read_clip(place / CLIP)
         names = tuple(o.name for o in inferred_scene(place).objects)
         return RecordedClip(name, clip.frames, clip.masks, np.arange(len(clip.masks)) / clip.fps, names)
-    source = mask_source(place, None, Prompts())
-    stretch = chosen_stretch(place, start=start, seconds=seconds, assume_fps=fps, source=source)
-    read = read_frames(place, start=stretch.start, seconds=stretch.seconds, assume_fps=fps, source=source)
-    taken = with_masks(read, Prompts())
+    stretch = VideoStretch(place, start, seconds, fps)
+    read, _ = read_stretch(stretch, mask_source(place, None, stretch.prompts))
+    taken = with_masks(read, stretch.prompts)
     if taken.found is None:
         times = taken.clip.source_times
         return RecordedClip(name, taken.clip.frames, taken.masks, np.asarray(times - times[0]))

@@ -6,15 +6,19 @@ import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipeline.language.completion import Completion, read_completion
-from pipeline.model.base import Base
-from pipeline.model.generate import Completed, Prompt, Sampling, batches, generate
+from pipeline.model.sampling import Completed, Sampling, batches
 from pipeline.objects.answering import ObjectsModel, write_answers
 from pipeline.objects.instances import Instances
 from pipeline.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from pipeline.model.base import Base
+    from pipeline.model.generate import Prompt
 
 GREEDY = -1  # the number of the greedy answer among the samples
 
@@ -93,4 +97,6 @@ def _written(
         assert len(instances) == len(shown), "a model of objects is shown instances"
         assert prompt is None, "a model of objects takes no worked examples"
         return [write_answers(base, one, sampling, seed) for one, seed in zip(instances, seeds, strict=True)]
+    from pipeline.model.generate import generate  # imports transformers, which takes seconds
+
     return generate(base, np.stack([one for one in shown if isinstance(one, np.ndarray)]), sampling, seeds, prompt)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pipeline.clips.schedule import Schedule
     from pipeline.inference.answers import Answer
     from pipeline.model.base import Base
-    from pipeline.model.generate import Sampling
+    from pipeline.model.sampling import Sampling
     from pipeline.objects.answering import ObjectsModel
     from pipeline.perception.user_clip import UserClip
     from pipeline.vision.recordings.video import Clip
@@ -89,7 +89,7 @@ def ask_model(
     """
     from pipeline.inference.answers import answer_seed, ask
     from pipeline.inference.model_pictures import shown_clip
-    from pipeline.model.generate import Sampling
+    from pipeline.model.sampling import Sampling
 
     base = loading.base.result()
     shown, q = input_of(base), question

@@ -44,7 +44,7 @@ from pipeline.search.evaluator import Rewards
 
 if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
-    from pipeline.model.generate import Sampling
+    from pipeline.model.sampling import Sampling
 
 #: As params.yaml has them for the graph (`search`; a test compares them).
 SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward

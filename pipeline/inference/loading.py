@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from pipeline.model.base import Base, load_base
+from typing import TYPE_CHECKING
+
 from pipeline.objects.answering import ObjectsModel, load_objects
 from pipeline.objects.checkpoint import is_objects
+
+if TYPE_CHECKING:
+    from pipeline.model.base import Base
 
 
 def load_answering(
@@ -17,4 +21,6 @@ def load_answering(
     """
     if is_objects(name):
         return load_objects(name, frames)
+    from pipeline.model.base import load_base  # imports transformers, which takes seconds
+
     return load_base(name, width, height, frames, dtype)

@@ -12,33 +12,9 @@ from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measur
 from pipeline.inference.progress import Progress
 from pipeline.model.model_input import ModelInput
 from pipeline.perception.mask_source import mask_source
-from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import UserClip, chosen_stretch, read_frames, with_masks
-from pipeline.vision.recordings.corrections import Correction
+from pipeline.perception.user_clip import UserClip, with_masks
+from pipeline.perception.video_stretch import VideoStretch, read_stretch
 from pipeline.vision.recordings.video import FPS
-
-
-@dataclass(frozen=True)
-class VideoStretch:
-    """A stretch of a video that is to be measured.
-
-    Attributes:
-        place: The video, or a folder with one and masks.
-        start: s, where the stretch begins; None: where bodies move freely.
-        seconds: Its length; None: as long as they do, or 1 s from `start` on.
-        fps: Frames a second at which it was shot; None for what the file says.
-        masks: A file or folder of masks, or a published segmenter; None for masks beside the video, else our network.
-        prompts: What is known of the bodies.
-        correction: Of the frames.
-    """
-
-    place: Path
-    start: float | None
-    seconds: float | None
-    fps: float | None
-    masks: str | Path | None
-    prompts: Prompts
-    correction: Correction
 
 
 @dataclass(frozen=True)
@@ -75,22 +51,9 @@ def measure_clip(
         VideoError: For a clip that cannot be used, or in which nothing moves.
     """
     if isinstance(clip, VideoStretch):
-        with progress.step("stretch"):
-            source = mask_source(clip.place, clip.masks, clip.prompts)
-            part = chosen_stretch(
-                clip.place, start=clip.start, seconds=clip.seconds, assume_fps=clip.fps, source=source
-            )
-        name, begins, schedule = str(clip.place), part.start, clip_schedule(clip.place, part.seconds)
         with progress.step("frames"):
-            read = read_frames(
-                clip.place,
-                start=part.start,
-                seconds=part.seconds,
-                fps=schedule.fps,
-                assume_fps=clip.fps,
-                source=source,
-                correction=clip.correction,
-            )
+            read, part = read_stretch(clip, mask_source(clip.place, clip.masks, clip.prompts))
+        name, begins, schedule = str(clip.place), part.start, clip_schedule(clip.place, part.seconds)
         frames, note = read.clip, part.note
     else:
         name, taken, frames, note = "clip", clip, clip.clip, None

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from pipeline.model.base import Base
 from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout, fit_layout
 from pipeline.objects.answering import ObjectsModel
 from pipeline.objects.instances import Instances, instances_of
 from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
+
+if TYPE_CHECKING:
+    from pipeline.model.base import Base
 
 
 def model_pictures(

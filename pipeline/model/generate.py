@@ -10,7 +10,7 @@ fed in one pass, as far as they reach in every row, so that most forward passes 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,39 +21,7 @@ from pipeline.language.completion import completion_grammar
 from pipeline.model.base import Base
 from pipeline.model.constrained_decoding import GrammarState
 from pipeline.model.forward import prompt_positions, video_inputs
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """How completions are drawn.
-
-    Attributes:
-        samples: Of each clip.
-        temperature: Of words; 0 is greedy, with one sample.
-        top_p: Share of the distribution that words are drawn from (nucleus sampling).
-        reasoning: Whether `<think>` comes before `<answer>`.
-        seconds: Length of the clip.
-        numbers: "quantiles", or "tokens": as words.
-        middle: Share of a number's distribution, about its median, from which samples draw its quantile.
-        most_tokens: An upper limit, more than the longest text has letters, whatever the tokenizer.
-    """
-
-    samples: int = 1
-    temperature: float = 0.0
-    top_p: float = 0.9
-    reasoning: bool = True
-    seconds: float = 1.0
-    numbers: str = "quantiles"
-    middle: float = 0.4
-    most_tokens: int = 4000
-
-
-@dataclass(frozen=True)
-class Completed:
-    """A completion and the log-probability, nats, that the model gave to its free choices."""
-
-    text: str
-    log_probability: float
+from pipeline.model.sampling import Completed, Sampling
 
 
 @dataclass(frozen=True)
@@ -192,10 +160,3 @@ def _drawn(log_p: np.ndarray, sampling: Sampling, rng: np.random.Generator) -> i
     order = np.argsort(-p, kind="stable")
     kept = order[: int(np.searchsorted(np.cumsum(p[order]), sampling.top_p)) + 1]
     return int(rng.choice(kept, p=p[kept] / p[kept].sum()))
-
-
-def batches(clips: int, samples: int, batch_size: int) -> Iterator[range]:
-    """Runs of clips whose samples together fill a batch of `batch_size` sequences."""
-    size = max(1, batch_size // samples)
-    for start in range(0, clips, size):
-        yield range(start, min(start + size, clips))

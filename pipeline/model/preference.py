@@ -18,8 +18,9 @@ from torch.utils.data import Dataset
 
 from pipeline.language.completion import read_completion
 from pipeline.model.base import Base
-from pipeline.model.generate import Sampling, batches, generate
+from pipeline.model.generate import generate
 from pipeline.model.likelihood import ConstrainedTokens, constrained_tokens, log_probabilities
+from pipeline.model.sampling import Sampling, batches
 from pipeline.model.trainer import Report, train
 from pipeline.model.training_plan import TrainingPlan
 from pipeline.scene.scene import Scene

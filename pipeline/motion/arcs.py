@@ -13,6 +13,9 @@ import numpy as np
 
 from pipeline.motion.image_track import ImageTrack
 
+CONTACT_SAMPLES = 5  # of an arc that may be an impact
+CONTACT_PULL = 5.0  # its acceleration over that of the arcs beside it
+CONTACT_TURN = 0.5  # of the speed, by which the velocity changes in it
 LEAST_SAMPLES = 3  # of an arc without acceleration; one more with it
 PRICE = 2.0  # of an arc: so many times what the Bayesian information criterion charges for its parameters
 CAP = 4.0  # standard deviations: an outlier's residual costs no more
@@ -98,7 +101,17 @@ def cut_arcs(track: ImageTrack) -> list[Arc]:
         if (kept == good).all():
             break
         good = kept
-    return arcs
+    inner = [b for a, b, c in zip(arcs, arcs[1:], arcs[2:], strict=False) if not _is_contact(a, b, c)]
+    return [*arcs[:1], *inner, *arcs[-1:]] if len(arcs) > 1 else arcs
+
+
+def _is_contact(before: Arc, arc: Arc, after: Arc) -> bool:
+    """Whether an arc is an impact that a few frames show: as an arc it would hide the jump of the velocity."""
+    first, own, last = (float(np.linalg.norm(a.acceleration)) for a in (before, arc, after))
+    ends = before.velocity_at(before.time + before.span / 2), after.velocity_at(after.time - after.span / 2)
+    speed = max(float(np.linalg.norm(v)) for v in ends)
+    short = arc.stop - arc.start <= CONTACT_SAMPLES
+    return short and own > CONTACT_PULL * max(first, last) and own * arc.span > CONTACT_TURN * speed
 
 
 def _partition(times: np.ndarray, centre: np.ndarray, sigma: float) -> list[tuple[int, int, int]]:

@@ -17,8 +17,8 @@ from pipeline.clips.view import event_areas
 from pipeline.errors import ModelError, SimulationError
 from pipeline.language.completion import MAX_OBJECTS, write_completion
 from pipeline.language.events import DEFAULT_THRESHOLDS, Event, find_events
-from pipeline.model.generate import Completed, Sampling
 from pipeline.model.model_input import ModelInput, read_input, write_input
+from pipeline.model.sampling import Completed, Sampling
 from pipeline.objects.checkpoint import load_objects_network, save_objects
 from pipeline.objects.fields import NOTHING, OBJECT_FIELDS, SCENE_FIELDS, off_scale, scene_of
 from pipeline.objects.instances import Instances

@@ -47,11 +47,14 @@ def make_target(
         flow: (F, h, w, 2), px of its own size.
         width: Width of the target, px.
         height: Height of the target, px.
-        flow_error: (M,) as in `Target`.
+        flow_error: (M,) as in `Target`; of bodies that these frames do not show, too.
     """
     small = resize_masks(masks, width, height)
     moving = resize_flow(flow, width, height) * (small > 0)[..., None]
-    return Target(small, np.ascontiguousarray(moving, np.float32), int(masks.max(initial=0)), flow_error)
+    count = int(masks.max(initial=0))  # bodies with higher ids are in none of these frames
+    return Target(
+        small, np.ascontiguousarray(moving, np.float32), count, None if flow_error is None else flow_error[:count]
+    )
 
 
 def resize_masks(masks: np.ndarray, width: int, height: int) -> np.ndarray:

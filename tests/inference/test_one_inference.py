@@ -48,6 +48,7 @@ def write_params(**changes: Any) -> None:
         "flow__source": "dis",
         "flow__iterations": 1,
         "model__base": "base",
+        "model__input": "flow",
         "finetune__steps": 1,
         "finetune__batch_size": 1,
         "finetune__checkpoint_steps": 1,
@@ -120,7 +121,7 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
         seen.append(clips)
         return generate(base, clips, *rest)
 
-    monkeypatch.setattr("pipeline.inference.answers.generate", record)
+    monkeypatch.setattr("pipeline.model.generate.generate", record)
     return seen
 
 

@@ -11,8 +11,9 @@ from pipeline.language.few_shot import PICTURES, TEMPLATE, instructions
 from pipeline.language.grammar import GrammarError
 from pipeline.model.base import Base
 from pipeline.model.forward import prompt_positions
-from pipeline.model.generate import Prompt, Sampling, bare_prompt, few_shot_prompt, generate
+from pipeline.model.generate import Prompt, bare_prompt, few_shot_prompt, generate
 from pipeline.model.patches import pack_video
+from pipeline.model.sampling import Sampling
 from pipeline.vision.flow.flow_picture import KINDS
 
 BASE = small_base()

@@ -12,8 +12,9 @@ from pipeline.language.grammar import GrammarError, Number, split
 from pipeline.model.base import Base
 from pipeline.model.constrained_decoding import GrammarState, Trie
 from pipeline.model.forward import positions
-from pipeline.model.generate import Completed, Sampling, at_quantile, batches, generate
+from pipeline.model.generate import at_quantile, generate
 from pipeline.model.patches import pack_video
+from pipeline.model.sampling import Completed, Sampling, batches
 
 BASE = small_base()
 EXACT = exact_base()

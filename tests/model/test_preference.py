@@ -9,7 +9,7 @@ from small_base import exact_base, random_clips, small_base
 from pipeline.language.completion import read_completion
 from pipeline.language.grammar import GrammarError
 from pipeline.model.base import Base
-from pipeline.model.generate import Sampling, generate
+from pipeline.model.generate import generate
 from pipeline.model.likelihood import constrained_tokens, log_probabilities
 from pipeline.model.preference import (
     Pair,
@@ -20,6 +20,7 @@ from pipeline.model.preference import (
     prefer,
     rank_pairs,
 )
+from pipeline.model.sampling import Sampling
 from pipeline.model.training_plan import TrainingPlan
 
 BASE = small_base()

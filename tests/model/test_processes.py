@@ -14,9 +14,9 @@ from pipeline.errors import ModelError
 from pipeline.language.completion import write_completion
 from pipeline.model.base import Base
 from pipeline.model.finetune import finetune
-from pipeline.model.generate import Sampling
 from pipeline.model.preference import Pair, prefer
 from pipeline.model.processes import in_processes, is_first
+from pipeline.model.sampling import Sampling
 from pipeline.model.trainer import ClipDataset, last_checkpoint
 from pipeline.model.training_plan import TrainingPlan
 from pipeline.scene.scene import Camera, Scene, SceneObject

@@ -14,8 +14,8 @@ from pipeline.inference.answers import ask
 from pipeline.inference.loading import load_answering
 from pipeline.language.completion import completion_grammar, read_completion
 from pipeline.language.grammar import split
-from pipeline.model.generate import Sampling
 from pipeline.model.model_input import ModelInput
+from pipeline.model.sampling import Sampling
 from pipeline.objects.answering import ObjectsModel, write_answers
 from pipeline.objects.batch import groups_of, joined, loss_sums, mean_losses, mirrored, total
 from pipeline.objects.checkpoint import is_objects

@@ -12,6 +12,7 @@ goes on at full rate from `before_decay.safetensors`. At fixed numbers of clips 
 from __future__ import annotations
 
 import argparse
+import shutil
 import time
 from pathlib import Path
 
@@ -88,6 +89,7 @@ def train(asked: argparse.Namespace) -> None:
     f = read_params_file(PARAMS_FILE, Params).flow
     shown = ModelInput.of("objects", f.picture, "exact", (f.width, f.height), f.iterations, reasoning=True)
     ObjectsModel(trainer.network, shown).save(asked.out)
+    shutil.copyfile(asked.work / "log.csv", asked.out / "log.csv")
     print(f"saved to {asked.out}", flush=True)
 
 

@@ -20,34 +20,21 @@ from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
 from pipeline.csv_rows import read_rows
 from pipeline.evaluation.scene_scores import score, true_reference
-from pipeline.evaluation.summary import Summary, from_csv
-from pipeline.evaluation.tables import cell, markdown
+from pipeline.evaluation.summary import from_csv
 from pipeline.language.completion import read_completion
-from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base, load_base
-from pipeline.model.generate import Sampling, generate
+from pipeline.model.generate import generate
+from pipeline.model.sampling import Sampling
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes
+from training.model_card import CHECKED, LEARNED, SUITES, exact_table, table_of
 from training.tiny.examples import LAYOUT, ExampleKind, picture
 from training.tiny.trainer import LOG
 
-LEARNED = Path("benchmarks/results/learned/learned.csv")
 SUITE = "tiny-card"  # names the random streams of the clips
-SHOWN = {
-    "composition": "composition right",
-    "iou_initial": "IoU, first frame",
-    "iou": "IoU, sequence",
-    "epe_frame": "EPE, whole frame, px",
-}
-SUITES = {
-    "id": "1 to 3 objects",
-    "held_out": "4 objects in combinations that the training leaves out",
-    "more": "5 and 6 objects, more than in the training",
-    "real": "clips of another engine and renderer",
-}
 BATCH = 16
 
 
@@ -108,31 +95,10 @@ nothing movable. The search (`--search`) fits a clip better than any answer of t
 """
 PLACES = """ The third colour channel of its input
 encodes each patch's place and time (`places` in clip_layout.json)."""
-CHECKED = 16  # clips that the test scores again
 LIMITS = (
     "It was trained on few clips: more than half of its answers have a wrong shape or count, and nearly all of those\n"
     "to clips of four or more objects. It does not recognise orientations."
 )
-
-
-def table_of(learned: Summary) -> str:
-    """The rows of the shipped model, by suite."""
-    rows = [
-        [suite, method.removeprefix("tiny").strip(", ") or "greedy", *(cell(found[m]) for m in SHOWN)]
-        for (suite, method), found in learned.intervals.items()
-        if method.split(",")[0] == "tiny"
-    ]
-    return markdown(["suite", "answer", *SHOWN.values()], rows)
-
-
-def exact_table(rows: list[dict[str, float]]) -> str:
-    """Means over all clips with intervals, and over the first `CHECKED` of them."""
-    rng = np.random.default_rng(0)
-    out = []
-    for key, name in SHOWN.items():
-        values = np.array([r[key] for r in rows])
-        out.append([name, cell(bootstrap_mean(values, 2000, rng)), f"{values[:CHECKED].mean():.3f}"])
-    return markdown(["metric", "mean", f"of the first {CHECKED}"], out)
 
 
 def main() -> None:
@@ -152,7 +118,7 @@ def main() -> None:
         fresh_clips=int(log["fresh_clips"]),
         minutes=float(log["minutes"]),
         loss=float(log["loss"]),
-        scores=table_of(learned),
+        scores=table_of(learned, "tiny"),
         suites="; ".join(f"{name}: {what}" for name, what in SUITES.items()),
         n=len(rows),
         checked=CHECKED,

@@ -88,6 +88,13 @@ def wheel() -> np.ndarray:
 
 def encode_wheel(flow_px: np.ndarray, max_px: float = MAX_PX) -> np.ndarray:
     """Direction as hue and magnitude as saturation; beyond `max_px` the colour is darkened, as in Middlebury's code."""
+    out = np.full((*flow_px.shape[:-1], 3), 255, np.uint8)
+    moving = flow_px.any(-1)  # most of a picture is at rest
+    out[moving] = _wheel_colours(flow_px[moving], max_px)
+    return out
+
+
+def _wheel_colours(flow_px: np.ndarray, max_px: float) -> np.ndarray:
     colours = wheel()
     u, v = flow_px[..., 0] / max_px, flow_px[..., 1] / max_px
     length = np.hypot(u, v)[..., None]
