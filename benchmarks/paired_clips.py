@@ -88,6 +88,7 @@ class Pair:
         after: The clip after the edit, with the same appearance and sensor.
         concerned: The bodies that the edit adds, removes, or moves elsewhere.
         moved: Those that it moves elsewhere.
+        refused: Drawn edits before this one that did not fit their scene: a body would have been inside another.
     """
 
     kind: str
@@ -98,6 +99,7 @@ class Pair:
     after: Shown
     concerned: tuple[str, ...]
     moved: tuple[str, ...]
+    refused: int
 
 
 def draw_edit(kind: str, scene: Scene, rng: np.random.Generator) -> Edit:
@@ -174,7 +176,7 @@ def draw_pair(params: Params, seed: int, number: int, size: tuple[int, int] = SI
         DynamicsError: No scene was changed by an edit of this kind.
     """
     kind, suite = KINDS[number % len(KINDS)], f"{SUITE} {number}"
-    schedule = Schedule()
+    schedule, refused = Schedule(), 0
     for index in range(MOST_SCENES):
         (scene,) = drawn_scenes(params, seed, suite, range(index, index + 1), OBJECTS)
         rng = clip_rng(seed, suite, index, "edit")
@@ -184,6 +186,7 @@ def draw_pair(params: Params, seed: int, number: int, size: tuple[int, int] = SI
             try:
                 made = run_edits(scene, trace, [edit], schedule.frames, schedule.fps)
             except SceneError:
+                refused += 1
                 continue
             moved, concerned = _concerned(motion, made.motion)
             if concerned:
@@ -201,8 +204,8 @@ def draw_pair(params: Params, seed: int, number: int, size: tuple[int, int] = SI
         if edit.add is not None:
             edit = replace(edit, add=edit.add | {"colour": shown_colour(new, look, sensor)})
             made = run_edits(scene, trace, [edit], schedule.frames, schedule.fps)
-        return Pair(kind, scene, edit, made, before, true, concerned, moved)
-    raise DynamicsError(f"no edit of kind {kind} changed any of {MOST_SCENES} scenes")
+        return Pair(kind, scene, edit, made, before, true, concerned, moved, refused)
+    raise DynamicsError(f"no edit of kind {kind} changed any of {MOST_SCENES} scenes; {refused} did not fit")
 
 
 def _concerned(before: BodyMotion, after: BodyMotion) -> tuple[tuple[str, ...], tuple[str, ...]]:

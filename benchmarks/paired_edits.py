@@ -154,6 +154,7 @@ def answer(job: Job) -> dict[str, Any]:
         "budget": simulations if scenes == "found" else 0,
         "true": pair.scene.composition,
         "size": list(size),
+        "refused": pair.refused,
         "failed": None,
     }
     edited = plain = pair.before
@@ -205,7 +206,9 @@ def summary(answers: Sequence[dict[str, Any]]) -> str:
         ratios = [a["none.error"] / max(a["edited.error"], 1e-9) for a in some if a["none.error"] is not None]
         table = markdown(["edit", "pairs", "failed", *heading, "times nearer"], rows)
         median = f"Median over pairs of how many times nearer: {np.median(ratios):.1f}.\n" if ratios else ""
-        out.append(f"With {said}:\n\n{table}\n{median}")
+        refused = sum(a.get("refused", 0) for a in some)
+        drawn = f"Drawn edits that did not fit their scene, and were drawn again: {refused}.\n"
+        out.append(f"With {said}:\n\n{table}\n{median}{drawn}")
     return "\n".join(out)
 
 

@@ -3,9 +3,11 @@
     python -m benchmarks.scale stages [--data data]   seconds and bytes a clip of each stage, of the last `make repro`
     python -m benchmarks.scale overhead [--ray]       seconds a shard costs beside its work, by executor and workers
     python -m benchmarks.scale memory                 peak memory of the process that runs a stage, by clips
+    python -m benchmarks.scale score [--data data]    the same for what `score` holds of a suite
 
-`stages` reads what the store kept of the run; nothing is computed. The other two run a stage of this module on data
-that it makes: arrays of the size of a training clip's exact flow.
+`stages` reads what the store kept of the run; nothing is computed. `overhead` and `memory` run a stage of this module
+on data that it makes: arrays of the size of a training clip's exact flow. `score` repeats the answers of the suite `id`
+of the last `make repro`, and sums them up without their replays, which hold nothing from one clip to the next.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.store import Store, default_store
 from pipeline.shards.tables import table_from_rows
 
+SCORED = ("sample", "infer", "best_of_k", "cmaes", "fit")
 FLOW = (10, 160, 240, 2)  # of a training clip, float16: 1.5 MB before compression
 SCHEMA = pa.schema({"clip": pa.int64(), "checksum": pa.float64()})
 
@@ -152,7 +155,9 @@ def memory(counts: Sequence[int], shard_size: int) -> list[dict[str, object]]:
 def measure(stage: str, folder: Path, clips: int, shard_size: int) -> None:
     """Run one stage and print the peak memory of this process."""
     store = Store(folder / "store")
-    if stage == "write":
+    if stage == "score":
+        sum_up(folder)
+    elif stage == "write":
         work_, cut = Work(0.0, True), {"clips": clips, "shard_size": shard_size}
         map_shards("write", "toy", folder / "write", work, parameters=work_, workers=1, store=store, **cut)
     else:
@@ -162,13 +167,79 @@ def measure(stage: str, folder: Path, clips: int, shard_size: int) -> None:
     print(json.dumps({"peak_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)}))
 
 
+@dataclass(frozen=True)
+class Source:
+    """folder: the output of a stage whose rows are repeated."""
+
+    folder: str
+
+
+def repeated(shard: Shard, inputs: Sequence[OpenShard], parameters: Source) -> ShardResult:
+    """The rows of a suite, over and over, under new numbers of clips."""
+    source = open_shards(parameters.folder)
+    whole, parts = source.table(), []
+    first = whole.column("clip").to_numpy()
+    for clip in shard.clips:
+        begin, end = np.searchsorted(first, (clip % len(source), clip % len(source) + 1))
+        rows = whole.slice(begin, end - begin)
+        parts.append(rows.set_column(rows.column_names.index("clip"), "clip", pa.array([clip] * len(rows), pa.int64())))
+    return ShardResult({"clips": pa.concat_tables(parts).combine_chunks()})
+
+
+def score_memory(data: Path, counts: Sequence[int], shard_size: int) -> list[dict[str, object]]:
+    """Peak memory of summing up a suite, in a process of its own, by clips."""
+    rows: list[dict[str, object]] = []
+    for clips in counts:
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            for stage in SCORED:
+                map_shards(
+                    stage,
+                    "id",
+                    folder / stage,
+                    repeated,
+                    parameters=Source(str(data / stage / "id")),
+                    clips=clips,
+                    shard_size=shard_size,
+                    workers=1,
+                    store=Store(folder / "store"),
+                )
+            command = [sys.executable, "-m", "benchmarks.scale", "measure", "score", name, str(clips), str(shard_size)]
+            said = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout.splitlines()[-1]
+            rows.append({"clips": clips, **json.loads(said)})
+            print(rows[-1], flush=True)
+    return rows
+
+
+def sum_up(folder: Path) -> None:
+    """What `stages.score` does with a suite, without replays."""
+    from pipeline.clips.schedule import Schedule
+    from pipeline.evaluation import suite as module
+    from pipeline.evaluation.determined import spreads_by_kind
+    from pipeline.evaluation.scene_scores import METRICS
+    from pipeline.evaluation.summary import summarise
+    from pipeline.evaluation.tables import ERRORS
+    from stages.score import written
+
+    numbers = {name: 0.123456 * k for k, name in enumerate((*METRICS, *ERRORS))}
+    module.reference = lambda *_: None
+    module.score = lambda *_: {name: value + 0.0 for name, value in numbers.items()}
+    answered = module.AnsweredSuite("id", {stage: open_shards(folder / stage) for stage in SCORED})
+    schedule = Schedule()
+    rows = written(answered.score_rows(schedule), folder / "clips.csv")
+    summarise(rows, list(numbers), 100, np.random.default_rng(1))
+    answered.best_of_k_rows()
+    answered.search_rows()
+    spreads_by_kind(answered.certainties())
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("stages", "overhead", "memory", "measure"))
+    parser.add_argument("what", choices=("stages", "overhead", "memory", "score", "measure"))
     parser.add_argument("own", nargs="*", help=argparse.SUPPRESS)
     parser.add_argument("--data", type=Path, default=Path("data"))
     parser.add_argument("--ray", action="store_true", help="overhead: with Ray, too")
-    parser.add_argument("--clips", type=int, nargs="+", default=[1000, 4000, 16000], help="memory: of how many clips")
+    parser.add_argument("--clips", type=int, nargs="+", default=[1000, 4000, 16000], help="memory, score: how many")
     parser.add_argument("--shard-size", type=int, default=64, help="memory: clips a shard")
     arguments = parser.parse_args()
     match arguments.what:
@@ -180,6 +251,8 @@ def main() -> None:
             rows = stages(arguments.data)
         case "overhead":
             rows = overhead(["local", *["ray"] * arguments.ray])
+        case "score":
+            rows = score_memory(arguments.data, arguments.clips, arguments.shard_size)
         case _:
             rows = memory(arguments.clips, arguments.shard_size)
     print("| " + " | ".join(rows[0]) + " |\n|" + " --- |" * len(rows[0]))

@@ -17,7 +17,8 @@ import numpy as np
 from pipeline.clips.draw_views import draw_view_clips, view_kind
 from pipeline.clips.replay import replay
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.view_scores import CLIP_HEADING, SeenClip, ViewScore, clip_line, kinds_table, view_score
+from pipeline.evaluation.view_scores import SeenClip, view_score
+from pipeline.evaluation.view_tables import CLIP_HEADING, ViewScore, clip_line, kinds_table
 from pipeline.inference.find_scenes import SEARCH_SIZE
 from pipeline.vision.rendering.appearance import sample_appearance
 from pipeline.vision.rendering.render import render_rgb

@@ -9,9 +9,10 @@ Parameters: seed, clip, score, regress.enabled, and for the page's head model, f
 Run: python -m stages.score
 """
 
+import csv
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,9 +37,16 @@ from stages.graph.suite import open_suite
 
 REPORTS = Path("reports")
 BENCHMARKS = Path("benchmarks/results")
+UNFINISHED = REPORTS / ".clips.csv.partial"
 STAGES = ("render", "flow", "infer", "best_of_k", "cmaes", "fit")
 SUITES = ("id", "held_out", "more", "real")
 PREDICTED_SUITES = ("id", "real")
+CLIP_COLUMNS = (
+    *("suite", "clip", "method", "simulations", "iou_initial", "iou", "foreground_iou", "epe_first", "epe"),
+    *("epe_frame", "penetration", "valid", "composition", "error.camera_height", "error.camera_pitch", "error.fov"),
+    *("error.gravity", "error.mass", "error.sliding_friction", "error.rolling_friction", "error.damping"),
+    *("error.position", "error.velocity", "error.angular_velocity", "error.size", "error.orientation"),
+)
 PRINTED = ("composition", "iou_initial", "iou", "epe_frame")
 
 
@@ -67,9 +75,19 @@ def facts(params: Params, model: AnsweringModel, suites: Sequence[AnsweredSuite]
     }
 
 
-def write_tables(found: RunScores, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Every file of the report but the page. rows: of clips.csv."""
-    write_rows(REPORTS / "clips.csv", [{k: v for k, v in row.items() if k != "seconds"} for row in rows])
+def written(rows: Iterable[Mapping[str, Any]], path: Path) -> Iterator[Mapping[str, Any]]:
+    """The same rows, each of which is also written to a CSV file, so that they need not be held."""
+    path.parent.mkdir(exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, CLIP_COLUMNS, restval="", extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()})
+            yield row
+
+
+def write_tables(found: RunScores) -> None:
+    """Every file of the report but the page and clips.csv."""
     write_rows(REPORTS / "plots" / "best_of_k.csv", found.best_of_k)
     write_rows(REPORTS / "plots" / "search.csv", found.searches)
     shutil.copyfile(FOLDER / CURVE, REPORTS / "plots" / "prefer.csv")
@@ -90,21 +108,23 @@ def main() -> None:
     stages = [*STAGES, *["regress"] * params.regress.enabled]
     used = {name: frozenset(clip for clip in model.used if model.has_used(name, clip)) for name in SUITES}
     suites = [AnsweredSuite(name, open_suite(name, stages), used[name]) for name in SUITES]
-    rows = [row for suite in suites for row in suite.score_rows(schedule)]
-    summary = summarise(rows, [*METRICS, *ERRORS], params.score.bootstrap, rng)
-    forecasts = [row for name in PREDICTED_SUITES for row in forecast_rows(name, open_shards(folder("predict", name)))]
+    with writing_to(REPORTS):
+        rows = written((row for suite in suites for row in suite.score_rows(schedule)), UNFINISHED)
+        summary = summarise(rows, [*METRICS, *ERRORS], params.score.bootstrap, rng)
+    forecasts = (row for name in PREDICTED_SUITES for row in forecast_rows(name, open_shards(folder("predict", name))))
     found = RunScores(
         summary=summary,
         best_of_k=[row for suite in suites for row in suite.best_of_k_rows()],
         searches=[row for suite in suites for row in suite.search_rows()],
         training=read_losses(),
-        determined=spreads_by_kind([clip for suite in suites for clip in suite.certainties()]),
+        determined=spreads_by_kind(clip for suite in suites for clip in suite.certainties()),
         forecast=summarise(forecasts, list(FORECAST), params.score.bootstrap, rng),
     )
     gallery = {suite.name: shown_clips(suite, params.score.gallery, schedule) for suite in suites if len(suite)}
     text = scores_page(found, gallery, facts(params, model, suites), REPORTS, BENCHMARKS)
     with writing_to(REPORTS):
-        write_tables(found, rows)
+        UNFINISHED.replace(REPORTS / "clips.csv")
+        write_tables(found)
         (REPORTS / "index.html").write_text(text, encoding="utf-8")
     print(markdown(*metrics_table(summary, {m: SCORES[m] for m in PRINTED})), end="")
     print(f"score: the report is {REPORTS.resolve() / 'index.html'}", flush=True)

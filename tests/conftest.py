@@ -6,6 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from s3_server import server
+
+__all__ = ["server"]
 
 _SEED = "DYNAMICS_TEST_SEED"
 _seed_of_test: pytest.StashKey[int] = pytest.StashKey()

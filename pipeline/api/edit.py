@@ -147,7 +147,8 @@ def _record(run: EditedClip) -> dict[str, Any]:
         "same_all_around": [
             o.name for o, same in zip(run.original.objects, run.layers.same_all_around, strict=True) if same
         ],
-        "blur_px": run.layers.blur,
+        "blur_px": run.layers.exposure.blur,
+        "shutter": run.layers.exposure.shutter,
         "versions": {name: version(name) for name in ("dynamics-pipeline", "mujoco", "numpy")},
     }
 

@@ -97,15 +97,15 @@ def paths_of(scene: Scene, trace: Trace, ghost: bool = False) -> list[BodyPath]:
     ]
 
 
-def clip_schedule(frames: int, fps: float) -> Schedule:
-    """The frames of a clip."""
+def frames_schedule(frames: int, fps: float) -> Schedule:
+    """The schedule of all frames of a clip."""
     return Schedule(frames / fps, round(fps), min(Schedule().model_frames, frames - 1))
 
 
 def _of_infer(folder: Path, result: InferResult) -> ResultPage:
     clip, scene = read_clip(folder / CLIP), load_scene(folder / SCENE_FILE)
     height, width = clip.masks.shape[1:]
-    run = replay(scene, clip_schedule(len(clip.frames), clip.fps), width, height)
+    run = replay(scene, frames_schedule(len(clip.frames), clip.fps), width, height)
     backend, _ = choose_backend("auto")
     outlines = np.stack([outlined(f, m, (width, height)) for f, m in zip(clip.frames, run.masks, strict=True)])
     panels = [
@@ -167,7 +167,7 @@ def _of_edit(folder: Path, result: EditResult) -> ResultPage:
     height, width = clip.masks.shape[1:]
     edited = _frames(folder / "edited.mp4", len(clip.frames), clip.fps)[:, :height, :width]
     edits = _edits(folder, result)
-    _, trace = filmed_motion(scene, len(clip.frames), clip.fps)
+    filmed, trace = filmed_motion(scene, len(clip.frames), clip.fps)
     made = run_edits(scene, trace, edits, len(clip.frames), clip.fps)
     moving = made.motion
     paths = [
@@ -179,10 +179,7 @@ def _of_edit(folder: Path, result: EditResult) -> ResultPage:
         )
         for i, (body, origin) in enumerate(zip(moving.objects, made.origin, strict=True))
     ]
-    steps = np.rint(np.arange(len(clip.frames)) * STEPS_PER_SECOND / clip.fps).astype(int)
-    ghosts = [
-        BodyPath(o, i, trace.position[steps, i], trace.quaternion[steps, i], True) for i, o in enumerate(scene.objects)
-    ]
+    ghosts = [BodyPath(o, i, filmed.position[:, i], filmed.quaternion[:, i], True) for i, o in enumerate(scene.objects)]
     shares = [(kind, f"{100 * share:.0f} %") for kind, share in result.pixels.items()]
     return ResultPage(
         title=f"{source.name}, edited",

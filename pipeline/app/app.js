@@ -4,13 +4,14 @@
 (() => {
   const $ = (id) => document.getElementById(id);
   const { element } = Player;
-  // As `object_colour` in appearance.py has them: the server sends the palette.
   let palette = [], limits = {}, shown = -1, state = null, polling = false;
 
   // ---- talking to the server
   async function ask(path, body) {
     const options = body === undefined ? {} : { method: "POST", headers: { "X-Dynamics": "1" }, body: JSON.stringify(body) };
-    const answer = await fetch(path, options).catch(() => { throw new Error("The server does not answer. Is `dynamics app` still running?"); });
+    return read(await fetch(path, options).catch(() => { throw new Error("The server does not answer. Is `dynamics app` still running?"); }));
+  }
+  async function read(answer) {
     const data = await answer.json();
     if (!answer.ok) throw new Error(sentence(data.error));
     return data;
@@ -37,7 +38,7 @@
           polling = false;
           if (job.state === "failed") say(sentence(job.error));
           if (job.state === "cancelled") say("Cancelled. Nothing of the run is left.", true);
-          if (job.version !== undefined) await refresh();
+          if (job.version !== undefined) await attempt(refresh);
           return;
         }
         await new Promise((ready) => setTimeout(ready, 300));
@@ -52,7 +53,7 @@
     if (!going) return;
     $("job-title").textContent = sentence(job.title).replace(/\.$/, " …");
     $("job").querySelector("progress").value = job.share;
-    $("job-step").textContent = job.state === "waiting" ? `waiting: ${job.before} run${job.before === 1 ? "" : "s"} before yours` : [job.step, ...job.lines.slice(-1)].filter(Boolean).join(" · ");
+    $("job-step").textContent = job.state === "waiting" ? `waiting: ${job.before} run${job.before === 1 ? "" : "s"} before yours` : [job.step || "starting", ...job.lines.slice(-1)].filter(Boolean).join(" · ");
   }
   async function start(path, body) { showJob(await ask(path, body)); watch(); }
   $("cancel").addEventListener("click", () => anew(() => ask("api/cancel", {})));
@@ -62,11 +63,8 @@
     const most = limits[kind];
     if (file.size > most) throw new Error(`${file.name} has ${Math.round(file.size / 2 ** 20).toLocaleString("en")} MiB; at most ${Math.floor(most / 2 ** 20)} MiB are taken.`);
     const query = new URLSearchParams({ kind, name: file.name, ...words });
-    const answer = await fetch(`api/upload?${query}`, { method: "POST", headers: { "X-Dynamics": "1" }, body: file })
-      .catch(() => { throw new Error("The upload was refused or broke off."); });
-    const data = await answer.json();
-    if (!answer.ok) throw new Error(sentence(data.error));
-    return data;
+    return read(await fetch(`api/upload?${query}`, { method: "POST", headers: { "X-Dynamics": "1" }, body: file })
+      .catch(() => { throw new Error("The upload was refused or broke off."); }));
   }
   function takeFile(file) {
     if (!file) return;
@@ -112,9 +110,13 @@
     drawStage();
   }
   async function change(action, points) {
-    const frame = stage.frame, answer = await ask("api/bodies", { action, frame, points });
+    const { frame } = loaded(), answer = await ask("api/bodies", { action, frame, points });
     if (answer.state) { showJob(answer); watch(); return; }
     take(answer, frame);
+  }
+  function loaded() {
+    if (!stage) throw new Error("The clip is still being loaded.");
+    return stage;
   }
   // A whole video as a blob: the server sends no parts, without which a browser cannot move to another frame.
   async function filmOf(path) {
@@ -124,9 +126,9 @@
   }
   async function showBodies(bodies, frame = 0) {
     $("bodies").hidden = !bodies;
-    if (!bodies) { stage = null; return; }
+    if (!bodies) { stage = null; $("stage-clock").replaceChildren(); return; }
     const key = JSON.stringify([state.clip, bodies.source, bodies.times]);
-    $("bodies-note").textContent = [`${bodies.count} ${bodies.count === 1 ? "body" : "bodies"} in ${state.clip}.`, ...bodies.notes.map(sentence)].join(" ");
+    $("bodies-note").textContent = [`${bodies.count} ${bodies.count === 1 ? "body" : "bodies"} in ${state.clip}, ${bodies.times[0].toFixed(2)} to ${bodies.times[bodies.times.length - 1].toFixed(2)} s.`, ...bodies.notes.map(sentence)].join(" ");
     undo.disabled = !bodies.can_undo;
     if (stage && stage.key === key) { stage.bodies = bodies; drawStage(); return; }
     const video = await filmOf("files/clip.mp4");
@@ -189,13 +191,13 @@
     anew(() => change(action, points)).then(drawStage);
   });
   $("infer").addEventListener("click", () => anew(async () => {
-    stage.clock.pause();
+    loaded().clock.pause();
     const length = line ? [...line.flat(), Number($("metres").value)] : null;
     await start("api/infer", { search: $("search").value, gravity: Number($("gravity").value), length });
   }));
 
   // ---- its scene
-  let player = null, changes = { objects: {} }, chosen = null, sheet = null, asking = false, again = false;
+  let player = null, changes = { objects: {} }, chosen = null, sheet = null, liveFrame = 0, asking = false, again = false;
   async function showResult(result) {
     $("result").hidden = !result;
     if (!result) { player = null; $("panels").replaceChildren(); $("result-clock").replaceChildren(); $("scene3d").replaceChildren(); return; }
@@ -259,22 +261,23 @@
     do {
       again = false;
       try {
-        const asked = performance.now(), answer = await ask("api/live", changes), picture = new Image();
+        const asked = performance.now(), asker = player, answer = await ask("api/live", changes), picture = new Image();
         picture.src = `data:image/jpeg;base64,${answer.sheet}`;
         await picture.decode();
+        if (player !== asker) continue;                          // another clip was chosen meanwhile
         sheet = { picture, ...answer };
         if (player.viewer) player.viewer.setMotion(answer.motion);
         $("live-time").textContent = `(${((performance.now() - asked) / 1000).toFixed(2)} s)`;
         $("live").dataset.edits = answer.edits.join("; ");
         $("live").dataset.seconds = ((performance.now() - asked) / 1000).toFixed(3);
-        drawLive(live.frame || 0);
-        if (!document.body.dataset.job || document.body.dataset.job !== "failed") say("");
+        drawLive(liveFrame);
+        if (document.body.dataset.job !== "failed") say("");
       } catch (error) { say(error.message); }
     } while (again);
     asking = false;
   }
   function drawLive(frame) {
-    live.frame = frame;
+    liveFrame = frame;
     const canvas = $("live").querySelector("canvas");
     if (!sheet) return;
     if (canvas.width !== sheet.width) { canvas.width = sheet.width; canvas.height = sheet.height; }
@@ -322,7 +325,10 @@
       button.addEventListener("click", () => anew(() => start("api/sample", { name })));
       return button;
     }));
-    if (shown === next.version) { showDiscovery(); return; }
+    if (shown === next.version) {                                // what is shown, or being loaded, stays the same object
+      state.bodies = before.bodies; state.result = before.result;
+      showDiscovery(); return;
+    }
     const same = (part) => before && JSON.stringify(before[part]) === JSON.stringify(next[part]);
     shown = next.version;
     attempt(() => showBodies(next.bodies, frame));

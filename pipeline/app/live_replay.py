@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pipeline.api.export import clip_schedule, paths_of
+from pipeline.api.export import frames_schedule, paths_of
 from pipeline.app.sliders import Changes, edits_of
 from pipeline.clips.replay import replay_trace
 from pipeline.page.motion_3d import RATE, motion_record
@@ -49,10 +49,10 @@ class LiveScene:
     def of(scene: Scene, frames: int, fps: float) -> LiveScene:
         """Prepare a scene. Raises SimulationError where it is unstable."""
         trace = simulate(scene, frames / fps)
-        away = np.full((1, len(scene.objects), 3), 0.0)
         assert scene.camera is not None
         eye = pinhole(scene.camera)
-        away[:] = eye.position_world + 1e3 * eye.rotation_world[:, 2]  # behind the camera
+        behind_camera = eye.position_world + 1e3 * eye.rotation_world[:, 2]
+        away = np.tile(behind_camera, (1, len(scene.objects), 1))
         still = np.tile([1.0, 0.0, 0.0, 0.0], (1, len(scene.objects), 1))
         appearance = plain_appearance(len(scene.objects), len(scene.fixed))
         backdrop = render_rgb(scene, away, still, appearance, WIDTH, HEIGHT, "raycast")[0]
@@ -84,7 +84,7 @@ class LiveScene:
 
     def pictures(self, scene: Scene, trace: Trace) -> np.ndarray:
         """(T, H, W, 3) uint8: the bodies in their colours, shaded by the slope of their depth, before the backdrop."""
-        run = replay_trace(scene, trace, clip_schedule(self.frames, self.fps), WIDTH, HEIGHT)
+        run = replay_trace(scene, trace, frames_schedule(self.frames, self.fps), WIDTH, HEIGHT)
         assert scene.camera is not None
         eye = pinhole(scene.camera)
         drawn = rasterise(scene.objects, run.position, run.quaternion, eye, WIDTH, HEIGHT, scene.ground, scene.fixed)

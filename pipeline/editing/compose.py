@@ -16,8 +16,9 @@ import numpy as np
 from pipeline.editing import plate as plates
 from pipeline.editing import surface_texture
 from pipeline.editing.camera_rays import NOBODY
-from pipeline.editing.drawing import Drawn, blurred, draw
+from pipeline.editing.drawing import Drawn
 from pipeline.editing.edit_list import Colour
+from pipeline.editing.exposure import blurred, draw_exposed, made_faster, paths_px
 from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.in_threads import in_threads
 from pipeline.editing.layers import Layers
@@ -89,6 +90,8 @@ def compose(
     turned = unturned(edited, [o is not None and layers.same_all_around[o] for o in origin])
     frames, ids = clip.frames.copy(), np.zeros(clip.masks.shape, np.uint8)
     rectangles, noises = edited.rectangles(layers.view), rng.spawn(len(frames))
+    paths, filmed = (layers.exposure.shutter * paths_px(c) for c in (corrections, layers.corrections))
+    faster = made_faster(paths, filmed, origin)
 
     def show(t: int) -> tuple[np.ndarray, np.ndarray]:
         """Write frame t; the counts of its pixels by kind, of bodies and of the background."""
@@ -100,12 +103,13 @@ def compose(
         for m in np.flatnonzero(edited.shown[t]):
             if (o := origin[m]) is not None:
                 own_texture[m] = _texture_at(layers, o, turned.quaternion[t, m], corrections[t, m], t, redraw)
-        drawn = draw(layers.view, *pose, Textures(own_texture, kind), layers.lights)
+        own_paths = {"paths": paths[t], "faster": faster[t]}
+        drawn = draw_exposed(layers.view, *pose, Textures(own_texture, kind), layers.lights, **own_paths)
         light = ground_light(edited, layers.view, corrections, t, layers.lights)
         touched = np.ones(clip.masks.shape[1:], bool)
         if not redraw:
             touched = _touched(clip, layers, edited, origin, as_filmed[t], light, drawn, t)
-        colour, alpha = blurred(drawn, layers.blur)
+        colour, alpha = blurred(drawn, layers.exposure.blur)
         picture = layers.plate.colour * light.astype(np.float32)[..., None]
         picture += alpha[..., None] * (colour - picture)
         picture += layers.plate.noise * noises[t].standard_normal(picture.shape, dtype=np.float32)
@@ -205,7 +209,7 @@ def _touched(
     out = np.zeros(clip.masks.shape[1:], bool)
     if not gone and not moved:
         return out
-    rim = 1 + math.ceil(2 * layers.blur)
+    rim = 1 + math.ceil(2 * layers.exposure.blur)
     for m in moved:
         out |= plates.grown(drawn.cover[m][None], rim)[0]
     differs = np.abs(clip.frames[t].astype(np.float32) - layers.plate.colour).max(-1)

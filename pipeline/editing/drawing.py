@@ -1,23 +1,17 @@
-"""The bodies of one frame, drawn with their textures over nothing; and how sharp a clip shows its bodies' edges."""
+"""The bodies of one frame, drawn with their textures over nothing."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from pipeline.editing.camera_rays import NOBODY, cast_bodies, paint
-from pipeline.editing.filmed_clip import FilmedClip
-from pipeline.editing.light import Lights, ground_light
-from pipeline.editing.plate import grown
+from pipeline.editing.light import Lights
 from pipeline.editing.surface_texture import Textures
-from pipeline.editing.view import BodyMotion, View
+from pipeline.editing.view import View
 
 SAMPLES = 2  # along each side of a pixel
-BLURS = (0.0, 0.35, 0.5, 0.7, 0.9, 1.2, 1.6)  # px, standard deviations that are tried
-FRAMES = 4  # that they are tried in
-RIM_PX = 2  # about the bodies' edges, where they are compared
 
 
 @dataclass(frozen=True)
@@ -90,50 +84,3 @@ def _sum(samples: np.ndarray) -> np.ndarray:
     for part in parts[1:]:
         out += part
     return out
-
-
-def blurred(drawn: Drawn, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Colour (H, W, 3) and alpha (H, W) with edges blurred by `sigma` px.
-
-    Textures come from the clip, so they have its blur already: only the edges get it.
-    """
-    alpha, colour = drawn.alpha, drawn.colour / np.maximum(drawn.alpha, 1e-6)[..., None]
-    if sigma == 0:
-        return colour, alpha
-    soft = cv2.GaussianBlur(alpha, (0, 0), sigma)
-    spread = cv2.GaussianBlur(drawn.colour, (0, 0), sigma) / np.maximum(soft, 1e-6)[..., None]
-    return np.where(alpha[..., None] > 0, colour, spread), soft
-
-
-def find_blur(
-    clip: FilmedClip,
-    view: View,
-    motion: BodyMotion,
-    corrections: np.ndarray,
-    plate: np.ndarray,
-    textures: Textures,
-    lights: Lights,
-) -> float:
-    """The blur of edges, px, with which a clip that is drawn anew is nearest to what was filmed.
-
-    Args:
-        clip: T frames.
-        view: The camera.
-        motion: Its N bodies.
-        corrections: (T, N, 5).
-        plate: (H, W, 3) float32.
-        textures: Of the bodies.
-        lights: The lights.
-    """
-    rectangles, errors = motion.rectangles(view), np.zeros(len(BLURS))
-    for t in np.unique(np.linspace(0, len(clip.frames) - 1, FRAMES).astype(int)):
-        pose = motion.tables[t], corrections[t], rectangles[t], motion.shown[t]
-        drawn = draw(view, *pose, textures, lights)
-        behind = plate * ground_light(motion, view, corrections, t, lights).astype(np.float32)[..., None]
-        body = (drawn.alpha > 0.5)[None]
-        rim = (grown(body, RIM_PX) & grown(~body, RIM_PX))[0]
-        for k, sigma in enumerate(BLURS):
-            colour, alpha = blurred(drawn, sigma)
-            made = behind + alpha[..., None] * (colour - behind)
-            errors[k] += float(((made - clip.frames[t])[rim] ** 2).sum())
-    return BLURS[int(errors.argmin())]

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.editing.drawing import find_blur
+from pipeline.editing.exposure import Exposure, find_exposure
 from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.light import NO_LIGHTS, Lights, find_lights, ground_lights
 from pipeline.editing.plate import Plate, find_plate, grown
@@ -31,7 +31,7 @@ class Layers:
         lights: Its lights.
         textures: Its bodies' surfaces.
         same_all_around: (N,) which of them look the same however they turn: the texture does not turn with them.
-        blur: Of its bodies' edges, px: the standard deviation of a Gaussian.
+        exposure: How sharp it shows them.
     """
 
     view: View
@@ -42,7 +42,7 @@ class Layers:
     lights: Lights
     textures: Textures
     same_all_around: tuple[bool, ...]
-    blur: float
+    exposure: Exposure
 
     @cached_property
     def drawn(self) -> BodyMotion:
@@ -63,5 +63,5 @@ def take_apart(clip: FilmedClip, motion: BodyMotion, view: View) -> Layers:
     shading, same = find_gloss(motion, view, corrections, clip, lights)
     lights, drawn = replace(lights, shading=shading), unturned(motion, same)
     textures = find_textures(drawn, view, corrections, clip, lights)
-    blur = find_blur(clip, view, drawn, corrections, plate.colour, textures, lights)
-    return Layers(view, motion, corrections, registered, plate, lights, textures, same, blur)
+    exposure = find_exposure(clip, view, drawn, corrections, plate.colour, textures, lights)
+    return Layers(view, motion, corrections, registered, plate, lights, textures, same, exposure)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,9 +39,9 @@ class KindSpreads:
     """
 
     unit: str
-    spreads: list[float] = field(default_factory=list)
-    shares: list[float] = field(default_factory=list)
-    errors: list[float] = field(default_factory=list)
+    spreads: array[float] = field(default_factory=lambda: array("d"))
+    shares: array[float] = field(default_factory=lambda: array("d"))
+    errors: array[float] = field(default_factory=lambda: array("d"))
 
     def cells(self, name: str) -> list[str]:
         """The row of the table, in the columns of `HEADER`."""
@@ -92,7 +93,7 @@ def true_value(truth: Scene, place: str, shapes: Sequence[str], instances: Seque
 
 
 def spreads_by_kind(
-    clips: Sequence[tuple[Sequence[Mapping[str, Any]], Scene, Sequence[int], Scene | None]],
+    clips: Iterable[tuple[Sequence[Mapping[str, Any]], Scene, Sequence[int], Scene | None]],
 ) -> dict[str, KindSpreads]:
     """The spreads of all clips by kind of parameter.
 

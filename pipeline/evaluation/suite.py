@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,9 +94,9 @@ class AnsweredSuite:
         searches = {"cmaes": best + each["cmaes"], "search": best + each["fit"]}
         return {"vivit": 0.0, "guess": np.nan, "greedy": 0.0, "best": best, **searches}
 
-    def score_rows(self, schedule: Schedule) -> list[Row]:
+    def score_rows(self, schedule: Schedule) -> Iterator[Row]:
         """A row of scores for each clip and method."""
-        rows, seconds = [], self.seconds_by_method()
+        seconds = self.seconds_by_method()
         for clip in tqdm(range(len(self)), desc=f"score {self.name}", unit="clip", disable=None):
             truth = reference(self.stages, clip, schedule)
             for method, (scene, cost) in self.answers(clip).items():
@@ -107,12 +107,11 @@ class AnsweredSuite:
                     "simulations": cost,
                     "seconds": seconds[method.split("@")[0]],
                 }
-                rows.append({**head, **score(read_scene(scene), truth, schedule)})
-        return rows
+                yield {**head, **score(read_scene(scene), truth, schedule)}
 
     def best_of_k_rows(self) -> list[Row]:
         """What more samples gain: rows of series, k, iou, the mean over clips that the model has not seen."""
-        ranked = [self.stages["best_of_k"][clip].rows() for clip in self._unseen()]
+        ranked = (self.stages["best_of_k"][clip].rows() for clip in self._unseen())
         curves = [
             best_of_k_curve(*(np.array([row[key] for row in rows]) for key in ("reward", "iou"))) for rows in ranked
         ]
@@ -123,32 +122,28 @@ class AnsweredSuite:
         """What more simulations gain: rows of series, simulations, reward, the mean over the same clips."""
         rows = []
         for method, stage in (("cmaes", "cmaes"), ("search", "fit")):
-            found = [self.stages[stage][clip].row() for clip in self._unseen()]
-            curve = mean_best_so_far([(row["spent"], row["history"]) for row in found])
+            found = (self.stages[stage][clip].row() for clip in self._unseen())
+            curve = mean_best_so_far([(np.array(row["spent"]), np.array(row["history"])) for row in found])
             rows += [{"series": f"{self.name}: {method}", "simulations": s, "reward": r} for s, r in curve]
         return rows
 
-    def certainties(self) -> list[tuple[list[Row], Scene, list[int], Scene | None]]:
+    def certainties(self) -> Iterator[tuple[list[Row], Scene, list[int], Scene | None]]:
         """Of each clip, as `spreads_by_kind` takes them: the search's certainty, its scene, instances, true scene."""
-        out = []
         for clip, found in enumerate(self.stages["fit"]):
             row = found.row()
             sampled = "sample" in self.stages
             truth = read_scene(self.stages["sample"][clip].row()["scene"]) if sampled else None
-            out.append((row["certainty"], read_scene(row["scene"]), row["instance"], truth))
-        return out
+            yield row["certainty"], read_scene(row["scene"]), row["instance"], truth
 
     def _unseen(self) -> list[int]:
         return [clip for clip in range(len(self)) if clip not in self.used]
 
 
-def forecast_rows(name: str, predicted: ShardedDataset) -> list[Row]:
+def forecast_rows(name: str, predicted: ShardedDataset) -> Iterator[Row]:
     """Rows of suite, method, iou (over the unseen part) and, for the search, seen, from the stage `predict`."""
-    rows = []
     for clip in predicted:
         row = clip.row()
         head = {"suite": name, "clip": row["clip"], "simulations": 0, "seconds": np.nan}
         search = {"iou": row["search"], "seen": row["seen"], "simulations": row["simulations"]}
-        rows.append({**head, "method": "search", **search})
-        rows += [{**head, "method": method, "iou": row[column]} for method, column in FORECASTS.items()]
-    return rows
+        yield {**head, "method": "search", **search}
+        yield from ({**head, "method": method, "iou": row[column]} for method, column in FORECASTS.items())

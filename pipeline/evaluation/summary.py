@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,9 +32,9 @@ class Summary:
 
 
 def summarise(
-    rows: Sequence[Mapping[str, Any]], metrics: Sequence[str], resamples: int, rng: np.random.Generator
+    rows: Iterable[Mapping[str, Any]], metrics: Sequence[str], resamples: int, rng: np.random.Generator
 ) -> Summary:
-    """Sum up the scores of clips.
+    """Sum up the scores of clips. Rows are taken one after the other, and of each only 8 bytes a number are held.
 
     Args:
         rows: A row for each clip and method, with suite, method, simulations, seconds and some of the metrics. A metric
@@ -42,14 +43,17 @@ def summarise(
         resamples: Bootstrap resamples behind each interval.
         rng: Draws the resamples.
     """
-    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    groups: dict[tuple[str, str], dict[str, array[float]]] = {}
     for row in rows:
-        groups.setdefault((row["suite"], row["method"]), []).append(row)
+        key = row["suite"], row["method"]
+        if key not in groups:
+            groups[key] = {name: array("d") for name in (*metrics, *COSTS)}
+        for name, numbers in groups[key].items():
+            numbers.append(row[name] if name in COSTS else row.get(name, np.nan))
     intervals = {
-        key: {m: bootstrap_mean(np.array([r.get(m, np.nan) for r in group], float), resamples, rng) for m in metrics}
-        for key, group in groups.items()
+        key: {m: bootstrap_mean(np.array(group[m]), resamples, rng) for m in metrics} for key, group in groups.items()
     }
-    spent = [{key: float(np.mean([r[name] for r in g])) for key, g in groups.items()} for name in COSTS]
+    spent = [{key: float(np.mean(group[name])) for key, group in groups.items()} for name in COSTS]
     return Summary(intervals, *spent)
 
 
@@ -103,7 +107,7 @@ def best_of_k_curve(reward: np.ndarray, score: np.ndarray) -> np.ndarray:
 
 
 def mean_best_so_far(
-    histories: Sequence[tuple[Sequence[int], Sequence[float]]], points: int = 24
+    histories: Sequence[tuple[Sequence[int] | np.ndarray, Sequence[float] | np.ndarray]], points: int = 24
 ) -> list[tuple[int, float]]:
     """The mean over clips of the best reward so far, as (simulations, reward).
 

@@ -31,7 +31,10 @@ const Player = (() => {
       for (const listener of told) listener(frame / fps, frame);
     }
     function tick(now) {
-      if (!root.isConnected) { if (usable) video.pause(); return; }
+      if (!bar.isConnected) {                                      // another clock has taken its place
+        if (video) { video.pause(); URL.revokeObjectURL(video.src); }
+        return;
+      }
       if (playing && !usable) {
         if (last !== null) tell((time + (Math.min(now - last, 100) / 1000) * Number(speed.value)) % duration);
         last = now;
@@ -62,7 +65,6 @@ const Player = (() => {
       seek,
       pause() { setPlaying(false); },
       listen(listener) { told.push(listener); const frame = frameAt(time); listener(frame / fps, frame); },
-      forget(listener) { told.splice(told.indexOf(listener), 1); },
     };
   }
 

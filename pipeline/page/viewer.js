@@ -1,5 +1,5 @@
 // A 3D view of moving bodies in WebGL 2: spheres, boxes, cylinders, capsules, ellipsoids, meshes, planes.
-// createViewer(canvas, motion) -> { setMotion, setTime, look, showPaths, duration }
+// createViewer(canvas, motion) -> { setMotion, setTime, look, showPaths }
 "use strict";
 
 const Viewer3D = (() => {
@@ -342,7 +342,6 @@ const Viewer3D = (() => {
       setMotion, look,
       setTime(t) { time = t; draw(); },
       showPaths(on) { paths = on; draw(); },
-      get duration() { return motion.frames / motion.rate; },
     };
   }
   return { createViewer };

@@ -49,30 +49,23 @@ def silent(server: S3Server) -> None:
     server.process.send_signal(signal.SIGCONT)
 
 
-def test_a_run_waits_for_the_server_and_ends_with_the_undisturbed_bytes(tmp_path: Path) -> None:
-    pytest.importorskip("s3fs", reason='S3 is not installed: pip install -e ".[s3]"')
-    pytest.importorskip("moto", reason="no S3 server is installed: pip install moto[server]")
-    server = S3Server()
+def test_a_run_waits_for_the_server_and_ends_with_the_undisturbed_bytes(tmp_path: Path, server: S3Server) -> None:
+    run(tmp_path / "sound", tmp_path / "warm", server)
+    server.stop()
     server.start()
-    try:
-        run(tmp_path / "sound", tmp_path / "warm", server)
-        server.stop()
-        server.start()
-        cache = tmp_path / "cache"
+    cache = tmp_path / "cache"
 
-        def disturb() -> None:
-            while not list(cache.glob("published/*/*")):
-                time.sleep(0.02)
-            silent(server)
+    def disturb() -> None:
+        while not list(cache.glob("published/*/*")):
+            time.sleep(0.02)
+        silent(server)
 
-        other = threading.Thread(target=disturb)
-        other.start()
-        began = time.monotonic()
-        run(tmp_path / "disturbed", cache, server)
-        other.join()
-        assert hash_files(tmp_path / "disturbed") == hash_files(tmp_path / "sound")
-        print(f"the server was silent for {AWAY_S:.0f} s, the run took {time.monotonic() - began:.0f} s")
-        assert "40 shards, 0 computed" in run(tmp_path / "second", tmp_path / "fresh", server)
-        assert hash_files(tmp_path / "second") == hash_files(tmp_path / "sound")
-    finally:
-        server.stop()
+    other = threading.Thread(target=disturb)
+    other.start()
+    began = time.monotonic()
+    run(tmp_path / "disturbed", cache, server)
+    other.join()
+    assert hash_files(tmp_path / "disturbed") == hash_files(tmp_path / "sound")
+    print(f"the server was silent for {AWAY_S:.0f} s, the run took {time.monotonic() - began:.0f} s")
+    assert "40 shards, 0 computed" in run(tmp_path / "second", tmp_path / "fresh", server)
+    assert hash_files(tmp_path / "second") == hash_files(tmp_path / "sound")

@@ -7,7 +7,8 @@ import pytest
 
 from pipeline.clips.replay import replay
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.view_scores import SeenClip, ViewScore, figures, kinds_table, steepest, true_roll, view_score
+from pipeline.evaluation.view_scores import SeenClip, steepest, true_roll, view_score
+from pipeline.evaluation.view_tables import ViewScore, figures, kinds_table
 from pipeline.planar.plane import Plane
 from pipeline.scene.scene import FixedBody, Scene, SceneObject
 

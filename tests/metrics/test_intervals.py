@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pipeline.metrics import intervals
 from pipeline.metrics.intervals import MeanInterval, bootstrap_mean, wilson
 
 
@@ -20,6 +21,13 @@ def test_the_bootstrap_is_the_percentile_of_the_means_of_resamples() -> None:
     means = np.random.default_rng(2).choice(values, (resamples, 12)).mean(1)
     e = bootstrap_mean(values, resamples, np.random.default_rng(2))
     assert (e.low, e.high) == pytest.approx(tuple(np.percentile(means, [2.5, 97.5])))
+
+
+def test_the_bootstrap_is_the_same_in_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = np.random.default_rng(1).random(12)
+    whole = bootstrap_mean(values, 500, np.random.default_rng(2))
+    monkeypatch.setattr(intervals, "BATCH_NUMBERS", 100)
+    assert bootstrap_mean(values, 500, np.random.default_rng(2)) == whole
 
 
 def test_values_that_are_missing_do_not_count(rng: np.random.Generator) -> None:

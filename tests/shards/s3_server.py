@@ -6,7 +6,10 @@ import subprocess
 import sys
 import time
 import urllib.request
+from collections.abc import Iterator
 from contextlib import suppress
+
+import pytest
 
 
 class S3Server:
@@ -44,3 +47,14 @@ class S3Server:
             self.process.kill()
             self.process.wait()
             self.process = None
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[S3Server]:
+    """A server for the tests of a module; it has the empty bucket `bucket`. tests/conftest.py makes it known."""
+    pytest.importorskip("s3fs", reason='S3 is not installed: pip install -e ".[s3]"')
+    pytest.importorskip("moto", reason="no S3 server is installed: pip install moto[server]")
+    started = S3Server()
+    started.start()
+    yield started
+    started.stop()

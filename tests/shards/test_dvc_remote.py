@@ -4,7 +4,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,16 +14,6 @@ from pipeline.shards.code_hash import ROOT
 from pipeline.shards.content_hash import hash_files
 
 TARGET = "compile@id"  # and `sample@id`, which it needs
-
-
-@pytest.fixture
-def server() -> Iterator[S3Server]:
-    pytest.importorskip("dvc_s3", reason='DVC cannot reach S3: pip install -e ".[s3]"')
-    pytest.importorskip("moto", reason="no S3 server is installed: pip install moto[server]")
-    started = S3Server()
-    started.start()
-    yield started
-    started.stop()
 
 
 def run(folder: Path, server: S3Server, *words: str) -> str:
@@ -53,6 +42,7 @@ def repository(folder: Path) -> Path:
 
 @pytest.mark.slow
 def test_a_fresh_clone_pulls_what_was_pushed_and_runs_nothing(tmp_path: Path, server: S3Server) -> None:
+    pytest.importorskip("dvc_s3", reason='DVC cannot reach S3: pip install -e ".[s3]"')
     first, second, dvc = repository(tmp_path / "first"), tmp_path / "second", (sys.executable, "-m", "dvc")
     run(first, server, "git", "init", "-q")
     run(first, server, *dvc, "init", "-q")

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from toy_stage import drop_until_shard_2, make, make_weights
 from pipeline.errors import ParamsError, ShardError, SimulationError
 from pipeline.shards import ray_executor
 from pipeline.shards.content_hash import hash_files
-from pipeline.shards.ray_executor import RayExecutor
+from pipeline.shards.ray_executor import HeadGoneError, RayExecutor, _check_address, _Head
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +87,22 @@ def test_without_ray_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPa
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
     with pytest.raises(ParamsError, match=r"pip install -e \"\.\[ray\]\""):
         list(RayExecutor(2, 1).map(die_sometimes, [Item("a", tmp_path, 0)]))
+
+
+def test_an_address_where_nothing_answers_is_one_error_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    for address in ("127.0.0.1:1", "ray://127.0.0.1:1", "nowhere"):
+        monkeypatch.setenv("RAY_ADDRESS", address)
+        with pytest.raises(ParamsError, match=rf"no Ray cluster can be reached \(RAY_ADDRESS={address}\)"):
+            _check_address(address)
+
+
+def test_a_head_is_gone_when_it_was_silent_for_long_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ray_executor, "CHECK_S", 0.01)
+    monkeypatch.setattr(ray_executor, "GONE_S", 0.1)
+    head = _Head("127.0.0.1:1")
+    time.sleep(0.2)  # the process was busy with something else
+    head.check()
+    assert not head.gone
+    time.sleep(0.2)
+    with pytest.raises(HeadGoneError, match=r"127\.0\.0\.1:1.* has not answered"):
+        head.check()

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,21 +18,14 @@ from pipeline.shards.store import Store, default_store
 KEY = "ab" * 32
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[S3Server]:
-    pytest.importorskip("s3fs", reason='S3 is not installed: pip install -e ".[s3]"')
-    pytest.importorskip("moto", reason="no S3 server is installed: pip install moto[server]")
-    started = S3Server()
-    started.start()
-    with pytest.MonkeyPatch.context() as environment:
-        for name, value in started.environment.items():
-            environment.setenv(name, value)
-        yield started
-    started.stop()
+@pytest.fixture
+def account(server: S3Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in server.environment.items():
+        monkeypatch.setenv(name, value)
 
 
 @pytest.fixture
-def remote(server: S3Server, request: pytest.FixtureRequest) -> Remote:
+def remote(account: None, request: pytest.FixtureRequest) -> Remote:
     return Remote(f"s3://bucket/{abs(hash(request.node.name))}")
 
 
@@ -156,7 +148,7 @@ def test_a_server_that_is_gone_is_waited_for_and_then_an_error(
         remote.record(KEY)
 
 
-def test_a_bucket_that_is_not_there_is_one_error(tmp_path: Path, server: S3Server) -> None:
+def test_a_bucket_that_is_not_there_is_one_error(tmp_path: Path, account: None) -> None:
     with pytest.raises(OutputError, match="cannot write to s3://nobucket/x"):
         Store(tmp_path, Remote("s3://nobucket/x")).commit(KEY, write, {})
 
