@@ -1,4 +1,4 @@
-"""`from pipeline import infer, masks, simulate, edit, discover`."""
+"""`from pipeline import infer, masks, simulate, edit, discover, discover_clips`."""
 
 import inspect
 import os
@@ -11,11 +11,13 @@ from sampled_scenes import params
 
 import pipeline
 from pipeline.api import infer as infer_module
+from pipeline.errors import SceneError
 from pipeline.inference import asking, find_scenes
 from pipeline.language.events import DEFAULT_THRESHOLDS
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene, SceneObject
 
+NAMES = ("discover", "discover_clips", "edit", "export", "infer", "masks", "simulate")
 BALL = SceneObject("sphere", (0.1,), 1.0, position=(0.0, 0.0, 1.0), name="ball")
 
 
@@ -23,12 +25,12 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     heavy = {"torch", "transformers", "mujoco", "numba", "rerun", "cv2", "numpy"}
     code = f"import sys, pipeline\nprint({heavy} & set(sys.modules), sorted(pipeline.__all__))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
-    assert done.stdout.split("\n")[0] == "set() ['discover', 'edit', 'export', 'infer', 'masks', 'simulate']"
+    assert done.stdout.split("\n")[0] == f"set() {sorted(NAMES)}"
 
 
 def test_the_functions_are_those_of_the_commands() -> None:
     assert pipeline.infer is infer_module.infer
-    for function in (pipeline.infer, pipeline.masks, pipeline.simulate, pipeline.edit, pipeline.discover):
+    for function in (getattr(pipeline, name) for name in NAMES):
         assert inspect.isfunction(function)
         assert "Args:" in (function.__doc__ or "")
     with pytest.raises(AttributeError, match="no attribute 'inver'"):
@@ -61,3 +63,8 @@ def test_what_infer_assumes_is_what_the_graph_has_in_params_yaml() -> None:
 def test_the_thresholds_of_events_are_those_of_params_yaml() -> None:
     graph = params()
     assert asdict(DEFAULT_THRESHOLDS) == graph.events.model_dump() | {"visible_px": graph.sample.filters.visible_px}
+
+
+def test_videos_without_a_scene_are_told_what_to_run_first() -> None:
+    with pytest.raises(SceneError, match=r"nothing is known of its bodies; .*`dynamics infer throw.mp4 -o inferred`"):
+        pipeline.discover_clips(["throw.mp4"])

@@ -138,7 +138,7 @@ def _known(places: Sequence[Path], scene: str | Path | KnownScene | None) -> tup
     if not is_inferred(places[0]):
         raise SceneError(
             f"{places[0]}: nothing is known of its bodies; valid: --scene with their names, shapes, sizes and masses, "
-            "or folders that `dynamics infer` wrote"
+            f"or folders that `dynamics infer` wrote (`dynamics infer {places[0]} -o inferred`)"
         )
     return known_scene(_objects(inferred_scene(places[0]))), f"objects of {places[0]}"
 

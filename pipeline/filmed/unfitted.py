@@ -17,6 +17,7 @@ from pipeline.filmed.measured_motion import MeasuredMotion
 from pipeline.filmed.recorded_clip import RecordedClip
 from pipeline.metrics.overlap import count, sequence_iou
 from pipeline.physics.simulate import simulate
+from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Scene
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.rendering.camera import pinhole
@@ -102,13 +103,14 @@ def _forecast(found: Discovery, model: Candidate, motion: MeasuredMotion, clip: 
     fit = model.fit
     camera = motion.camera.moved(fit.theta[fit.model.camera_columns]) if fit.model.camera_columns else motion.camera
     scene = replace(scene, objects=tuple(objects), camera=camera.camera)
-    times = np.maximum(clip.times - begin, 0.0)
+    clock, length = _recorded_over_true(scene)
+    times = np.maximum(clip.times - begin, 0.0) / clock
     try:
         trace = simulate(scene, float(times[-1]) + 2 / 240)
     except SimulationError:
         return None
     steps = np.minimum(np.rint(times * trace.rate).astype(int), len(trace.position) - 1)
-    position, quaternion = trace.position[steps], trace.quaternion[steps]
+    position, quaternion = trace.position[steps] * length, trace.quaternion[steps]
     eye, (width, height) = pinhole(camera.camera), clip.size
     shown = rasterise(scene.objects, position, quaternion, eye, width, height, scene.ground, ())
     count_ = len(scene.objects)
@@ -120,6 +122,17 @@ def _forecast(found: Discovery, model: Candidate, motion: MeasuredMotion, clip: 
     off = np.linalg.norm(flow - measured, axis=-1)
     epe = float(off[bodies].mean()) if bodies.any() else 0.0
     return ForecastClip(clip, first, scene, shown.mask, iou, epe)
+
+
+def _recorded_over_true(scene: Scene) -> tuple[float, float]:
+    """Recorded over true times, and lengths, by the scene's effects that change recordings."""
+    time, length = np.ones(1), np.ones(1)
+    for effect in scene.effects:
+        kind = effect_kinds()[effect.name]
+        if kind.recording is not None:
+            values = {name: np.array(value, float) for name, value in effect.parameters}
+            time, length = kind.recording(values, time, length)
+    return float(time[0]), float(length[0])
 
 
 def _first_states(found: Discovery, model: Candidate, clip: str) -> Mapping[int, tuple[float, float, np.ndarray]]:

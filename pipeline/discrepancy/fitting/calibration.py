@@ -119,7 +119,7 @@ def rescale_noise(calibration: Calibration, best: Candidate) -> Calibration:
 
     Polynomials fit motion badly that turns quickly or stops suddenly.
     """
-    freedom = best.problem.rows - best.parameters
+    freedom = best.problem.rows - best.parameters / best.problem.floor.smoothing.information
     left = best.position_chi2 / max(freedom, 1)
     if best.hits is not None or freedom <= LEAST_FREEDOM or left >= LARGEST_RATIO:
         return calibration

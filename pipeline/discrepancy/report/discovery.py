@@ -167,6 +167,13 @@ def _notes(found: Selection) -> tuple[str, ...]:
             f"the noise is correlated (by {problem.floor.correlation:.2f} between neighbouring samples): "
             f"a sample counts as {problem.floor.information:.2f} independent samples"
         )
+    smoothing = problem.floor.smoothing
+    if smoothing.width:
+        notes.append(
+            f"positions were smoothed, as if by a Gaussian filter of {smoothing.width:.2g} samples: a sample counts as "
+            f"{smoothing.information:.2f} independent samples, and those within {smoothing.reach:.2g} s of an impact "
+            "or of an end of a recording were left out"
+        )
     if problem.sigma < SMOOTHED:
         notes.append(
             f"positions scatter by only {1e3 * problem.sigma:.2g} mm, so they were smoothed: residuals may be "

@@ -71,9 +71,9 @@ def remainder_of(found: Selection, gap: Gap) -> Remainder | None:
 def _loud_arcs(found: Selection) -> list[Arc]:
     """The arcs whose residuals exceed the noise."""
     problem, out = found.answer.problem, []
-    share = found.measured.floor.information
+    share, filtered = found.measured.floor.information, found.measured.floor.smoothing.information
     for stack, rows in zip(problem.stacks, residuals_m(problem, found.answer), strict=True):
-        count = np.maximum((stack.weight > 0).sum((1, 2)) - stack.own, 1)
+        count = np.maximum(stack.free_rows(filtered) * filtered, 1)
         chi2 = (rows**2).sum((1, 2)) / found.measured.sigma**2 * share
         z = (chi2 - count) / np.sqrt(2 * count)
         out += [problem.arcs[i] for i in stack.index[z > NOTABLE_Z]]

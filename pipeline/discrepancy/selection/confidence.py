@@ -49,7 +49,8 @@ def confidence(found: Selection, names: tuple[str, ...]) -> float:
     """
     problem = found.problem
     few = problem.noise_inflated and has_few_clips(problem)
-    most = DOUBTFUL if few or found.measured.sigma < SMOOTHED else FEW_CLIPS.get(len(problem.fitted), 1.0)
+    smoothed = found.measured.sigma < SMOOTHED or found.measured.floor.smoothing.width > 0
+    most = DOUBTFUL if few or smoothed else FEW_CLIPS.get(len(problem.fitted), 1.0)
     if leaves_more(found) and not found.unknown:
         most = min(most, IMPERFECT)
     return min(_by_margin(found, names), most)

@@ -54,8 +54,8 @@ def measure_gap(problem: Problem, before: Candidate, after: Candidate) -> Gap:
 
 def _rmse(found: Candidate, chosen: Sequence[np.ndarray]) -> float:
     """Over the chosen arcs, per stack (A,) bool."""
-    squares, count = 0.0, 0
+    squares, count = 0.0, 0.0
     for stack, rows, mask in zip(found.problem.stacks, residuals_m(found.problem, found), chosen, strict=True):
         squares += float((rows[mask] ** 2).sum())
-        count += int((stack.weight[mask] > 0).sum()) - stack.own * int((stack.samples[mask] > 0).sum())
+        count += float(stack.free_rows(found.problem.floor.smoothing.information)[mask].sum())
     return float(np.sqrt(squares / max(count, 1)))

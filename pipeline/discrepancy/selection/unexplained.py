@@ -10,6 +10,7 @@ from pipeline.discrepancy.fitting.calibration import Calibration, bounce_chi2
 from pipeline.discrepancy.fitting.candidate import Candidate, residuals_m
 from pipeline.discrepancy.tracks.noise import correlation
 from pipeline.discrepancy.tracks.problem import Problem
+from pipeline.discrepancy.tracks.stack import LEAST_FREE
 
 UNEXPLAINED_Z, UNEXPLAINED_SHARE = 5.0, 0.015  # a model explains the data unless both are exceeded
 UNEXPLAINED_OF_NOISE = 0.05  # and unless it is this share of the noise: even the best models are slightly wrong
@@ -54,7 +55,8 @@ def has_few_clips(problem: Problem) -> bool:
 
 def _share_of_noise(calibration: Calibration, found: Candidate) -> float:
     """Residual of a model beyond noise, as a share of the noise."""
-    freedom = max(found.problem.rows - found.parameters, 1)
+    rows, share = found.problem.rows, found.problem.floor.smoothing.information
+    freedom = max(rows - found.parameters / share, LEAST_FREE * (1 - share) * rows, 1)
     left = found.position_chi2 * calibration.noise_scale / freedom - 1
     if calibration.restitution is None:
         return left
@@ -80,9 +82,9 @@ def drop_unexplained_arcs(calibration: Calibration, best: Candidate, only_at_imp
     if excess(calibration, best)[0] < UNEXPLAINED_Z or best.hits is not None:
         return None
     touched = {i for impact in problem.impacts for i in (impact.before, impact.after)}
-    bad, left, freedom = [], 0.0, 0.0
+    bad, left, freedom, share = [], 0.0, 0.0, problem.floor.smoothing.information
     for stack, chi2 in zip(problem.stacks, best.fit.position_chi2, strict=True):
-        rows = np.maximum((stack.weight > 0).sum((1, 2)) - stack.own, 1)
+        rows = np.maximum(stack.free_rows(share) * share, 1)
         off = (chi2 * problem.floor.information - rows) / np.sqrt(2 * rows) > DROPPED_Z
         if only_at_impacts:
             off &= np.array([i in touched and not problem.arcs[i].jumps for i in stack.index])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.discrepancy.tracks.camera_error import CameraError
+from pipeline.discrepancy.tracks.smoothing import TrackNoise
 from pipeline.discrepancy.tracks.velocity_jumps import VelocityJump
 
 GROUND = -1
@@ -92,11 +93,11 @@ class Cut:
     Attributes:
         arcs: In the order of tracks and times.
         impacts: In the same order.
-        sigma: Rough standard deviation of a coordinate, m.
+        noise: Of the tracks.
         outliers: (clip, object, row) of the samples that were removed.
     """
 
     arcs: tuple[Arc, ...]
     impacts: tuple[Impact, ...]
-    sigma: float
+    noise: TrackNoise
     outliers: frozenset[tuple[str, int, int]]

@@ -16,6 +16,7 @@ SIDEWAYS = 0.5  # largest share that is vertical in a hit by another body from t
 TOUCH = 3.5  # standard deviations of a coordinate: how much wider than 0 the gap between touching balls may seem
 LEAST_APPROACH = 0.08  # m/s: bodies that approach each other more slowly may lie side by side
 SIDE = 4  # samples before and after a contact that its speeds are taken from
+ROUNDED = 0.4  # a Gaussian filter rounds a kink off by this, times the change of slope, times the filter's width
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Surroundings:
         gap: (T,) m, height of the object's lowest point over the ground; inf without a ground.
         others: (T, M, 3) m, centres of the scene's other objects, in the order of the scene.
         sigma: Standard deviation of a coordinate, m.
+        blur: Standard deviation of the filter that smoothed positions, s; 0 without one.
     """
 
     scene: Scene
@@ -39,6 +41,7 @@ class Surroundings:
     gap: np.ndarray
     others: np.ndarray
     sigma: float
+    blur: float = 0.0
 
     @property
     def object(self) -> SceneObject:
@@ -71,10 +74,11 @@ def hit_object(jump: VelocityJump, around: Surroundings) -> int | None:
     if np.isfinite(gap[near]):
         at_jump = jump.position[2] - around.position[near, 2] + gap[near]
         intervals = np.diff(time[max(0, near - 2) : near + 3])
-        missed = 0.0  # how far the body may have fallen and risen again while rows are missing
+        missed = ROUNDED * around.blur * abs(float(jump.change[2]))
+        # and how far the body may have fallen and risen again while rows are missing
         rows_missing = len(intervals) and intervals.max() > 1.5 * np.median(np.diff(time))
         if is_upwards(jump) and rows_missing:
-            missed = 0.5 * float(jump.change[2]) * float(intervals.max())
+            missed += 0.5 * float(jump.change[2]) * float(intervals.max())
         if min(at_jump, gap[low].min()) < 0.25 * size + 0.01 + 4 * sigma + missed:
             return GROUND
     return met

@@ -19,6 +19,7 @@ from pipeline.discrepancy.tracks.contacts import (
 from pipeline.discrepancy.tracks.known_scene import KnownScene
 from pipeline.discrepancy.tracks.noise import leave_one_out, rough_sigma
 from pipeline.discrepancy.tracks.outliers import find_outliers
+from pipeline.discrepancy.tracks.smoothing import LEAST_KNOWN, UNFILTERED, TrackNoise, find_smoothing
 from pipeline.discrepancy.tracks.track import Track
 from pipeline.discrepancy.tracks.velocity_jumps import VelocityJump, find_velocity_jumps
 from pipeline.errors import MeasurementError
@@ -30,6 +31,7 @@ LEAST_SAMPLES = 6
 SETTLING = 0.05  # s after landing in which a body on the ground still swings
 HOPPING = 0.2  # s after a collision of two bodies on the ground in which they press on it unevenly
 SLIPPING = 0.4  # s after a collision until a ball whose spin was not measured is assumed to roll again
+RECUT = 2  # times that smoothed tracks are cut again: impacts look like a wider filter and more noise
 LOW_FLIGHT = 8.0  # standard deviations over the ground: in lower hops a touch cannot be seen
 Moving = Mapping[tuple[str, str], Track]
 """(clip, object) -> its track without outliers and missing positions."""
@@ -44,39 +46,61 @@ def cut_tracks(tracks: Sequence[Track], known: KnownScene) -> Cut:
                 f"clip {t.clip}, object {t.object}, row 1: the scene has no such object; valid: {', '.join(names)}"
             )
     measured = [np.isfinite(t.position).all(1) for t in tracks]
-    sigma = _sigma(tracks, measured)
+    cut = _cut_all(tracks, measured, known, _noise(tracks, measured))
+    for _ in range(RECUT if cut.noise.smoothing.width else 0):
+        noise = find_smoothing([a.time for a in cut.arcs], [a.position for a in cut.arcs], LEAST_KNOWN)
+        if noise is None or noise.sigma > cut.noise.sigma:
+            break
+        cut = _cut_all(tracks, measured, known, noise)
+    return cut
+
+
+def _cut_all(tracks: Sequence[Track], measured: Sequence[np.ndarray], known: KnownScene, noise: TrackNoise) -> Cut:
+    """Arcs and impacts of all tracks, which have positions at the samples `measured`, each (T,) bool."""
+    names, reach = [o.name for o in known.scene.objects], noise.smoothing.reach
     moving: dict[tuple[str, str], Track] = {}
     rows_of: list[np.ndarray] = []
     outliers: set[tuple[str, int, int]] = set()
     for track, there in zip(tracks, measured, strict=True):
         rows = np.flatnonzero(there)
-        bad = find_outliers(track.time[rows], track.position[rows], sigma)
+        bad = find_outliers(track.time[rows], track.position[rows], noise.sigma)
         outliers |= {(track.clip, names.index(track.object), int(r)) for r in rows[bad]}
-        rows_of.append(rows[~bad])
+        rows_of.append(_well_inside(track.time, rows[~bad], reach))
         if len(rows_of[-1]):
-            clean = replace(track, time=track.time[rows[~bad]], position=track.position[rows[~bad]])
+            clean = replace(track, time=track.time[rows_of[-1]], position=track.position[rows_of[-1]])
             moving[track.clip, track.object] = clean
     arcs: list[Arc] = []
     impacts: list[Impact] = []
     for track, rows in zip(tracks, rows_of, strict=True):
         if len(rows) >= LEAST_SAMPLES - 1:
-            more_arcs, more_impacts = _cut_track(track, rows, known, moving, sigma, first=len(arcs))
+            more_arcs, more_impacts = _cut_track(track, rows, known, moving, noise, first=len(arcs))
             arcs += more_arcs
             impacts += more_impacts
-    return Cut(tuple(arcs), tuple(impacts), sigma, frozenset(outliers))
+    return Cut(tuple(arcs), tuple(impacts), noise, frozenset(outliers))
 
 
-def _sigma(tracks: Sequence[Track], measured: Sequence[np.ndarray]) -> float:
-    """Rough standard deviation of a coordinate, m: as stated, else estimated."""
+def _noise(tracks: Sequence[Track], measured: Sequence[np.ndarray]) -> TrackNoise:
+    """The noise of all tracks: as stated, else estimated."""
+    times = [t.time[g] for t, g in zip(tracks, measured, strict=True)]
+    positions = [t.position[g] for t, g in zip(tracks, measured, strict=True)]
+    filtered = find_smoothing(times, positions)
+    smoothing = UNFILTERED if filtered is None else filtered.smoothing
     stated = [t.sigma[np.isfinite(t.sigma)] for t in tracks if t.sigma is not None]
     if stated and sum(map(len, stated)):
-        return float(np.median(np.concatenate(stated)))
-    residuals = [leave_one_out(t.time[g], t.position[g]) for t, g in zip(tracks, measured, strict=True)]
-    return rough_sigma(np.concatenate(residuals))
+        return TrackNoise(float(np.median(np.concatenate(stated))) / smoothing.information**0.5, smoothing)
+    if filtered is not None:
+        return filtered
+    residuals = [leave_one_out(t, x) for t, x in zip(times, positions, strict=True)]
+    return TrackNoise(rough_sigma(np.concatenate(residuals)), smoothing)
+
+
+def _well_inside(time: np.ndarray, rows: np.ndarray, margin: float) -> np.ndarray:
+    """Of the rows (n,) of a track at times (T,), those at least `margin` s from its ends."""
+    return rows[(time[rows] >= time[0] + margin) & (time[rows] <= time[-1] - margin)]
 
 
 def _cut_track(
-    track: Track, rows: np.ndarray, known: KnownScene, moving: Moving, sigma: float, *, first: int
+    track: Track, rows: np.ndarray, known: KnownScene, moving: Moving, noise: TrackNoise, *, first: int
 ) -> tuple[list[Arc], list[Impact]]:
     """The arcs and impacts of one track.
 
@@ -85,9 +109,10 @@ def _cut_track(
         rows: Indices of the samples that are neither missing nor outliers.
         known: The known scene.
         moving: The tracks of all objects, without outliers.
-        sigma: Standard deviation of a coordinate, m.
+        noise: Of all tracks.
         first: Index of the first arc.
     """
+    sigma, reach = noise.sigma, noise.smoothing.reach
     names, scene = [o.name for o in known.scene.objects], known.of_clip(track.clip)
     index = names.index(track.object)
     obj, time, position = scene.objects[index], track.time[rows], track.position[rows]
@@ -101,12 +126,14 @@ def _cut_track(
         gap=_gaps(obj, position, quaternion, scene.ground),
         others=_others(time, track, names, moving),
         sigma=sigma,
+        blur=noise.smoothing.blur,
     )
 
     def is_bounce(jump: VelocityJump) -> bool:
         return is_upwards(jump) and hit_object(jump, around) == GROUND
 
-    jumps = [(jump, hit_object(jump, around)) for jump in find_velocity_jumps(time, position, sigma, is_bounce)]
+    found = find_velocity_jumps(time, position, sigma, is_bounce, apart=reach)
+    jumps = [(jump, hit_object(jump, around)) for jump in found]
     contacts = [(jump, other) for jump, other in jumps if other is not None]
     unexplained = [jump for jump, other in jumps if other is None]
     by_distance = collisions_by_distance(around, [jump for jump, _ in jumps])
@@ -120,10 +147,11 @@ def _cut_track(
     edges = [-np.inf, *(jump.time for jump, _ in contacts), np.inf]
     after_collision = HOPPING if spin is not None or obj.shape != "sphere" else SLIPPING
     settled = [-np.inf, *(j.time + (SETTLING if other == GROUND else after_collision) for j, other in contacts)]
+    trimmed = int((track.time < track.time[0] + reach).sum())
     arcs: list[Arc] = []
     number: list[int] = []  # of the arc between each pair of edges
     for k, (left, right) in enumerate(itertools.pairwise(edges)):
-        inside = (time > left) & (time < right) & ~touching
+        inside = (time > left + reach) & (time < right - reach) & ~touching
         grounded = _is_grounded(around, inside)
         inside = inside & (time > settled[k]) if grounded else _without_contacts(around, inside)
         chosen = np.flatnonzero(inside)
@@ -146,7 +174,7 @@ def _cut_track(
                 quaternion=None if quaternion is None else quaternion[chosen],
                 camera_error=track.camera_error,
                 jumps=tuple(jump for jump in unexplained if time[chosen[0]] < jump.time < time[chosen[-1]]),
-                rolling=rows[chosen[0]] < 3 or (k > 0 and contacts[k - 1][1] != GROUND),
+                rolling=rows[chosen[0]] < trimmed + 3 or (k > 0 and contacts[k - 1][1] != GROUND),
             )
         )
     impacts = [

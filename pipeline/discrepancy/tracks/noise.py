@@ -8,23 +8,30 @@ MAD = 1.4826  # median absolute deviation -> standard deviation of a normal dist
 LEAST = 1e-7  # m: no measurement is exact
 
 
-def leave_one_out(time: np.ndarray, position: np.ndarray) -> np.ndarray:
+def leave_one_out(time: np.ndarray, position: np.ndarray, lag: int = 1) -> np.ndarray:
     """Each sample minus the cubic through its four neighbours, scaled so that white noise keeps its standard deviation.
 
-    time (T,), position (T, 3); returns (T, 3), NaN for the two samples at each end.
+    Args:
+        time: (T,) s.
+        position: (T, 3) m.
+        lag: Of the neighbours, samples.
+
+    Returns:
+        (T, 3), NaN for the 2 `lag` samples at each end.
     """
     out = np.full(position.shape, np.nan)
-    if len(time) < 5:
+    if len(time) < 4 * lag + 1:
         return out
-    around = np.stack([np.arange(2, len(time) - 2) + k for k in (-2, -1, 1, 2)], 1)  # (T - 4, 4)
-    t, here = time[around], time[2:-2]
+    inner = slice(2 * lag, len(time) - 2 * lag)
+    around = np.arange(len(time))[inner, None] + lag * np.array([-2, -1, 1, 2])  # (T - 4 lag, 4)
+    t, here = time[around], time[inner]
     weights = np.ones(t.shape)
     for i in range(4):
         for j in range(4):
             if i != j:
                 weights[:, i] *= (here - t[:, j]) / (t[:, i] - t[:, j])
     predicted = np.einsum("tk,tkc->tc", weights, position[around])
-    out[2:-2] = (position[2:-2] - predicted) / np.sqrt(1 + (weights**2).sum(1))[:, None]
+    out[inner] = (position[inner] - predicted) / np.sqrt(1 + (weights**2).sum(1))[:, None]
     return out
 
 

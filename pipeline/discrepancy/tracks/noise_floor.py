@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.discrepancy.tracks.noise import MAD, correlation
+from pipeline.discrepancy.tracks.smoothing import UNFILTERED, Smoothing
 from pipeline.discrepancy.tracks.stack import ArcStack
 from pipeline.discrepancy.tracks.velocity_jumps import VelocityJump
 
@@ -40,19 +41,25 @@ class ArcPolynomials:
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """scale: ratio of the noise to what was stated or first estimated; correlation: of neighbouring samples."""
+    """scale: ratio of the noise to what was stated or first estimated; correlation: of neighbouring samples, where the
+    positions were not smoothed; smoothing: where they were."""
 
     scale: float
     correlation: float
+    smoothing: Smoothing = UNFILTERED
 
     @property
     def information(self) -> float:
-        """Independent samples per sample: (1 - r) / (1 + r) for first-order autocorrelated noise."""
-        return (1 - self.correlation) / (1 + self.correlation)
+        """Independent samples per sample: (1 - r) / (1 + r) for first-order autocorrelated noise, or as the filter has
+        it."""
+        return self.smoothing.information * (1 - self.correlation) / (1 + self.correlation)
 
 
-def fit_polynomials(stack: ArcStack, jumps: Sequence[tuple[VelocityJump, ...]]) -> ArcPolynomials:
-    """The polynomials of a stack's arcs. jumps: the velocity jumps of each arc."""
+def fit_polynomials(
+    stack: ArcStack, jumps: Sequence[tuple[VelocityJump, ...]], information: float = 1.0
+) -> ArcPolynomials:
+    """The polynomials of a stack's arcs. jumps: the velocity jumps of each arc; information: independent samples per
+    sample."""
     best: tuple[float, ArcPolynomials] | None = None
     for degree in DEGREES:
         chi2, parameters, residual, fitted = [], [], [], []
@@ -63,7 +70,7 @@ def fit_polynomials(stack: ArcStack, jumps: Sequence[tuple[VelocityJump, ...]]) 
             residual.append(r)
             fitted.append(x)
         found = ArcPolynomials(np.array(chi2), np.array(parameters), residual, fitted)
-        count = max(sum(int((r != 0).sum()) for r in residual), 2)
+        count = max(sum(int((r != 0).sum()) for r in residual) * information, 2)
         score = float(count * np.log(max(found.chi2.sum(), 1e-12) / count) + found.parameters.sum() * np.log(count))
         if best is None or score < best[0]:
             best = (score, found)
@@ -91,16 +98,19 @@ def _polynomial(
 
 
 def without_outliers(
-    stack: ArcStack, jumps: Sequence[tuple[VelocityJump, ...]]
+    stack: ArcStack, jumps: Sequence[tuple[VelocityJump, ...]], information: float
 ) -> tuple[ArcStack, ArcPolynomials, int]:
-    """The stack without the samples that are far from the polynomials through the others; and their number."""
+    """The stack without the samples that are far from the polynomials through the others; and their number.
+
+    jumps and information: as in `fit_polynomials`.
+    """
     dropped = 0
     for _ in range(PASSES):
-        found = fit_polynomials(stack, jumps)
+        found = fit_polynomials(stack, jumps, information)
         sizes = np.concatenate([np.abs(r[r != 0]) for r in found.residual] or [np.zeros(0)])
         if not len(sizes):
             break
-        limit = OUTLIER * MAD * float(np.median(sizes)) * _dof_inflation(found)
+        limit = OUTLIER * MAD * float(np.median(sizes)) * _dof_inflation(found, information)
         weight, bad = stack.weight.copy(), 0
         for i, r in enumerate(found.residual):
             rows = np.flatnonzero(stack.weight[i].max(1) > 0)
@@ -112,11 +122,11 @@ def without_outliers(
             break
         dropped += bad
         stack = replace(stack, weight=weight)
-    return stack, fit_polynomials(stack, jumps), dropped
+    return stack, fit_polynomials(stack, jumps, information), dropped
 
 
-def _dof_inflation(found: ArcPolynomials) -> float:
-    count = sum(int((r != 0).sum()) for r in found.residual)
+def _dof_inflation(found: ArcPolynomials, information: float) -> float:
+    count = sum(int((r != 0).sum()) for r in found.residual) * information
     return float(np.sqrt(count / max(count - found.parameters.sum(), 1)))
 
 

@@ -12,6 +12,7 @@ from pipeline.discrepancy.tracks.arc import FAR_AWAY, Arc, Cut, Impact
 from pipeline.discrepancy.tracks.cutting import cut_tracks
 from pipeline.discrepancy.tracks.known_scene import KnownScene
 from pipeline.discrepancy.tracks.noise_floor import ArcPolynomials, NoiseFloor, noise_floor, without_outliers
+from pipeline.discrepancy.tracks.smoothing import UNFILTERED, TrackNoise
 from pipeline.discrepancy.tracks.stack import ArcStack, stack_arcs
 from pipeline.discrepancy.tracks.track import Track, frame_rate
 from pipeline.errors import MeasurementError
@@ -130,10 +131,11 @@ def recorded_alone(problem: Problem) -> tuple[int, ...]:
 def split_at_jumps(problem: Problem) -> Problem:
     """The problem with arcs cut where their velocity jumps, as if something had been hit there."""
     pieces: list[Arc] = []
+    reach = problem.floor.smoothing.reach
     for arc in problem.arcs:
         edges = [-np.inf, *(jump.time for jump in arc.jumps), np.inf]
         for left, right in itertools.pairwise(edges):
-            inside = (arc.time > left) & (arc.time < right)
+            inside = (arc.time > left + reach) & (arc.time < right - reach)
             if inside.sum() >= LEAST_PIECE:
                 pieces.append(
                     replace(
@@ -148,7 +150,7 @@ def split_at_jumps(problem: Problem) -> Problem:
                         jumps=(),
                     )
                 )
-    cut = Cut(tuple(pieces), (), problem.sigma, frozenset())
+    cut = Cut(tuple(pieces), (), TrackNoise(problem.sigma, problem.floor.smoothing), frozenset())
     split = _stacked(cut, problem.known, problem.clips, frozenset(problem.held_out), problem.floor)
     return replace(split, outliers=problem.outliers, frame_rate=problem.frame_rate)
 
@@ -157,15 +159,17 @@ def _stacked(
     cut: Cut, known: KnownScene, clips: Sequence[str], held: frozenset[str], floor: NoiseFloor | None = None
 ) -> Problem:
     """The problem of cut tracks. floor: the noise, where it is known already."""
+    share = cut.noise.smoothing.information
     stacks, polynomials, dropped = [], [], 0
     for grounded in (False, True):
         stack = stack_arcs(cut.arcs, clips, known, grounded)
         if len(stack):
-            stack, part, bad = without_outliers(stack, [cut.arcs[i].jumps for i in stack.index])
+            stack, part, bad = without_outliers(stack, [cut.arcs[i].jumps for i in stack.index], share)
             stacks.append(stack)
             polynomials.append(part)
             dropped += bad
-    floor = noise_floor(polynomials) if floor is None else floor
+    if floor is None:
+        floor = _floor_of_filtered(cut) if cut.noise.smoothing.width else noise_floor(polynomials)
     stacks = [replace(s, weight=s.weight / floor.scale) for s in stacks]
     polynomials = [replace(p, chi2=p.chi2 / floor.scale**2) for p in polynomials]
     chosen = tuple(np.array([clips[c] not in held for c in s.clip]) for s in stacks)
@@ -187,6 +191,12 @@ def _stacked(
     )
 
 
+def _floor_of_filtered(cut: Cut) -> NoiseFloor:
+    """The noise floor of smoothed positions. Polynomials do not tell it: in a short arc they fit filtered noise."""
+    noise, stated = cut.noise, float(np.median(np.concatenate([a.sigma for a in cut.arcs])))
+    return NoiseFloor(noise.sigma * noise.smoothing.information**0.5 / stated, 0.0, noise.smoothing)
+
+
 def with_length_scale_nuisance(problem: Problem) -> Problem:
     """The problem in which each arc has a length scale of its own: recordings made at several distances."""
     return replace(problem, stacks=tuple(replace(s, length_scale_sigma=LENGTH_SCALE_SIGMA) for s in problem.stacks))
@@ -205,6 +215,6 @@ def inflate_noise(problem: Problem, share: float) -> Problem:
         problem,
         stacks=tuple(replace(s, weight=s.weight * weight) for s in problem.stacks),
         polynomials=tuple(replace(p, chi2=p.chi2 * share) for p in problem.polynomials),
-        floor=replace(problem.floor, scale=problem.floor.scale / weight, correlation=0.0),
+        floor=replace(problem.floor, scale=problem.floor.scale / weight, correlation=0.0, smoothing=UNFILTERED),
         noise_inflated=True,
     )

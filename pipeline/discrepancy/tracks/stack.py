@@ -14,6 +14,7 @@ from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import half_extents
 
 FLIGHT_RATE, GROUND_RATE = 36, 60  # integration steps per second
+LEAST_FREE = 0.25  # of the coordinates of an arc whose parameters nearly fit its filtered noise
 SPIN_SIGMA_SHARE = 0.03  # standard deviation of a measured spin, relative to its size
 
 
@@ -94,6 +95,14 @@ class ArcStack:
     def samples(self) -> np.ndarray:
         """(A,) number of samples of each arc."""
         return (self.weight.max(2) > 0).sum(1)
+
+    def free_rows(self, information: float) -> np.ndarray:
+        """(A,) number of coordinates of each arc less those that its own parameters fit. information: independent
+        samples per sample: a parameter fits as much as one of them."""
+        count = (self.weight > 0).sum((1, 2))
+        return np.where(
+            self.samples > 0, np.maximum(count - self.own / information, LEAST_FREE * (1 - information) * count), 0.0
+        )
 
 
 def stack_arcs(arcs: Sequence[Arc], clips: Sequence[str], known: KnownScene, grounded: bool) -> ArcStack:

@@ -35,7 +35,12 @@ class VelocityJump:
 
 
 def find_velocity_jumps(
-    time: np.ndarray, position: np.ndarray, sigma: float, expected: Callable[[VelocityJump], bool] = lambda _: False
+    time: np.ndarray,
+    position: np.ndarray,
+    sigma: float,
+    expected: Callable[[VelocityJump], bool] = lambda _: False,
+    *,
+    apart: float = 0.0,
 ) -> list[VelocityJump]:
     """The velocity jumps of a track without outliers, in the order of time.
 
@@ -44,9 +49,11 @@ def find_velocity_jumps(
         position: (T, 3) m.
         sigma: Standard deviation of a coordinate, m.
         expected: Whether a jump is a likely one (a bounce on the ground), for which `Z_EXPECTED` is enough.
+        apart: Time within which no second jump is sought, s.
     """
     found: list[tuple[int, VelocityJump]] = []
-    waiting = [_Piece(time, position, sigma, start=0, stop=len(time))]
+    more = round(apart / float(np.median(np.diff(time)))) if apart else 0
+    waiting = [_Piece(time, position, sigma, start=0, stop=len(time), more=more)]
     while waiting:
         piece = waiting.pop()
         candidates = range(piece.start + LEAST_SIDE, piece.stop - LEAST_SIDE + 1)
@@ -57,21 +64,25 @@ def find_velocity_jumps(
         if chosen is None:
             continue
         best = min((c for c, k in jumps if abs(k - chosen) <= 1), key=lambda c: c.misfit)
-        split = int(np.searchsorted(time, best.time))
+        before, split, after = (int(np.searchsorted(time, best.time + d)) for d in (-apart, 0.0, apart))
         found.append((split, best))
-        waiting += [replace(piece, stop=split), replace(piece, start=split)]
+        waiting += [replace(piece, stop=max(before, piece.start)), replace(piece, start=min(after, piece.stop))]
     return [b for _, b in sorted(found, key=lambda pair: pair[1].time)]
 
 
 @dataclass(frozen=True)
 class _Piece:
-    """The samples `start` to `stop` - 1 of a track: time (T,) s, position (T, 3) m, sigma m."""
+    """The samples `start` to `stop` - 1 of a track: time (T,) s, position (T, 3) m, sigma m.
+
+    more: samples by which windows are longer, since a filter rounds jumps off.
+    """
 
     time: np.ndarray
     position: np.ndarray
     sigma: float
     start: int
     stop: int
+    more: int = 0
 
     def without(self, i: int) -> _Piece:
         """The piece without one sample."""
@@ -81,7 +92,7 @@ class _Piece:
 
 def _caused_by_one_sample(piece: _Piece, k: int) -> bool:
     """Whether a jump disappears when one sample is removed, which then is an undetected outlier."""
-    for i in range(max(piece.start, k - WINDOWS[0]), min(piece.stop, k + WINDOWS[0])):
+    for i in range(max(piece.start, k - WINDOWS[0] - piece.more), min(piece.stop, k + WINDOWS[0] + piece.more)):
         left = _jump_between(piece.without(i), k - (i < k), 0.5 * GAIN_OVER_CUBIC)
         if left is None or left.z < 0.5 * Z_JUMP:
             return True
@@ -90,7 +101,8 @@ def _caused_by_one_sample(piece: _Piece, k: int) -> bool:
 
 def _jump_between(piece: _Piece, k: int, gain: float = GAIN_OVER_CUBIC) -> VelocityJump | None:
     """A jump between samples k - 1 and k, if it explains the samples around them better than a cubic does."""
-    windows = (replace(piece, start=max(piece.start, k - w), stop=min(piece.stop, k + w)) for w in WINDOWS)
+    sizes = (w + piece.more for w in WINDOWS)
+    windows = (replace(piece, start=max(piece.start, k - w), stop=min(piece.stop, k + w)) for w in sizes)
     found = (_jump_in(window, k, gain) for window in windows)
     return next((jump for jump in found if jump is not None), None)
 
