@@ -13,6 +13,7 @@ import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -175,23 +176,17 @@ CHECKS = [
     ),
     Check(clip="osp_airpucks_unequal", what="mass ratio", expected=1.35, bound=0.2, unit="", measure=mass_ratio),
     # Expected: the frames of the file, 138 and 173, in which the cart is nearest to the magnet, less the first one, 14.
-    Check(
-        clip="osp_cart_bounce_incline",
-        what="next bounce after the first 4 s",
-        expected=4.13,
-        bound=0.15,
-        unit="s",
-        measure=lambda f: bounce_after(f, 4.0, 1),
-        seconds=4.0,
-    ),
-    Check(
-        clip="osp_cart_bounce_incline",
-        what="bounce after the next",
-        expected=5.3,
-        bound=0.15,
-        unit="s",
-        measure=lambda f: bounce_after(f, 4.0, 2),
-        seconds=4.0,
+    *(
+        Check(
+            clip="osp_cart_bounce_incline",
+            what=what,
+            expected=expected,
+            bound=0.15,
+            unit="s",
+            measure=partial(bounce_after, seconds=4.0, count=count),
+            seconds=4.0,
+        )
+        for count, what, expected in ((1, "next bounce after the first 4 s", 4.13), (2, "bounce after the next", 5.3))
     ),
 ]
 CLICKED_PX = 3.0

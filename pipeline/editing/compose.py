@@ -16,7 +16,7 @@ import numpy as np
 from pipeline.editing import plate as plates
 from pipeline.editing import surface_texture
 from pipeline.editing.camera_rays import NOBODY
-from pipeline.editing.drawing import Drawn
+from pipeline.editing.drawing import Drawn, draw
 from pipeline.editing.edit_list import Colour
 from pipeline.editing.exposure import blurred, draw_exposed, made_faster, paths_px
 from pipeline.editing.filmed_clip import FilmedClip
@@ -99,12 +99,16 @@ def compose(
             ids[t] = np.where(clip.masks[t] <= len(layers.motion.objects), clip.masks[t], 0)
             bodies = int((ids[t] > 0).sum())
             return np.array([bodies, 0, 0]), np.array([ids[t].size - bodies, 0, 0])
-        pose, own_texture = (turned.tables[t], corrections[t], rectangles[t], edited.shown[t]), texture.copy()
+        own_texture = texture.copy()
         for m in np.flatnonzero(edited.shown[t]):
             if (o := origin[m]) is not None:
                 own_texture[m] = _texture_at(layers, o, turned.quaternion[t, m], corrections[t, m], t, redraw)
-        own_paths = {"paths": paths[t], "faster": faster[t]}
-        drawn = draw_exposed(layers.view, *pose, Textures(own_texture, kind), layers.lights, **own_paths)
+        textures, shown = Textures(own_texture, kind), edited.shown[t]
+
+        def draw_at(moved: np.ndarray) -> Drawn:
+            return draw(layers.view, turned.tables[t], moved, rectangles[t], shown, textures, layers.lights)
+
+        drawn = draw_exposed(draw_at, corrections[t], shown, paths=paths[t], faster=faster[t])
         light = ground_light(edited, layers.view, corrections, t, layers.lights)
         touched = np.ones(clip.masks.shape[1:], bool)
         if not redraw:

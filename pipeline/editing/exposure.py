@@ -7,7 +7,7 @@ than they were filmed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -70,13 +70,9 @@ def made_faster(paths: np.ndarray, filmed: np.ndarray, origin: Sequence[int | No
 
 
 def draw_exposed(
-    view: View,
-    body: np.ndarray,
+    draw_at: Callable[[np.ndarray], Drawn],
     corrections: np.ndarray,
-    rectangles: np.ndarray,
     shown: np.ndarray,
-    textures: Textures,
-    lights: Lights,
     *,
     paths: np.ndarray,
     faster: np.ndarray,
@@ -84,13 +80,9 @@ def draw_exposed(
     """Draw M bodies while the shutter is open: the mean of their pictures along their paths.
 
     Args:
-        view: The camera.
-        body: (M, 17), as in `BodyMotion.tables`.
-        corrections: (M, 5).
-        rectangles: (M, 4) px, of `BodyMotion.rectangles`.
+        draw_at: Draws the bodies with other corrections (M, 5).
+        corrections: (M, 5), in the middle of the exposure.
         shown: (M,) bool.
-        textures: Of the M bodies.
-        lights: The lights.
         paths: (M, 2) px, along which they move in the picture while the shutter is open.
         faster: (M,) bool, those whose textures are blurred along the path, too, and not only their edges.
     """
@@ -100,7 +92,7 @@ def draw_exposed(
     for at in (np.arange(count) + 0.5) / count - 0.5:
         moved = corrections.copy()
         moved[:, 2:4] += at * paths
-        places.append(draw(view, body, moved, rectangles, shown, textures, lights))
+        places.append(draw_at(moved))
     return _mean(places, faster)
 
 
@@ -164,10 +156,13 @@ def find_exposure(
             return out
         box = tuple(slice(int(k.min()), int(k.max()) + 1) for k in np.nonzero(rim))
         true, where = clip.frames[t][box].astype(np.float32), rim[box]
-        pose = motion.tables[t], corrections[t], rectangles[t], motion.shown[t]
+        shown, still = motion.shown[t], np.zeros(count, bool)
+
+        def draw_at(moved: np.ndarray) -> Drawn:
+            return draw(view, motion.tables[t], moved, rectangles[t], shown, textures, lights)
+
         for j, shutter in enumerate(shutters):
-            open_ = {"paths": shutter * paths[t], "faster": np.zeros(count, bool)}
-            drawn = draw_exposed(view, *pose, textures, lights, **open_)
+            drawn = draw_exposed(draw_at, corrections[t], shown, paths=shutter * paths[t], faster=still)
             cut = replace(drawn, colour=drawn.colour[box], alpha=drawn.alpha[box])
             for k, sigma in enumerate(BLURS):
                 colour, alpha = blurred(cut, sigma)

@@ -44,7 +44,7 @@ def register_outline(mask: np.ndarray, shape: np.ndarray) -> RegisteredOutline |
     deep = np.unravel_index(int(inside.argmax()), inside.shape)
     centre = np.array([deep[1], deep[0]], float)
     inner = float(np.linalg.norm(shape, axis=1).min())
-    scale = float(np.clip(inside.max() / max(inner, 1e-6), 0.4, 2.5))
+    scale = float(np.clip(inside.max() / max(inner, 1e-6), SMALLEST, LARGEST))
     support = 0.0
     for width in WIDTHS:
         for _ in range(2):

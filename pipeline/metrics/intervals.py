@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
 
 CONFIDENCE = 0.95
 BATCH_NUMBERS = 2**20  # that are drawn at a time, so that memory does not grow with the clips
@@ -48,20 +47,27 @@ def bootstrap_mean(values: np.ndarray, resamples: int, rng: np.random.Generator)
     if not len(kept):
         return NO_CLIPS
     mean = float(kept.mean())
-    if len(kept) == 1:
+    if len(kept) == 1:  # scipy asks for two
         return MeanInterval(mean, mean, mean, 1)
-    batch = max(1, BATCH_NUMBERS // len(kept))
-    sizes = [min(batch, resamples - done) for done in range(0, resamples, batch)]
-    means = np.concatenate([kept[rng.integers(0, len(kept), (size, len(kept)))].mean(axis=1) for size in sizes])
-    low, high = np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return MeanInterval(mean, float(low), float(high), len(kept))
+    from scipy import stats  # takes a second, and this module is imported where no interval is needed
+
+    interval = stats.bootstrap(
+        (kept,),
+        np.mean,
+        n_resamples=resamples,
+        batch=max(1, BATCH_NUMBERS // len(kept)),
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        rng=rng,
+    ).confidence_interval
+    return MeanInterval(mean, float(interval.low), float(interval.high), len(kept))
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
     """Wilson's 95 % interval of the share hits / count; 0 to 1 where count is 0."""
     if count == 0:
         return 0.0, 1.0
-    z, share = float(ndtri((1 + CONFIDENCE) / 2)), hits / count
-    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
-    half = z / (1 + z * z / count) * np.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
-    return max(0.0, float(middle - half)), min(1.0, float(middle + half))
+    from scipy import stats
+
+    interval = stats.binomtest(hits, count).proportion_ci(CONFIDENCE, method="wilson")
+    return float(interval.low), float(interval.high)

@@ -50,16 +50,17 @@ class NoiseFloor:
 
     @property
     def information(self) -> float:
-        """Independent samples per sample: (1 - r) / (1 + r) for first-order autocorrelated noise, or as the filter has
-        it."""
+        """Independent samples per sample: (1 - r) / (1 + r) for first-order autocorrelated noise, times the filter's."""
         return self.smoothing.information * (1 - self.correlation) / (1 + self.correlation)
 
 
 def fit_polynomials(
     stack: ArcStack, jumps: Sequence[tuple[VelocityJump, ...]], information: float = 1.0
 ) -> ArcPolynomials:
-    """The polynomials of a stack's arcs. jumps: the velocity jumps of each arc; information: independent samples per
-    sample."""
+    """The polynomials of a stack's arcs.
+
+    jumps: the velocity jumps of each arc. information: independent samples per sample.
+    """
     best: tuple[float, ArcPolynomials] | None = None
     for degree in DEGREES:
         chi2, parameters, residual, fitted = [], [], [], []

@@ -60,7 +60,7 @@ UNFILTERED = Smoothing()
 class TrackNoise:
     """The noise of tracks as it was before any smoothing.
 
-    What is smooth itself suffers from filtered noise as much as from the noise before the filter.
+    A filter does not make the fit of a smooth curve more precise, so the noise before it is what counts.
 
     Attributes:
         sigma: Rough standard deviation of a coordinate, m.
