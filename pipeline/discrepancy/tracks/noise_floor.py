@@ -50,7 +50,7 @@ class NoiseFloor:
 
     @property
     def information(self) -> float:
-        """Independent samples per sample: (1 - r) / (1 + r) for first-order autocorrelated noise, times the filter's."""
+        """Independent samples per sample: (1 - r) / (1 + r) for first-order noise, times the filter's."""
         return self.smoothing.information * (1 - self.correlation) / (1 + self.correlation)
 
 
