@@ -30,7 +30,7 @@ from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from training.checkpoint import load_checkpoint
 from training.drawn_scenes import drawn_scenes
-from training.model_card import CHECKED, LEARNED, SUITES, exact_table, table_of
+from training.model_card import CHECKED, LEARNED, SHOWN, SUITES, exact_table, table_of
 from training.objects.examples import drawn_example, poses_of
 
 SUITE = "objects-card"  # names the random streams of the clips
@@ -55,7 +55,7 @@ def measure(network: ObjectsNetwork, params: Params, clips: int) -> list[dict[st
     for k, scene in enumerate(tqdm(scenes, unit="clip", disable=None)):
         shown = drawn_example(scene, poses[k], schedule, clip_rng(params.seed, SUITE, k, "errors")).instances
         if not len(shown):  # every mask is too small
-            rows.append(dict.fromkeys(("composition", "iou_initial", "iou", "epe_frame"), 0.0))
+            rows.append(dict.fromkeys(SHOWN, 0.0))
             continue
         (answer,), _ = write_scenes(network, shown, Sampling(seconds=schedule.seconds), 0)
         rows.append(score(answer, true_reference(scene, schedule), schedule))
@@ -68,9 +68,12 @@ def curve_row(path: Path, params: Params, clips: int) -> dict[str, float]:
     size = {**state["size"], "channels": tuple(state["size"]["channels"])}
     network = ObjectsNetwork(ObjectsSize(**size))
     network.load_state_dict(state["network"])
-    rows = measure(network.eval(), params, clips)
-    means = {name: float(np.mean([r[name] for r in rows if name in r])) for name in COLUMNS}
-    return {"clips_seen": state["clips"], **means}
+    return means_of(measure(network.eval(), params, clips), state["clips"])
+
+
+def means_of(rows: list[dict[str, float]], seen: int) -> dict[str, float]:
+    """A row of the curve: means over the clips that have a score. seen: clips that the training had seen."""
+    return {"clips_seen": seen, **{name: float(np.mean([r[name] for r in rows if name in r])) for name in COLUMNS}}
 
 
 CARD = """---
@@ -125,14 +128,14 @@ def main() -> None:
     params = read_params_file(PARAMS_FILE, Params)
     model = load_objects(str(args.model)).model
     rows, log = measure(model, params, args.clips), read_rows(args.model / LOG)[-1]
+    seen = int(float(log["clips"]))
     if args.checkpoints:
         curve = [curve_row(path, params, args.clips) for path in args.checkpoints]
-        means = {name: float(np.mean([r[name] for r in rows if name in r])) for name in COLUMNS}
-        curve = [*sorted(curve, key=lambda r: r["clips_seen"]), {"clips_seen": float(log["clips"]), **means}]
+        curve = [*sorted(curve, key=lambda r: r["clips_seen"]), means_of(rows, seen)]
         write_rows(args.model / CURVE, curve, digits=5)
     text = CARD.format(
         millions=sum(p.numel() for p in model.parameters()) / 1e6,
-        clips=int(float(log["clips"])),
+        clips=seen,
         minutes=float(log["minutes"]),
         scores=table_of(from_csv(read_rows(LEARNED)), "objects"),
         suites="; ".join(f"{name}: {what}" for name, what in SUITES.items()),
