@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -52,9 +53,10 @@ def write_files(folder: Path, found: Inference, progress: Progress) -> None:
     run = found.replay()
     if not (folder / SHEET).exists():  # the command shows it before the search
         write_sheet(folder, found.name, found.clip.taken)
-    with progress.step("pictures"):
+    with progress.step("pictures"), ThreadPoolExecutor(1, "motion") as beside:
+        drawing = beside.submit(_write_motion, folder, found, run)
         renderer = _write_pictures(folder, found, run)
-        _write_motion(folder, found, run)
+        drawing.result()
     progress.say("pictures", f"of the replay: {renderer}")
     write_result(folder, "infer", _result(found, run, renderer, found.seconds | progress.seconds))
 

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-
-matplotlib.use("agg")
-import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 
 from pipeline.inference.body_tracks import BodyTrack
 from pipeline.scene.scene import Scene
@@ -27,7 +24,8 @@ def write_motion_figure(path: Path, tracks: list[BodyTrack], scene: Scene, metri
         scene: The answer, whose gravity gives the energy.
         metric: What fixed the scale, for the title.
     """
-    figure, axes = plt.subplots(len(PANELS), 1, figsize=(7, 9), sharex=True, constrained_layout=True)
+    figure = Figure(figsize=(7, 9), layout="constrained")
+    axes = figure.subplots(len(PANELS), 1, sharex=True)
     for k, track in enumerate(tracks):
         colour = f"C{k}"
         for series, style in ((track.position, {"ls": "", "marker": ".", "ms": 4}), (track.replayed, {"lw": 1.2})):
@@ -49,7 +47,6 @@ def write_motion_figure(path: Path, tracks: list[BodyTrack], scene: Scene, metri
     axes[0].legend(frameon=False, ncols=max(len(tracks), 1), fontsize=9)
     axes[-1].set_xlabel("time, s")
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def speeds(times: np.ndarray, position: np.ndarray) -> np.ndarray:
