@@ -15,7 +15,7 @@ import argparse
 import secrets
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ from benchmarks.mask_clips import OUTLINES, MaskClip, another_engine, data_folde
 from benchmarks.motion_masks import masks_from_motion
 from pipeline.errors import VideoError
 from pipeline.metrics.overlap import assign, count, pair_iou
-from pipeline.segmentation import MaskNetworks, find_bodies, load_mask_networks
+from pipeline.segmentation import find_bodies, load_mask_networks
 from pipeline.segmentation.propagation import body_prompts, segment_with
 from pipeline.segmentation.published_models import FAMILIES, load_published
 from pipeline.vision.flow.dis import DIS
@@ -121,7 +121,11 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     parser.add_argument("--each", action="store_true", help="print each clip")
     parser.add_argument("--no-classical", action="store_true")
-    parser.add_argument("--plain", action="store_true", help="also without the network that sharpens outlines")
+    parser.add_argument(
+        "--plain",
+        action="store_true",
+        help="also without the network for outlines (plain), and without the second network (single)",
+    )
     for family in FAMILIES:
         parser.add_argument(f"--{family}", type=Path, help="folder of its weights; its row is left out without one")
     arguments = parser.parse_args()
@@ -130,8 +134,9 @@ def main() -> None:
     networks = load_mask_networks(arguments.weights)
     finders: dict[str, Finder] = {"network": lambda clip: find_bodies(clip.frames, networks).masks}
     if arguments.plain:
-        plain = MaskNetworks(networks.moving, None)
+        plain, single = replace(networks, outlines=None), replace(networks, second=None)
         finders["plain"] = lambda clip: find_bodies(clip.frames, plain).masks
+        finders["single"] = lambda clip: find_bodies(clip.frames, single).masks
     if not arguments.no_classical:
         finders["classical"] = classical
     for family in FAMILIES:

@@ -2,6 +2,7 @@
 
 Two pieces are one body if the vector between them rests while both turn back together, and if what lies between them
 differs from the background. Two balls that fall side by side turn back together, too, but between them is background.
+A piece that is seen for a while, where one of the others would be, belongs to them.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ from pipeline.motion.image_track import MAD, ImageTrack, image_tracks
 LEAST_FRAMES = 10  # that show both
 LEAST_SHARE = 0.8  # of the frames of the shorter track, that show both
 STIFF_PX, STIFF_SHARE = 0.8, 0.01  # most deviation of the vector between them; its share of that vector
+STIFF_WAY = 0.03  # the same as a share of the way that both move: masks of pieces may gain and lose parts
+MOST_BESIDE = 0.3  # of a piece's frames, that show the one whose place it takes, too
+SAME_PLACE = 0.15  # of the vector between two pieces: most median distance of a third one from one of them
 LEAST_WAY = 0.5  # of the vector's length: what both must move
 LEAST_TURN = 0.3  # of that way, that they must go back
 LEAST_BRIDGE = 0.5  # of what is between them must differ from the background
@@ -25,7 +29,7 @@ BACKGROUND_FRAMES = 40
 
 
 def joined_pieces(
-    masks: np.ndarray, frames: np.ndarray, times: np.ndarray, known: Sequence[bool]
+    masks: np.ndarray, frames: np.ndarray, times: np.ndarray, known: Sequence[bool], stiff: Sequence[bool] = ()
 ) -> tuple[np.ndarray, list[list[int]]]:
     """Masks in which the pieces of one rigid body are one body, filled up to their convex hull.
 
@@ -34,6 +38,7 @@ def joined_pieces(
         frames: (T, H, W, 3) uint8 RGB.
         times: (T,) s.
         known: Of each body, whether the user pointed at it; two such bodies stay two.
+        stiff: Of each body, whether it is several ends of a rigid body already; its masks are filled up, too.
 
     Returns:
         Masks whose bodies are numbered in the order of their first pieces, and the pieces of each body.
@@ -48,12 +53,15 @@ def joined_pieces(
             if first is not second:
                 groups.remove(second)
                 first += second
-    if all(len(g) == 1 for g in groups):
+    whole = {body for body, is_stiff in enumerate(stiff, 1) if is_stiff}
+    if not whole and all(len(g) == 1 for g in groups):
         return masks, groups
+    _take_in(groups, {t.body: t for t in tracks}, known)
     out = np.zeros_like(masks)
     for number, group in enumerate(groups, 1):
+        filled = len(group) > 1 or bool(whole & set(group))
         for k, own in enumerate(np.isin(masks, group)):
-            out[k][_hull(own) & (masks[k] == 0) | own if len(group) > 1 else own] = number
+            out[k][_hull(own) & (masks[k] == 0) | own if filled else own] = number
     return out, groups
 
 
@@ -62,17 +70,48 @@ def moves_stiffly(one: ImageTrack, other: ImageTrack) -> bool:
     _, i, j = np.intersect1d(one.frames, other.frames, return_indices=True)
     if len(i) < max(LEAST_FRAMES, LEAST_SHARE * min(len(one), len(other))):
         return False
-    apart = other.centre[j] - one.centre[i]
+    apart = _vectors(one, other)
     middle = np.median(apart, axis=0)
     length = float(np.linalg.norm(middle))
     spread = MAD * float(np.median(np.abs(apart - middle), axis=0).max())
-    if spread > max(STIFF_PX, STIFF_SHARE * length):
-        return False
     place = 0.5 * (one.centre[i] + other.centre[j])
     centred = place - place.mean(0)
     along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
     way = float(np.ptp(along))
+    if spread > max(STIFF_PX, STIFF_SHARE * length, STIFF_WAY * way):
+        return False
     return way > LEAST_WAY * length and _turned_back(along) > LEAST_TURN * way
+
+
+def _take_in(groups: list[list[int]], tracks: dict[int, ImageTrack], known: Sequence[bool]) -> None:
+    """Add single bodies to the groups of pieces in which they take the place of a piece that is not seen."""
+    for single in [g for g in groups if len(g) == 1 and g[0] in tracks and not known[g[0] - 1]]:
+        for group in (g for g in groups if len(g) > 1):
+            pieces = [tracks[b] for b in group if b in tracks]
+            pairs = itertools.permutations(pieces, 2)
+            if any(_takes_place(tracks[single[0]], beside, missing) for beside, missing in pairs):
+                groups.remove(single)
+                group += single
+                break
+
+
+def _takes_place(track: ImageTrack, beside: ImageTrack, missing: ImageTrack) -> bool:
+    """Whether a track is where a piece that is missing then would be, as seen from the piece beside it."""
+    if len(np.intersect1d(track.frames, missing.frames)) > MOST_BESIDE * len(track):
+        return False
+    vector = _vectors(beside, missing)
+    own = _vectors(beside, track)
+    if not len(vector) or len(own) < LEAST_SHARE * len(track):
+        return False
+    middle = np.median(vector, axis=0)
+    away = np.linalg.norm(own - middle, axis=1)
+    return float(np.median(away)) < SAME_PLACE * float(np.linalg.norm(middle))
+
+
+def _vectors(one: ImageTrack, other: ImageTrack) -> np.ndarray:
+    """(N, 2) px from one track to the other, in the frames that show both."""
+    _, i, j = np.intersect1d(one.frames, other.frames, return_indices=True)
+    return np.asarray(other.centre[j] - one.centre[i])
 
 
 def _turned_back(along: np.ndarray) -> float:

@@ -74,7 +74,7 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
         ParamsError: For prompts that are outside of the clip, or that nothing in it fits.
     """
     prompts.check(clip.source_size, clip.source_times)
-    found = find_candidates(clip.frames, networks.moving)
+    found = find_candidates(clip.frames, networks.moving, networks.second)
     like_other = figure(found, "other")
     likely = candidate_scores(found, networks.moving)
     choice = TrackChoice(
@@ -90,10 +90,11 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
         raise VideoError(why_none(clip, found, float(likely.max(initial=0)), choice.notes))
     scores = np.array([1.0 if c.score is None else c.score for c in kept])
     drawn = bodies_of([c.track for c in kept], scores, found, clip.frames)
-    masks, groups = joined_pieces(drawn.masks, clip.frames, clip.times, [c.marked for c in kept])
+    stiff = [bool(c.track.ends) for c in kept]
+    masks, groups = joined_pieces(drawn.masks, clip.frames, clip.times, [c.marked for c in kept], stiff)
     masks = without_exchanges(masks, clip.frames, clip.times)
     if networks.outlines is not None:
-        hulls = [k for k, g in enumerate(groups, 1) if len(g) > 1]
+        hulls = [k for k, g in enumerate(groups, 1) if len(g) > 1 or stiff[g[0] - 1]]
         masks = sharpen(clip.frames, masks, networks.outlines, hulls)
     notes = [
         *choice.notes,

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.segmentation.cast_shadows import cast_shadows
 from pipeline.segmentation.grouping import Track, follow
-from pipeline.segmentation.inference import Prediction, predict, steadied
+from pipeline.segmentation.inference import Prediction, mean_prediction, predict, steadied
 from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exposure
 from pipeline.segmentation.joining import joined, typical_radius
 from pipeline.segmentation.mask_networks import MaskNetworks
@@ -22,7 +22,6 @@ from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figur
 from pipeline.segmentation.upsampling import enlarge
 
 WORK_PX = 240 * 160  # of the picture that the network sees
-MIRRORED = False  # whether the network is asked about the mirrored clip too
 LEAST_SCORE = 0.4
 PLATE_SCORE = 0.4  # from which a track of the first look is left out of the background of the second
 LEVEL = 0.38  # of a soft mask, at a body's edge: 0.5 draws bodies 6 % (rendered clips) to 14 % (real ones) too small
@@ -62,11 +61,18 @@ def working_size(width: int, height: int, pixels: int = WORK_PX) -> tuple[int, i
     return w, h
 
 
-def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candidates:
-    """Tracks of whatever may be a moving body in frames (T, H, W, 3) uint8.
+def find_candidates(
+    frames: np.ndarray, network: SegmentationNetwork, second: SegmentationNetwork | None = None
+) -> Candidates:
+    """Tracks of whatever may be a moving body.
 
     The network looks twice. A body that rests for most of the clip, or is slow, is in the median picture; the second
     look has a background without the bodies that the first one found.
+
+    Args:
+        frames: (T, H, W, 3) uint8.
+        network: For moving bodies.
+        second: Another one; the second look is the mean of both. None: `network` alone.
     """
     first, features = _first_look(frames, network)
     small = first.frames
@@ -79,17 +85,21 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     plate, filled = clear_plate(small, covered, features.background)
     if np.array_equal(plate, features.background):
         return first
-    second = predict(network, small, replace(features, background=plate), MIRRORED)
+    looks = [
+        predict(n, small, replace(features, background=plate))
+        for n in ([network] if second is None else [network, second])
+    ]
+    again = mean_prediction(looks)
     # Where the background is not known, a body that the first look saw there stays.
-    moving = np.where(covered & filled, np.maximum(second.moving, first.prediction.moving), second.moving)
-    return _tracked(replace(second, moving=moving), small, plate)
+    moving = np.where(covered & filled, np.maximum(again.moving, first.prediction.moving), again.moving)
+    return _tracked(replace(again, moving=moving), small, plate)
 
 
 def _first_look(frames: np.ndarray, network: SegmentationNetwork) -> tuple[Candidates, ClipFeatures]:
     size = working_size(frames.shape[2], frames.shape[1])
     small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
     features = clip_features(small)
-    return _tracked(predict(network, small, features, MIRRORED), small, features.background), features
+    return _tracked(predict(network, small, features), small, features.background), features
 
 
 def _tracked(prediction: Prediction, small: np.ndarray, background: np.ndarray) -> Candidates:
@@ -145,7 +155,7 @@ def find_bodies(frames: np.ndarray, networks: MaskNetworks, least_score: float =
     """
     if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8 or len(frames) < 2:
         raise ValueError(f"frames are (T, H, W, 3) uint8 with T of 2 or more, not {frames.shape} {frames.dtype}")
-    found = find_candidates(frames, networks.moving)
+    found = find_candidates(frames, networks.moving, networks.second)
     scores = candidate_scores(found, networks.moving)
     kept = [i for i in np.argsort(-scores)[:MOST_BODIES] if scores[i] >= least_score]
     kept.sort(key=lambda i: (found.tracks[i].first, -len(found.tracks[i].pieces[found.tracks[i].first].pixels)))

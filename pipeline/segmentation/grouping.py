@@ -39,13 +39,14 @@ class Piece:
 @dataclass
 class Track:
     """One body's pieces by frame, and what is expected of it in the next: centre (2,) px, velocity (2,) px a frame,
-    radius px, palette (PALETTE, 3)."""
+    radius px, palette (PALETTE, 3). ends: (2,) px each, from the centre of a stiff body's first end to its others."""
 
     centre: np.ndarray
     radius: float
     palette: np.ndarray
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(2))
     pieces: dict[int, Piece] = field(default_factory=dict)
+    ends: list[np.ndarray] = field(default_factory=list)
 
     @property
     def last(self) -> int:

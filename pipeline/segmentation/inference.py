@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -31,51 +32,19 @@ class Prediction:
     radius: np.ndarray
 
 
-def predict(
-    network: SegmentationNetwork, frames: np.ndarray, features: ClipFeatures, twice: bool = False
-) -> Prediction:
-    """The answers for a clip (T, H, W, 3) uint8, H and W multiples of `network.STRIDE`, and its features.
+def mean_prediction(looks: Sequence[Prediction]) -> Prediction:
+    """The mean of several networks' answers for one clip: of radii the geometric one."""
 
-    twice: the mean with the answers for the mirrored clip.
-    """
-    one = _answers(network, frames, features)
-    if not twice:
-        return one
-    other = _answers(network, np.ascontiguousarray(frames[:, :, ::-1]), mirrored(features))
-    vote = other.vote[:, :, ::-1]
-    vote = np.stack([frames.shape[2] - vote[..., 0], vote[..., 1]], -1)
+    def mean(name: str) -> np.ndarray:
+        return np.asarray(np.mean([getattr(look, name) for look in looks], axis=0))
 
-    def mean(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return np.asarray(0.5 * (a + b[:, :, ::-1]))
-
-    return Prediction(
-        moving=mean(one.moving, other.moving),
-        body=mean(one.body, other.body),
-        other=mean(one.other, other.other),
-        vote=0.5 * (one.vote + vote),
-        radius=np.sqrt(one.radius * other.radius[:, :, ::-1]),
-    )
-
-
-def mirrored(features: ClipFeatures) -> ClipFeatures:
-    """The features of the clip with left and right exchanged."""
-
-    def flipped(picture: np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray(picture[:, ::-1])
-
-    turn = np.array([-1, 1], np.float16)
-    return ClipFeatures(
-        background=flipped(features.background),
-        low=flipped(features.low),
-        high=flipped(features.high),
-        flicker=flipped(features.flicker),
-        forward=features.forward[:, :, ::-1] * turn,
-        backward=features.backward[:, :, ::-1] * turn,
-    )
+    radius = np.exp(np.mean([np.log(look.radius) for look in looks], axis=0))
+    return Prediction(mean("moving"), mean("body"), mean("other"), mean("vote"), radius)
 
 
 @torch.inference_mode()
-def _answers(network: SegmentationNetwork, frames: np.ndarray, features: ClipFeatures) -> Prediction:
+def predict(network: SegmentationNetwork, frames: np.ndarray, features: ClipFeatures) -> Prediction:
+    """The answers for a clip (T, H, W, 3) uint8, H and W multiples of `network.STRIDE`, and its features."""
     count, height, width = frames.shape[:3]
     pictures = torch.from_numpy(frames).permute(0, 3, 1, 2)
     background, low, high = (_picture(p) for p in (features.background, features.low, features.high))

@@ -120,6 +120,7 @@ def _stiff(tracks: list[Track], probability: np.ndarray) -> list[Track]:
         if host is None or offset is None:
             out.append(track)
             continue
+        host.ends.append(offset)
         for t, piece in track.pieces.items():
             whole = host.pieces.get(t)
             if whole is None:

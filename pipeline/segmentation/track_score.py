@@ -33,8 +33,8 @@ def track_figures(track: Track, prediction: Prediction) -> np.ndarray:
 
     Means over its pixels of the three probabilities, and the 90th percentile of `moving`; the share of the clip's
     frames in which it is seen; log of its radius, px; its area over that of a disc of the radius; the median distance
-    of a vote from its centre, in radii; how far it shifts, px as a logarithm, and in radii; the share of frames in
-    which it touches the picture's border.
+    of a vote from its centre, or from the nearest end of a stiff body, in radii; how far it shifts, px as a logarithm,
+    and in radii; the share of frames in which it touches the picture's border.
     """
     count, height, width = prediction.moving.shape
     flat = [a.reshape(count, -1) for a in (prediction.moving, prediction.body, prediction.other)]
@@ -43,7 +43,8 @@ def track_figures(track: Track, prediction: Prediction) -> np.ndarray:
     for t, piece in track.pieces.items():
         values = [a[t, piece.pixels] for a in flat]
         means.append([values[0].mean(), np.percentile(values[0], 90), values[1].mean(), values[2].mean()])
-        away = np.linalg.norm(votes[t, piece.pixels] - piece.centre, axis=1)
+        centres = piece.centre + np.array([np.zeros(2), *track.ends])  # of the body, or of each of its ends
+        away = np.linalg.norm(votes[t, piece.pixels][:, None] - centres, axis=-1).min(1)
         spread.append(np.median(away) / max(piece.radius, 1.5))
         rows, cols = piece.pixels // width, piece.pixels % width
         edge.append((rows.min() == 0) | (cols.min() == 0) | (rows.max() == height - 1) | (cols.max() == width - 1))

@@ -41,6 +41,27 @@ def test_two_ends_of_a_bar_that_turn_back_together_are_one_body() -> None:
     assert (joined[bar | (masks > 0)] == 1).mean() > 0.95
 
 
+def test_an_end_that_is_two_bodies_one_after_the_other_is_one_end() -> None:
+    masks, bar = ends(), drawn(there_and_back(45), (50, 12))
+    masks[:8][masks[:8] == 2] = 3
+    assert joined_pieces(masks, clip_with(masks, bar), TIMES, [False] * 3)[1] == [[1, 2, 3]]
+
+
+def test_the_middle_of_a_stiff_body_is_filled() -> None:
+    masks, bar = ends(), drawn(there_and_back(45), (50, 12))
+    masks[masks == 2] = 1
+    filled, groups = joined_pieces(masks, clip_with(masks, bar), TIMES, [False], [True])
+    assert groups == [[1]]
+    assert (filled[bar | (masks > 0)] == 1).mean() > 0.95
+
+
+def test_a_body_that_passes_a_bar_stays_a_body() -> None:
+    masks, bar = ends(), drawn(there_and_back(45), (50, 12))
+    passing = drawn(np.stack([np.linspace(190, 150, 30), np.full(30, 10.0)], 1), (8, 8))
+    masks[passing & (np.arange(30) < 8)[:, None, None]] = 3
+    assert joined_pieces(masks, clip_with(masks, bar | (masks == 3)), TIMES, [False] * 3)[1] == [[1, 2], [3]]
+
+
 def test_two_bodies_with_background_between_them_stay_two() -> None:
     masks = ends()
     same, groups = joined_pieces(masks, clip_with(masks), TIMES, [False, False])

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from pipeline.errors import ModelError
-from pipeline.segmentation import MaskNetworks
-from pipeline.segmentation.bodies import find_bodies, working_size
-from pipeline.segmentation.inference import mirrored, predict
+from pipeline.segmentation import MaskNetworks, load_mask_networks
+from pipeline.segmentation.bodies import find_bodies, find_candidates, working_size
+from pipeline.segmentation.inference import mean_prediction, predict
 from pipeline.segmentation.inputs import FULL_CHANNELS, HALF_CHANNELS, clip_features, steady_exposure
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork, load_network, save_network
 from pipeline.segmentation.track_score import FIGURES
@@ -120,15 +120,25 @@ def test_frames_of_another_form_are_refused():
 
 def test_the_shipped_weights_are_read_and_small():
     folder = Path(__file__).resolve().parents[2] / "models" / "masks"
-    assert (folder / "model.safetensors").stat().st_size < 10_000_000
-    network = load_network(folder)
-    assert set(network.config["regression"]) == {"constant", *FIGURES}
+    assert sum(file.stat().st_size for file in folder.rglob("*.safetensors")) < 10_000_000
+    networks = load_mask_networks(folder)
+    assert set(networks.moving.config["regression"]) == {"constant", *FIGURES}
+    assert networks.second is not None and networks.outlines is not None
 
 
-def test_the_mirrored_clip_has_mirrored_answers():
+def test_the_mean_of_equal_answers_is_the_answer_and_of_others_lies_between():
     frames = random_clip(np.random.default_rng(5), 4)
-    network, features = random_network(), clip_features(frames)
-    one = predict(network, frames, features, twice=True)
-    other = predict(network, np.ascontiguousarray(frames[:, :, ::-1]), mirrored(features), twice=True)
-    np.testing.assert_allclose(one.moving, other.moving[:, :, ::-1], atol=1e-5)
-    np.testing.assert_allclose(one.vote[..., 0], frames.shape[2] - other.vote[:, :, ::-1, 0], atol=1e-3)
+    features = clip_features(frames)
+    one, other = (predict(random_network(seed), frames, features) for seed in (0, 1))
+    same, mean = mean_prediction([one, one]), mean_prediction([one, other])
+    for name in ("moving", "body", "other", "vote", "radius"):
+        np.testing.assert_allclose(getattr(same, name), getattr(one, name), rtol=1e-5, atol=1e-6)
+        low, high = (f(getattr(one, name), getattr(other, name)) for f in (np.minimum, np.maximum))
+        assert (getattr(mean, name) >= low - 1e-3).all() and (getattr(mean, name) <= high + 1e-3).all()
+
+
+def test_a_second_network_that_equals_the_first_changes_nothing():
+    frames = random_clip(np.random.default_rng(6))
+    network = random_network()
+    alone, both = (find_candidates(frames, network, second) for second in (None, network))
+    np.testing.assert_allclose(alone.figures, both.figures, rtol=1e-4, atol=1e-5)

@@ -20,7 +20,8 @@ from tqdm import tqdm
 
 from pipeline.segmentation.bodies import find_candidates
 from pipeline.segmentation.grouping import Track
-from pipeline.segmentation.network import CONFIG, SegmentationNetwork, load_network
+from pipeline.segmentation.mask_networks import MaskNetworks, load_mask_networks
+from pipeline.segmentation.network import CONFIG
 from pipeline.segmentation.track_score import FIGURES
 from training.segmentation.clip import MOVES, TrainingClip, load_clip
 
@@ -43,9 +44,9 @@ def track_iou(track: Track, mask: np.ndarray, body: int) -> float:
     return float(np.mean(values)) if values else 0.0
 
 
-def labelled_tracks(network: SegmentationNetwork, clip: TrainingClip) -> tuple[np.ndarray, np.ndarray]:
+def labelled_tracks(networks: MaskNetworks, clip: TrainingClip) -> tuple[np.ndarray, np.ndarray]:
     """Figures (N, F) of a clip's tracks, and whether they are moving bodies (N,): 1, 0, or NaN (not clear)."""
-    found = find_candidates(clip.frames, network)
+    found = find_candidates(clip.frames, networks.moving, networks.second)
     labels = np.full(len(found.tracks), np.nan)
     claimed: set[int] = set()
     for k, track in enumerate(found.tracks):
@@ -85,9 +86,9 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     cv2.setNumThreads(1)
-    network = load_network(arguments.weights)
+    networks = load_mask_networks(arguments.weights)
     paths = sorted(arguments.clips.glob("*.npz"))
-    rows = [labelled_tracks(network, load_clip(p)) for p in tqdm(paths, unit="clip", disable=None)]
+    rows = [labelled_tracks(networks, load_clip(p)) for p in tqdm(paths, unit="clip", disable=None)]
     figures, labels = np.concatenate([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
     clear = ~np.isnan(labels)
     regression = fit(figures[clear], labels[clear])
