@@ -3,7 +3,7 @@
 Works on the clips of a finished graph: suite `id` (the first --each clips of 1, 2 and 3 objects) and suite `real`, with
 given masks, and for `real` also with masks from motion. Each answer is appended to
 benchmarks/results/starts/answers.jsonl, so that a stopped run can be continued; starts.csv and starts.md beside it sum
-them up, and the report shows them. In a clone, with fresh clips and 32 samples a clip:
+them up, and the report shows them (--results: another folder). In a clone, with fresh clips and 32 samples a clip:
 
     dvc exp run -S seed=7 -S suites.id.clips=80 -S infer.samples=32 -S suites.real.path=CROSS_ENGINE \\
         best_of_k@id best_of_k@real
@@ -32,6 +32,7 @@ from pipeline.csv_rows import write_rows
 from pipeline.evaluation.scene_scores import score
 from pipeline.evaluation.suite import Suite, greedy_row, reference
 from pipeline.evaluation.tables import markdown, starts_table
+from pipeline.inference.scene_search import distinct_starts
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
@@ -55,8 +56,8 @@ POPULATION, SIGMA = 128, 0.1
 METRICS = ("iou", "iou_initial", "epe", "epe_frame", "composition", "penetration", "valid")
 PARTS = ("render", "flow")
 MODEL_PARTS = ("infer", "best_of_k")
-KINDS = ("given", "guess", "motion", "given CMA-ES", "bestK", "greedy", "best1", "prior", "bestK CMA-ES")
-BY_MODEL = ("greedy", "best1", "bestK")
+KINDS = ("given", "guess", "answers", "motion", "given CMA-ES", "bestK", "greedy", "best1", "prior", "bestK CMA-ES")
+BY_MODEL = ("answers", "greedy", "best1", "bestK")
 
 
 def shapes_of(suite: Suite, clip: int, params: Params) -> list[str] | None:
@@ -99,8 +100,11 @@ def searched(
 ) -> SearchResult:
     """The result of a search of this kind."""
     evaluator, rng = Evaluator(target, schedule, threads=1), clip_rng(params.seed, "starts", clip, kind)
-    if kind in ("guess", "motion"):
-        return search_scene(evaluator, [], simulations, rng).result
+    if kind in ("guess", "motion", "answers"):
+        rows = suite["best_of_k"][clip].rows() if kind == "answers" else []
+        ranked, valid = [read_scene(row["scene"]) for row in rows], [row["valid"] for row in rows]
+        starts = distinct_starts(ranked, valid, params.search.starts)
+        return search_scene(evaluator, starts, simulations, rng).result
     start = start_of(kind.removesuffix(" CMA-ES"), suite, clip, target, shapes, params, schedule)
     if kind.endswith("CMA-ES"):
         return cmaes_search(evaluator, [start], Budget(POPULATION, simulations // POPULATION, SIGMA), rng)
@@ -192,12 +196,12 @@ def summary(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return rows
 
 
-def write_summary(answers: list[dict[str, Any]]) -> str:
-    """Write starts.csv and starts.md; return the text of the latter."""
+def write_summary(answers: list[dict[str, Any]], folder: Path) -> str:
+    """Write starts.csv and starts.md into a folder; return the text of the latter."""
     rows = summary(answers)
-    write_rows(RESULTS / "starts.csv", rows, digits=5)
+    write_rows(folder / "starts.csv", rows, digits=5)
     text = markdown(*starts_table(rows))
-    (RESULTS / "starts.md").write_text(text, encoding="utf-8")
+    (folder / "starts.md").write_text(text, encoding="utf-8")
     return text
 
 
@@ -208,19 +212,20 @@ def main() -> None:
     parser.add_argument("--only", default=",".join(KINDS), help="starts, separated by commas")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--minutes", type=float, help="stop after so long; run again to continue")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the results")
     arguments = parser.parse_args()
     kinds = [k.strip() for k in arguments.only.split(",")]
     if wrong := [k for k in kinds if k not in KINDS]:
         parser.error(f"--only: unknown start {wrong[0]!r}; valid: {', '.join(KINDS)}")
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    path = RESULTS / "answers.jsonl"
+    arguments.results.mkdir(parents=True, exist_ok=True)
+    path = arguments.results / "answers.jsonl"
     answers = kept_answers(path)
     done = {(a["suite"], a["clip"], a["start"]) for a in answers}
     params = read_params_file(PARAMS_FILE, Params)
     waiting = [j for j in jobs_of(params, arguments.each, arguments.simulations, kinds) if j[:3] not in done]
     found = answers_of(answer, waiting, path, arguments.workers, arguments.minutes)
     answers += tqdm(found, total=len(waiting), unit="search")
-    print(write_summary(answers))
+    print(write_summary(answers, arguments.results))
 
 
 if __name__ == "__main__":
