@@ -80,6 +80,9 @@ COMPARED = (  # first minus second, by clip
     ("tiny", "silent"),
     ("flow", "rgb"),
     ("flow", "none"),
+    ("objects for one body", "flow"),
+    ("objects for one body", "rgb"),
+    ("objects for one body", "none"),
 )
 RESAMPLES = 10_000
 
