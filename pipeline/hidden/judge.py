@@ -59,7 +59,7 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     """Judge a verdict of report.json by the truth of a hidden world (`pipeline.hidden.world`).
 
     If the hidden effect was struck off the list, `unknown` is right, and so are its `equals_of`. An effect named where
-    an unlisted law acts is right only with a remainder: the hidden effect beside it, or one of the law's kind.
+    an unlisted law acts is right only with a remainder: the hidden effect beside it, one of the law's kind, or both.
     """
     hidden = {e["name"] for e in truth["effects"]}
     named = [n for n in verdict["effects"] if n != "unknown"]
@@ -74,7 +74,7 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     if not listed and named and set(named) <= equals:
         return Judgement(right=True, false=False, some=True, truth=name, label=name)
     if truth.get("unlisted") is not None and not hidden and named and verdict.get("remainder") is not None:
-        kin = all((h := effect_kinds()[n].hiding) is not None and truth["unlisted"] in h.resembles for n in named)
+        kin = all(_resembles(n, truth["unlisted"]) for n in named)
         return Judgement(right=kin, false=not kin, some=kin, truth=name, label=name if kin else answer)
     if not listed:
         label = name if unknown else answer
@@ -82,7 +82,9 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
     if not hidden:
         return Judgement(right=not named and not unknown, false=bool(named), some=True, truth=name, label=answer)
     meant = [{n}.union(*(s for s in sets if n in s)) for n in named]  # each name stands for its equals, too
-    alike = len(named) == len(hidden) and any(
+    if beside:
+        meant = [m for n, m in zip(named, meant, strict=True) if m & hidden or not _resembles(n, truth["unlisted"])]
+    alike = len(meant) == len(hidden) and any(
         all(h in m for h, m in zip(order, meant, strict=True)) for order in permutations(hidden)
     )
     right = not unknown and alike and not (beside and verdict.get("remainder") is None)
@@ -98,6 +100,11 @@ def judge(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> Judgement:
         errors=errors,
         covered=covered,
     )
+
+
+def _resembles(name: str, unlisted: str) -> bool:
+    hiding = effect_kinds()[name].hiding
+    return hiding is not None and unlisted in hiding.resembles
 
 
 def _parameters(verdict: Mapping[str, Any], truth: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, float]]:

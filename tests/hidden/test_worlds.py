@@ -170,6 +170,11 @@ def test_beside_an_unlisted_law_the_remainder_has_to_be_reported() -> None:
     assert not judge(verdict("air_drag"), beside).right
     assert not judge(verdict("unknown"), beside).right
     assert judge({**verdict("tilted_gravity"), **rest}, beside).false
+    cubic = truth("tilted_gravity", unlisted="cubic_drag")
+    assert judge({**verdict("tilted_gravity", "air_drag"), **rest}, cubic).right  # drag is of the law's kind
+    assert not judge(verdict("tilted_gravity", "air_drag"), cubic).right
+    assert not judge({**verdict("air_drag"), **rest}, cubic).right  # without the listed effect
+    assert judge({**verdict("tilted_gravity", "buoyancy"), **rest}, cubic).false
     alone = truth(unlisted="cubic_drag")
     assert judge({**verdict("air_drag"), **rest}, alone).right  # of the same kind
     assert judge(verdict("air_drag"), alone).false
