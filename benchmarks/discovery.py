@@ -154,10 +154,10 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, help="stop after so long; run again to go on")
     parser.add_argument("--groups", nargs="+", metavar="GROUP", help="of the plan; needs --out")
     parser.add_argument("--seed", type=int, help="the first one; needs --out")
-    parser.add_argument("--worlds", type=int, help="of each group; needs --out")
+    parser.add_argument("--worlds", type=int, help="of each group; needs --out; 0: only the summary of what is there")
     parser.add_argument("--out", type=Path, help="folder of the answers")
     arguments = parser.parse_args()
-    if arguments.out is None and (arguments.groups or arguments.seed is not None or arguments.worlds):
+    if arguments.out is None and (arguments.groups or arguments.seed is not None or arguments.worlds is not None):
         parser.error("a part of the plan, or other seeds, need a folder of their own: --out")
     folder = arguments.out or Path("benchmarks/results") / ("discovery-smoke" if arguments.smoke else "discovery")
     folder.mkdir(parents=True, exist_ok=True)
