@@ -4,6 +4,8 @@ Writes benchmarks/results/discovery[-smoke]/answers.jsonl one answer at a time (
 summary.md, confusion.svg and summary.json beside it. The thresholds (in pipeline/discrepancy/fitting and
 selection) were frozen on other seeds; reported figures come from seeds from 60000 on, first used in that run.
 Run: python -m benchmarks.discovery [--smoke] [--share 1.0] [--workers 2] [--minutes M]
+Or some groups on other seeds, whose answers go to a folder of their own:
+python -m benchmarks.discovery --groups "unlisted beside" "two effects" --seed 90000 --worlds 10 --out FOLDER
 """
 
 from __future__ import annotations
@@ -145,22 +147,37 @@ def answer(job: Job) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--smoke", action="store_true", help="a few worlds, for CI")
     parser.add_argument("--share", type=float, default=1.0, help="of the whole plan")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--minutes", type=float, help="stop after so long; run again to go on")
+    parser.add_argument("--groups", nargs="+", metavar="GROUP", help="of the plan; needs --out")
+    parser.add_argument("--seed", type=int, help="the first one; needs --out")
+    parser.add_argument("--worlds", type=int, help="of each group; needs --out; 0: only the summary of what is there")
+    parser.add_argument("--out", type=Path, help="folder of the answers")
     arguments = parser.parse_args()
-    folder = Path("benchmarks/results") / ("discovery-smoke" if arguments.smoke else "discovery")
+    if arguments.out is None and (arguments.groups or arguments.seed is not None or arguments.worlds is not None):
+        parser.error("a part of the plan, or other seeds, need a folder of their own: --out")
+    folder = arguments.out or Path("benchmarks/results") / ("discovery-smoke" if arguments.smoke else "discovery")
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "answers.jsonl"
     done = {a["key"] for a in kept_answers(path)}
     jobs = []
-    for group, recipe, struck in plan(arguments.share, FIRST_SMOKE_SEED if arguments.smoke else FIRST_SEED):
+    first = FIRST_SMOKE_SEED if arguments.smoke else FIRST_SEED
+    planned = list(plan(arguments.share, first if arguments.seed is None else arguments.seed))
+    unknown = set(arguments.groups or ()) - {group for group, _, _ in planned}
+    if unknown:
+        valid = ", ".join(dict.fromkeys(group for group, _, _ in planned))
+        parser.error(f"--groups: {', '.join(sorted(unknown))} is no group; valid: {valid}")
+    for group, recipe, struck in planned:
+        if arguments.groups and group not in arguments.groups:
+            continue
         key = hashlib.sha256(json.dumps([group, asdict(recipe), struck], sort_keys=True).encode()).hexdigest()[:16]
         jobs.append((key, group, recipe, struck))
     jobs = _sampled(jobs) if arguments.smoke else jobs
-    waiting = [j for j in balanced(jobs) if j[0] not in done]
+    chosen = first_of_each(balanced(jobs), arguments.worlds)
+    waiting = [j for j in chosen if j[0] not in done]
     found = answers_of(answer, waiting, path, arguments.workers, arguments.minutes)
     for _ in tqdm(found, total=len(waiting), unit="world"):
         pass
@@ -184,6 +201,17 @@ def balanced(jobs: Sequence[Job]) -> list[Job]:
         ranked.append((place[group] / WEIGHTS.get(group, 1), i))
         place[group] += 1
     return [jobs[i] for _, i in sorted(ranked, key=lambda row: row[0])]
+
+
+def first_of_each(jobs: Sequence[Job], worlds: int | None) -> list[Job]:
+    """The first jobs of each group, at most `worlds`; None: all."""
+    seen: dict[str, int] = defaultdict(int)
+    out = []
+    for job in jobs:
+        seen[job[1]] += 1
+        if worlds is None or seen[job[1]] <= worlds:
+            out.append(job)
+    return out
 
 
 def _sampled(jobs: list[Any]) -> list[Any]:

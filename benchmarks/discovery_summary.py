@@ -15,6 +15,7 @@ from pipeline.hidden.scenario import EVERY, TWO_OR_THREE
 from pipeline.metrics.intervals import wilson
 
 ONE = tuple(name for name in EVERY if name not in TWO_OR_THREE)
+LATER_GROUPS = ("unlisted beside", "unknown spin", "clock and drag", "smoothed")
 SINDY = ("air_drag", "linear_drag", "magnus_lift", "tilted_gravity", "gravity_error")
 
 
@@ -124,14 +125,23 @@ def _gaps(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list[s
 
 
 def _confidence(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list[str]:
-    out = ["| stated confidence | worlds | right |", "| --- | --- | --- |"]
+    head = "| stated confidence | worlds | right | 95 % interval | of listed laws | right | 95 % interval |"
+    out = [head, "| --- " * 7 + "|"]
     stated = np.array([a["report"]["verdict"]["confidence"] for a in good])
     right = np.array([j.right for j in judged])
+    listed = np.array([not a["truth"].get("struck") and a["group"] not in LATER_GROUPS for a in good])
     for low, high in ((0, 0.8), (0.8, 0.9), (0.9, 0.95), (0.95, 1.01)):
-        mine = (stated >= low) & (stated < high)
-        if mine.any():
-            out.append(f"| {low:g} to {min(high, 1):g} | {mine.sum()} | {right[mine].mean():.2f} |")
-    return out
+        cells = [f"{low:g} to {min(high, 1):g}"]
+        for mine in ((stated >= low) & (stated < high), (stated >= low) & (stated < high) & listed):
+            hits, count = int(right[mine].sum()), int(mine.sum())
+            bounds = wilson(hits, count) if count else (0.0, 1.0)
+            cells += [str(count), f"{hits / max(count, 1):.2f}", f"{bounds[0]:.2f} to {bounds[1]:.2f}"]
+        out.append(f"| {' | '.join(cells)} |")
+    return [
+        *out,
+        "",
+        "Of listed laws: without effects struck off the list and without " + ", ".join(LATER_GROUPS) + ".",
+    ]
 
 
 def _rivals(good: Sequence[dict[str, Any]], judged: Sequence[Judgement]) -> list[str]:

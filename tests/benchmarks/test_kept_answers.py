@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.discovery import FIRST_SEED, WEIGHTS, balanced, plan
+from benchmarks.discovery import FIRST_SEED, WEIGHTS, balanced, first_of_each, plan
 from benchmarks.kept_answers import answers_of, kept_answers
 
 
@@ -35,3 +35,11 @@ def test_a_stopped_blind_run_has_as_many_of_every_group_and_every_effect_once_be
     assert WEIGHTS["none"] * (min(usual) - 1) <= groups["none"] <= WEIGHTS["none"] * max(usual)
     names = Counter(recipe.effects for _, group, recipe, _ in order[:stop] if group == "12 clips, 2 mm, strong")
     assert max(names.values()) == 1
+
+
+def test_of_each_group_the_first_worlds_are_taken_in_their_order() -> None:
+    jobs = [(str(i), *world) for i, world in enumerate(plan(0.25, FIRST_SEED))]
+    taken = first_of_each(jobs, 2)
+    counts = Counter(group for _, group, _, _ in taken)
+    assert counts == {group: min(2, n) for group, n in Counter(group for _, group, _, _ in jobs).items()}
+    assert taken == [job for job in jobs if job in taken] and first_of_each(jobs, None) == jobs

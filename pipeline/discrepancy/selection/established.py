@@ -2,8 +2,8 @@
 
 Beside such a remainder differences of scores mean little, since residuals are systematic: with enough samples any
 effect that bends the paths a bit wins. So an effect is asked for its substance: on clips that were not fitted it has to
-remove at least half of what the model without it leaves. Likewise a law with more numbers has to leave at most half of
-what one with fewer leaves.
+remove at least half of what the model without it leaves. A law with more numbers, those of each arc included, bends to
+anything; it has to leave at most a quarter of what one with fewer leaves.
 """
 
 from __future__ import annotations
@@ -22,8 +22,12 @@ from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, excess
 from pipeline.scene.effects.kind import EffectKind
 
-MOST_LEFT = 0.5  # of the gap beyond noise that a simpler model leaves, root mean square
+MOST_LEFT = 0.5  # of the gap beyond noise that the model without an effect leaves, root mean square
+MOST_LEFT_BY_MORE = 0.25  # of what a law with fewer numbers leaves
 ALIKE_LEFT = 1.25  # effects that leave up to so many times as much are not told apart
+#: Beside a remainder, an effect is named if at most so many, it included, leave up to so many times as much: what more
+#: of them explain nearly as well is part of the remainder.
+MOST_NEAR, NEAR_LEFT = 3, 1.5
 #: By how much chi squared of the held-out clips must fall with each effect. A true difference d of the predictions
 #: changes chi squared by d² with a standard deviation of 2 d, so that a fall by 4 equals its own uncertainty.
 HELD_OUT_GAIN = 4.0
@@ -55,7 +59,7 @@ def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Pr
             longer = [c for base in leaders for c in extend(found.calibration, base, kinds, progress, MOST_FITTED_MORE)]
             tried += longer
             continue
-        if best is None:
+        if best is None or (chosen.effects and _is_part_of_remainder(found, best, longer)):
             break
         alike = _still_alike(found, alike, best, kinds, progress) + _alike(found, best, longer)
         chosen = best
@@ -112,18 +116,28 @@ def _without_one(found: Selection, model: Candidate, base: Candidate) -> list[Ca
 
 
 def _simplest(models: Sequence[Candidate], found: Selection) -> Candidate | None:
-    """The model with the fewest numbers, unless one with more leaves at most half as much."""
+    """The model with the fewest numbers, unless one with more leaves at most a quarter as much."""
     best: Candidate | None = None
-    for c in sorted(models, key=lambda c: (c.fit.model.size, _left(found, c))):
-        if best is None or _left(found, c) <= MOST_LEFT * _left(found, best):
+    for c in sorted(models, key=lambda c: (c.parameters, _left(found, c))):
+        if best is None or _left(found, c) <= MOST_LEFT_BY_MORE * _left(found, best):
             best = c
     return best
 
 
+def _is_part_of_remainder(found: Selection, longer: Candidate, rivals: Sequence[Candidate]) -> bool:
+    """Whether a model leaves more than noise, and many effects, of whatever size, explain nearly what its last does.
+
+    Where a force is missing that no effect makes, any law that bends the paths explains a part of it.
+    """
+    most, others = NEAR_LEFT * _left(found, longer), set(longer.effects[:-1])
+    names = {n for c in rivals if _left(found, c) <= most for n in set(c.effects) - others}
+    return len(names) > MOST_NEAR and excess(found.calibration, longer)[0] > UNEXPLAINED_Z
+
+
 def _alike(found: Selection, chosen: Candidate, rivals: Sequence[Candidate]) -> Sets:
     """What could replace one of the effects as well, with no more numbers."""
-    most, size = ALIKE_LEFT * _left(found, chosen), chosen.fit.model.size
-    near = [c for c in rivals if c.fit.model.size <= size and _left(found, c) <= most]
+    most = ALIKE_LEFT * _left(found, chosen)
+    near = [c for c in rivals if c.parameters <= chosen.parameters and _left(found, c) <= most]
     out = []
     for name in chosen.effects:
         others = set(chosen.effects) - {name}

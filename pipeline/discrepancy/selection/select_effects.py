@@ -37,7 +37,8 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     """The selection for a problem, with nuisances where no listed effect explains it.
 
     If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
-    counts if it explains the rest. Else, with one or two fitted clips, which may have slow tracking errors, the
+    counts if at most one effect is enough then, or if several explain all: beside a remainder any second effect wins by
+    its score. Else, with one or two fitted clips, which may have slow tracking errors, the
     residuals count as noise, and the selection is repeated once more. With more clips,
     where no effect or only several together come near, those are named that are established, of balls in the air also
     those of an unknown spin.
@@ -53,7 +54,8 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     scaled = select_once(with_length_scale_nuisance(problem), effects, progress)
     if has_few_clips(problem) and scaled.excess_z > UNEXPLAINED_Z:
         return _select_beside_remainder(scaled, found.none, effects, progress)
-    if not scaled.unknown and scaled.chosen.score < found.chosen.score - CLAIM_MORE:
+    enough = len(scaled.chosen.effects) < 2 or scaled.excess_z <= UNEXPLAINED_Z
+    if enough and not scaled.unknown and scaled.chosen.score < found.chosen.score - CLAIM_MORE:
         return replace(scaled, baseline=found.none)
     if not found.unknown and len(found.chosen.effects) < 2:
         return found
