@@ -1,15 +1,16 @@
 """Edited clips against the clip that MuJoCo renders of the edited scene, given the true scene or the one `infer` finds.
 
     python -m benchmarks.paired_edits [--pairs 63] [--size 240 160] [--minutes M] [--kept FOLDER]
-    python -m benchmarks.paired_edits --pairs 21 --scenes found [--simulations 2000] --kept FOLDER
+    python -m benchmarks.paired_edits --pairs 21 --scenes found|masks [--simulations 2000] --kept FOLDER
 
 Each pair is a drawn clip with random looks and the same clip after an edit: of mass, friction, velocity, gravity, a
-removed body, an added one, a velocity at mid-clip. With `found`, `infer` sees only the video; the edit is carried over
-to its scene (`benchmarks/transferred_edit.py`). Compared with the true edited clip are the edited clip, the clip as it
-was (no edit), and primitives in plain colours as `dynamics simulate` draws them. Of the bodies that the edit adds,
-removes or moves elsewhere, from the edit on: IoU of their masks; PSNR inside of their masks in either clip, dB; of
-those that it moves, the distance of the masks' centroids from the true ones, px of 480x320. Where `infer` fails, or
-does not find the body that is edited, the edited clip and the primitives count as no edit.
+removed body, an added one, a velocity at mid-clip. With `found`, `infer` sees only the video, with `masks` also the
+true masks; the edit is carried over to its scene (`benchmarks/transferred_edit.py`). Compared with the true edited clip
+are the edited clip, the clip as it was (no edit), and primitives in plain colours as `dynamics simulate` draws them. Of
+the bodies that the edit adds, removes or moves elsewhere, from the edit on: IoU of their masks; PSNR inside of their
+masks in either clip, dB; of those that it moves, the distance of the masks' centroids from the true ones, px of
+480x320. Where `infer` fails, or does not find the body that is edited, the edited clip and the primitives count as no
+edit.
 
 FOLDER keeps the answers, the scenes that were found and their clips, so that a stopped run can be continued. --again
 makes the edited clips anew from the scenes that it has. --pictures FOLDER keeps a picture of each pair: the clip, the
@@ -53,6 +54,11 @@ METHODS = {"edited": "edited", "none": "no edit", "plain": "primitives"}
 METRICS = {"iou": "IoU", "psnr": "PSNR, dB", "error": "error, px"}
 LEAST_IOU = 0.1  # mean over the clip, from which on a found object is a true one
 SCENE = "scene.yaml"
+SCENES = {
+    "true": "the true scenes",
+    "found": "the scenes that `infer` finds with {} simulations",
+    "masks": "the scenes that `infer` finds with the true masks and {} simulations",
+}
 Job = tuple[Path, int, int, str, int, tuple[int, int], Path | None]
 
 
@@ -98,22 +104,42 @@ def edited_clip(scene: Scene, clip: FilmedClip, motion: BodyMotion, made: Edited
     return Shown(tuple(names), pictures.frames, pictures.ids, corrections[..., :2] + corrections[..., 2:4])
 
 
-def found_scene(folder: Path, pair: Pair, simulations: int) -> tuple[Scene, FilmedClip]:
-    """What `infer` finds in the video of a pair's first clip, kept in a folder. Raises VideoError, SimulationError."""
+def found_scene(folder: Path, pair: Pair, simulations: int, with_masks: bool) -> tuple[Scene, FilmedClip]:
+    """What `infer` finds in the video of a pair's first clip, kept in a folder.
+
+    Args:
+        folder: Where it is kept.
+        pair: The pair.
+        simulations: Of the search.
+        with_masks: Whether it is given the true masks.
+
+    Raises:
+        VideoError: The clip cannot be used.
+        SimulationError: No answer can be simulated.
+    """
     if not (folder / SCENE).exists():
         folder.mkdir(parents=True, exist_ok=True)
-        schedule = Schedule()
+        schedule, masks = Schedule(), folder / "masks.npz"
         write_video(folder / "clip.mp4", pair.before.frames, schedule.fps)
-        found = infer(folder / "clip.mp4", start=0.0, seconds=schedule.seconds, search=simulations)
+        if with_masks:
+            ids, times = np.arange(1, len(pair.before.names) + 1), np.arange(schedule.frames) / schedule.fps
+            np.savez_compressed(masks, masks=pair.before.ids, ids=ids, times=times)
+        found = infer(
+            folder / "clip.mp4",
+            start=0.0,
+            seconds=schedule.seconds,
+            masks=masks if with_masks else None,
+            search=simulations,
+        )
         masks = relabelled(found.clip.taken.masks, found.best.overlap.pairs, len(found.scene.objects))
         write_clip(folder / CLIP, FilmedClip(found.clip.taken.clip.frames, masks, schedule.fps))
         (folder / SCENE).write_text(write_scene(found.scene), encoding="utf-8")
     return load_scene(folder / SCENE), read_clip(folder / CLIP)
 
 
-def _with_found_scene(folder: Path, pair: Pair, simulations: int) -> tuple[str, Shown, Shown]:
+def _with_found_scene(folder: Path, pair: Pair, simulations: int, with_masks: bool) -> tuple[str, Shown, Shown]:
     """What was found, the edited clip and the primitives; raises VideoError, SimulationError or SceneError."""
-    scene, clip = found_scene(folder, pair, simulations)
+    scene, clip = found_scene(folder, pair, simulations, with_masks)
     motion, trace = filmed_motion(scene, len(clip.frames), clip.fps)
     iou = pair_iou(
         count(clip.masks, pair.before.ids, max(len(scene.objects), int(clip.masks.max())), len(pair.before.names))
@@ -151,7 +177,7 @@ def answer(job: Job) -> dict[str, Any]:
     pair = draw_pair(read_params_file(PARAMS_FILE, Params), seed, number, size)
     row: dict[str, Any] = {"seed": seed, "pair": number, "scenes": scenes, "kind": pair.kind, "edit": str(pair.edit)}
     row |= {
-        "budget": simulations if scenes == "found" else 0,
+        "budget": 0 if scenes == "true" else simulations,
         "true": pair.scene.composition,
         "size": list(size),
         "refused": pair.refused,
@@ -162,8 +188,9 @@ def answer(job: Job) -> dict[str, Any]:
         if scenes == "true":
             row["composition"], edited, plain = _with_true_scene(pair)
         else:
-            folder = kept / f"seed-{seed}-pair-{number}-{simulations}"
-            row["composition"], edited, plain = _with_found_scene(folder, pair, simulations)
+            given = scenes == "masks"
+            folder = kept / f"seed-{seed}-pair-{number}-{simulations}{'-masks' if given else ''}"
+            row["composition"], edited, plain = _with_found_scene(folder, pair, simulations, given)
     except (VideoError, SimulationError, SceneError) as error:
         row["failed"] = str(error)
     for method, shown in {"edited": edited, "none": pair.before, "plain": plain}.items():
@@ -185,14 +212,14 @@ def _write_picture(path: Path, rows: Sequence[Shown]) -> None:
 def summary(answers: Sequence[dict[str, Any]]) -> str:
     """A table for each kind of scenes: a row for each kind of edit, and one for all."""
     out = []
-    settings = sorted({(a["scenes"], a["budget"]) for a in answers}, key=lambda g: (g[0] != "true", g[1]))
+    settings = sorted({(a["scenes"], a["budget"]) for a in answers}, key=lambda g: (list(SCENES).index(g[0]), g[1]))
     for scenes, budget in settings:
         some = [a for a in answers if (a["scenes"], a["budget"]) == (scenes, budget)]
         heading = [f"{METHODS[m]} {METRICS[k]}" for k in METRICS for m in METHODS]
         rows = []
         right = [a for a in some if a.get("composition") == a["true"]]
         groups = {kind: [a for a in some if a["kind"] == kind] for kind in KINDS} | {"all": some}
-        if scenes == "found":
+        if scenes != "true":
             groups |= {"shapes right": right, "shapes wrong": [a for a in some if a not in right]}
         for kind, group in groups.items():
             if group:
@@ -202,13 +229,12 @@ def summary(answers: Sequence[dict[str, Any]]) -> str:
                 cells = [f"{v:.2f}" if np.isfinite(v) else "" for v in means]
                 gain = f"{ratio:.1f}" if np.isfinite(ratio) else ""
                 rows.append([kind, str(len(group)), str(failed), *cells, gain])
-        said = "the true scenes" if scenes == "true" else f"the scenes that `infer` finds with {budget} simulations"
         ratios = [a["none.error"] / max(a["edited.error"], 1e-9) for a in some if a["none.error"] is not None]
         table = markdown(["edit", "pairs", "failed", *heading, "times nearer"], rows)
         median = f"Median over pairs of how many times nearer: {np.median(ratios):.1f}.\n" if ratios else ""
         refused = sum(a.get("refused", 0) for a in some)
         drawn = f"Drawn edits that did not fit their scene, and were drawn again: {refused}.\n"
-        out.append(f"With {said}:\n\n{table}\n{median}{drawn}")
+        out.append(f"With {SCENES[scenes].format(budget)}:\n\n{table}\n{median}{drawn}")
     return "\n".join(out)
 
 
@@ -221,8 +247,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pairs", type=int, default=63)
     parser.add_argument("--seed", type=int, default=21)
-    parser.add_argument("--scenes", choices=("true", "found"), default="true")
-    parser.add_argument("--simulations", type=int, default=2000, help="of the search, with --scenes found")
+    parser.add_argument("--scenes", choices=tuple(SCENES), default="true")
+    parser.add_argument("--simulations", type=int, default=2000, help="of the search, without the true scenes")
     parser.add_argument(
         "--size", type=int, nargs=2, default=SIZE, metavar=("W", "H"), help="of the clips, px (480 320)"
     )
@@ -233,7 +259,7 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, metavar="FOLDER")
     a = parser.parse_args()
     with kept_folder(a.kept) as kept:
-        path, budget = kept / f"{a.scenes}.jsonl", a.simulations if a.scenes == "found" else 0
+        path, budget = kept / f"{a.scenes}.jsonl", 0 if a.scenes == "true" else a.simulations
         if a.again:
             path.unlink(missing_ok=True)
         answers = kept_answers(path)

@@ -182,7 +182,7 @@ def _of_edit(folder: Path, result: EditResult) -> ResultPage:
     ghosts = [BodyPath(o, i, filmed.position[:, i], filmed.quaternion[:, i], True) for i, o in enumerate(scene.objects)]
     shares = [(kind, f"{100 * share:.0f} %") for kind, share in result.pixels.items()]
     return ResultPage(
-        title=f"{source.name}, edited",
+        title=f"{_clip_of(source)}, edited",
         grade="",
         reason="; ".join(str(e) for e in edits) or "nothing was changed",
         film=film([Panel("as filmed", clip.frames), Panel("edited", edited)], clip.fps),
@@ -191,6 +191,12 @@ def _of_edit(folder: Path, result: EditResult) -> ResultPage:
         tables=[Table("Where the bodies' pixels are from", (), shares)],
         notes=["In 3D, transparent bodies move as in the clip."],
     )
+
+
+def _clip_of(folder: Path) -> str:
+    """The name of the clip that `dynamics infer` was given. Raises OutputError."""
+    result = read_result(folder)
+    return Path(result.clip).name if isinstance(result, InferResult) else folder.name
 
 
 def _edits(folder: Path, result: EditResult | SimulateResult) -> list[Edit]:

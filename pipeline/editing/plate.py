@@ -14,6 +14,9 @@ LEAST_CLEAR = 3  # frames in which a pixel has to be clear to count as measured
 MARGIN_PX = 2  # around a body, which is not clear: half-covered pixels, contact shadows
 IN_SHADOW = 0.97  # least share of its light that a clear pixel has
 REACH_PX = 4  # around a pixel that is invented
+RING_PX = 8  # of measured pixels around others, which tell what those may look like
+UNLIKE = 2.0  # standard deviations of the ring, beyond which a repaired pixel is not believed
+LEAST_SPREAD = 1.0  # of 255, of a ring: what rounding and noise do
 _CLIPPED = 0.831  # variance of a standard normal number whose size is clipped at its 90 % quantile
 
 
@@ -24,7 +27,8 @@ class Plate:
     Attributes:
         colour: (H, W, 3) float32, 0 to 255.
         kind: (H, W) uint8: MEASURED, the median of the frames in which it is clear; REPAIRED, clear in few frames, or
-            seen in shadow only, from which the shadow was taken; INVENTED, never seen and painted from around it.
+            seen in shadow only, from which the shadow was taken; INVENTED, painted from around it: never seen, or seen
+            in a shadow only that the lights do not explain.
         noise: Standard deviation of a pixel over time, 0 to 255.
     """
 
@@ -54,15 +58,36 @@ def find_plate(frames: np.ndarray, covered: np.ndarray, ratio: np.ndarray) -> Pl
     kind = np.full((height, width), MEASURED, np.uint8)
     kind[(clear < LEAST_CLEAR) | (lit == 0)] = REPAIRED
     kind[clear == 0] = INVENTED
-    never = (kind == INVENTED).astype(np.uint8)
-    if never.all():
+    kind[(kind == REPAIRED) & _unlike(colour.mean(-1), kind != MEASURED)] = INVENTED
+    painted = (kind == INVENTED).astype(np.uint8)
+    if painted.all():
         colour[:] = np.median(frames, axis=0)
-    elif never.any():
+    elif painted.any():
         seen = np.clip(colour + 0.5, 0, 255).astype(np.uint8)
-        unlit = never | (lit == 0).astype(np.uint8)  # a shadow around a body that rests is not painted onto its place
-        painted = cv2.inpaint(seen, never if unlit.all() else unlit, REACH_PX, cv2.INPAINT_TELEA)
-        colour[never > 0] = painted[never > 0]
+        unlit = painted | (lit == 0).astype(np.uint8)  # a shadow around a body that rests is not painted onto its place
+        around = cv2.inpaint(seen, painted if unlit.all() else unlit, REACH_PX, cv2.INPAINT_TELEA)
+        colour[painted > 0] = around[painted > 0]
     return Plate(colour, kind, _noise(frames, covered))
+
+
+def _unlike(brightness: np.ndarray, unsure: np.ndarray) -> np.ndarray:
+    """(H, W) bool: which unsure pixels are much darker or brighter than the measured ones around their region.
+
+    Where the ground has a texture, the measured pixels differ as much, and nothing is unlike them.
+
+    Args:
+        brightness: (H, W), 0 to 255.
+        unsure: (H, W) bool.
+    """
+    out = np.zeros(unsure.shape, bool)
+    count, labels = cv2.connectedComponents(unsure.astype(np.uint8))
+    for k in range(1, count):
+        region = labels == k
+        ring = grown(region[None], RING_PX)[0] & ~unsure
+        if ring.any():
+            apart = np.abs(brightness - brightness[ring].mean())
+            out |= region & (apart > UNLIKE * max(float(brightness[ring].std()), LEAST_SPREAD))
+    return out
 
 
 @kernel

@@ -23,8 +23,8 @@ from pipeline.inference.method import (
     Method,
     answer_method,
     best_of,
-    explains,
     search_method,
+    settled,
     tracks_method,
     ways,
 )
@@ -160,7 +160,7 @@ def find_scenes(
                     budget.incline,
                 )
                 methods.append(search_method(searched, answers, ranking, clip))
-        if explains(view.kind, methods[-1].overlap.sequence):
+        if settled(view.kind, methods):
             break
     best = best_of(methods)
     told = filmed.forecast if best.name == TRACKS else None

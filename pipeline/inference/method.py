@@ -82,6 +82,11 @@ def explains(view: str, sequence_iou: float) -> bool:
     return sequence_iou >= (TABLE_IOU if view == "table" else OTHER_IOU)
 
 
+def settled(view: str, methods: Sequence[Method]) -> bool:
+    """Whether no other way need be tried: the last method explains the clip, and none before it is better."""
+    return best_of(methods) is methods[-1] and explains(view, methods[-1].overlap.sequence)
+
+
 def answer_method(
     name: str, answers: list[Answer], rewards: Rewards, index: int, clip: MeasuredClip, simulations: int
 ) -> Method:

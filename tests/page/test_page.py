@@ -80,7 +80,9 @@ def test_texts_of_a_result_are_shown_and_not_run(page: str) -> None:
 
 def test_an_edited_and_a_simulated_clip_show_what_they_are_compared_with(found: Path, tmp_path: Path) -> None:
     assert main(["edit", str(found), "--remove", "crate", "--at", "0.5", "-o", str(tmp_path / "edited")]) == 0
-    edited = data_of(export(tmp_path / "edited"))
+    page = export(tmp_path / "edited")
+    assert "<h1>script&gt;.mp4, edited</h1>" in page  # the name of the clip, without its folder
+    edited = data_of(page)
     assert [p["title"] for p in edited["film"]["panels"]] == ["as filmed", "edited"]
     bodies = [(b["name"], b["ghost"]) for b in edited["motion"]["bodies"]]
     assert bodies == [("ball", False), ("crate", False), ("ball", True), ("crate", True)]
