@@ -7,7 +7,8 @@
 
 `stages` reads what the store kept of the run; nothing is computed. `overhead` and `memory` run a stage of this module
 on data that it makes: arrays of the size of a training clip's exact flow. `score` repeats the answers of the suite `id`
-of the last `make repro`, and sums them up without their replays, which hold nothing from one clip to the next.
+of the last `make repro`, and sums them up as the stage does, without their replays: a replay takes one clip and is gone
+before the next.
 """
 
 from __future__ import annotations
@@ -212,25 +213,21 @@ def score_memory(data: Path, counts: Sequence[int], shard_size: int) -> list[dic
 
 
 def sum_up(folder: Path) -> None:
-    """What `stages.score` does with a suite, without replays."""
-    from pipeline.clips.schedule import Schedule
-    from pipeline.evaluation import suite as module
+    """What `stages.score` does with a suite, with one set of scores for all answers in place of their replays."""
     from pipeline.evaluation.determined import spreads_by_kind
     from pipeline.evaluation.scene_scores import METRICS
+    from pipeline.evaluation.suite import AnsweredSuite
     from pipeline.evaluation.summary import summarise
     from pipeline.evaluation.tables import ERRORS
     from stages.score import written
 
-    numbers = {name: 0.123456 * k for k, name in enumerate((*METRICS, *ERRORS))}
-    module.reference = lambda *_: None
-    module.score = lambda *_: {name: value + 0.0 for name, value in numbers.items()}
-    answered = module.AnsweredSuite("id", {stage: open_shards(folder / stage) for stage in SCORED})
-    schedule = Schedule()
-    rows = written(answered.score_rows(schedule), folder / "clips.csv")
-    summarise(rows, list(numbers), 100, np.random.default_rng(1))
-    answered.best_of_k_rows()
-    answered.search_rows()
-    spreads_by_kind(answered.certainties())
+    scores = {name: 0.123456 * k for k, name in enumerate((*METRICS, *ERRORS))}
+    suite = AnsweredSuite("id", {stage: open_shards(folder / stage) for stage in SCORED})
+    rows = ({**head, **scores} for _, answers in suite.answered() for head, _ in answers)
+    summarise(written(rows, folder / "clips.csv"), list(scores), 100, np.random.default_rng(1))
+    suite.best_of_k_rows()
+    suite.search_rows()
+    spreads_by_kind(suite.certainties())
 
 
 def main() -> None:
