@@ -1,8 +1,8 @@
 """The default graph on a Ray cluster of three nodes, of which one is killed in the middle of the longest stage.
 
 What it ends with is compared with dvc.lock, which `make repro` wrote with the executor `local`: so the code must be
-that of dvc.lock, and the processor of the same kind. `make test-machines` has three stages of it
-(tests/shards/test_cluster.py).
+that of dvc.lock, and the processor of the same kind with as many cores, since a training's rounding depends on its
+threads. `make test-machines` has three stages of it (tests/shards/test_cluster.py).
 """
 
 import os
@@ -19,6 +19,7 @@ from ray_cluster import RayCluster, ray_cluster
 from ruamel.yaml import YAML
 
 from pipeline.shards.code_hash import ROOT
+from pipeline.shards.numeric_threads import thread_variables
 
 pytestmark = [
     pytest.mark.campaign,
@@ -48,8 +49,8 @@ def entries(lock: Path) -> dict[str, Any]:
     return stages
 
 
-def kill_in_the_middle(cluster: RayCluster, process: subprocess.Popen[str], log: Path, store: Path) -> None:
-    """Kill a node as soon as the first shard of the longest stage is in the store."""
+def kill_in_the_middle(stage: str, cluster: RayCluster, process: subprocess.Popen[str], log: Path, store: Path) -> None:
+    """Kill a node as soon as the first shard of a stage is in the store."""
 
     def shards() -> int:
         return len(list(store.glob("??/*/shard.json")))
@@ -59,7 +60,7 @@ def kill_in_the_middle(cluster: RayCluster, process: subprocess.Popen[str], log:
         time.sleep(pause_s)
         return True
 
-    while f"Running stage '{LONGEST}'" not in log.read_text() and waits(1.0):
+    while f"Running stage '{stage}'" not in log.read_text() and waits(1.0):
         pass
     before = shards()
     while shards() == before and waits(0.2):
@@ -69,7 +70,8 @@ def kill_in_the_middle(cluster: RayCluster, process: subprocess.Popen[str], log:
 
 def test_the_default_graph_on_a_cluster_that_loses_a_node_gives_the_hashes_of_one_machine(tmp_path: Path) -> None:
     folder, store, log = clone(tmp_path / "clone"), tmp_path / "store", tmp_path / "log.txt"
-    own = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    unset = ("PYTHONPATH", *thread_variables(1))
+    own = {name: value for name, value in os.environ.items() if name not in unset}
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     began = time.monotonic()
     with ray_cluster(tmp_path / "caches", {}, head_cpus=1) as cluster, log.open("w") as said:
@@ -82,7 +84,7 @@ def test_the_default_graph_on_a_cluster_that_loses_a_node_gives_the_hashes_of_on
             text=True,
         )
         try:
-            kill_in_the_middle(cluster, process, log, store)
+            kill_in_the_middle(LONGEST, cluster, process, log, store)
             process.wait()
         finally:
             process.kill()
