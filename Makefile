@@ -40,7 +40,8 @@ test-machines: install
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test,ray,s3,servers]"
 	pytest tests/shards/test_ray_executor.py tests/shards/test_remote.py tests/shards/test_dvc_remote.py tests/shards/test_cluster.py
 
-# Hundreds of kills, thousands of damaged files and inputs (docs/reliability.md); half an hour on 2 cores.
+# Hundreds of kills, thousands of damaged files and inputs (docs/reliability.md); two hours on 2 cores. The default graph on
+# a Ray cluster and kills with an S3 server are part of it where those are installed (make test-machines installs them).
 campaign: install
 	DYNAMICS_CAMPAIGN=full pytest -m campaign -s
 

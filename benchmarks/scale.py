@@ -2,12 +2,15 @@
 
     python -m benchmarks.scale stages [--data data]   seconds and bytes a clip of each stage, of the last `make repro`
     python -m benchmarks.scale overhead [--ray]       seconds a shard costs beside its work, by executor and workers
+    python -m benchmarks.scale starts                 seconds of stages whose shards are all in the store
     python -m benchmarks.scale memory                 peak memory of the process that runs a stage, by clips
     python -m benchmarks.scale score [--data data]    the same for what `score` holds of a suite
 
-`stages` reads what the store kept of the run; nothing is computed. `overhead` and `memory` run a stage of this module
+`stages` reads what the store kept of the run; nothing is computed. `starts` runs the stages of dvc.lock again, each for
+one suite, and takes the least of three times. `overhead` and `memory` run a stage of this module
 on data that it makes: arrays of the size of a training clip's exact flow. `score` repeats the answers of the suite `id`
-of the last `make repro`, and sums them up without their replays, which hold nothing from one clip to the next.
+of the last `make repro`, and sums them up as the stage does, without their replays: a replay takes one clip and is gone
+before the next.
 """
 
 from __future__ import annotations
@@ -29,8 +32,10 @@ import pyarrow as pa
 
 from pipeline.errors import ShardError
 from pipeline.shards.dataset import open_shards
+from pipeline.shards.manifest import MANIFEST
 from pipeline.shards.map_shards import map_shards
 from pipeline.shards.opened_shard import OpenShard
+from pipeline.shards.remote import RECORD
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.store import Store, default_store
 from pipeline.shards.tables import table_from_rows
@@ -94,40 +99,67 @@ def stages(data: Path) -> list[dict[str, object]]:
     ]
 
 
-def overhead(executors: Sequence[str], clips: int = 64) -> list[dict[str, object]]:
-    """Seconds beside the work, by executor, workers and shards."""
+def starts(lock: Path, times: int = 3) -> list[dict[str, object]]:
+    """Least seconds by the clock and of processors of each stage in shards, run for its first suite in `lock`.
+
+    Raises SystemExit where a shard is not in the store.
+    """
+    import yaml
+
+    commands: dict[str, str] = {}
+    for name, entry in yaml.load(lock.read_bytes(), yaml.CSafeLoader)["stages"].items():
+        if any((Path(out["path"]) / MANIFEST).is_file() for out in entry.get("outs", [])):
+            commands.setdefault(name.partition("@")[0], entry["cmd"])
     rows: list[dict[str, object]] = []
-    for executor in executors:
-        for workers in (1, 2):
-            spent = {shards: _run_seconds(executor, workers, clips, clips // shards) for shards in (4, 64)}
-            a_shard = (spent[64] - spent[4]) / 60
-            rows.append(
-                {
-                    "executor": executor,
-                    "workers": workers,
-                    "start_s": round(spent[4] - 4 * a_shard, 2),
-                    "seconds_a_shard": round(a_shard, 4),
-                }
-            )
+    for name, command in commands.items():
+        spent = [_spent([sys.executable, *command.split()[1:]]) for _ in range(times)]
+        clock, processor = (min(seconds) for seconds in zip(*spent, strict=True))
+        rows.append({"stage": name, "seconds": round(clock, 2), "processor_seconds": round(processor, 2)})
+        print(rows[-1], flush=True)
     return rows
 
 
-def _run_seconds(executor: str, workers: int, clips: int, shard_size: int) -> float:
+def _spent(command: Sequence[str]) -> tuple[float, float]:
+    """Seconds by the clock and of processors of a stage that computes nothing."""
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    said = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
+    clock, after = time.monotonic() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if " 0 computed" not in said:
+        raise SystemExit(f"{' '.join(command)} computed shards; run `make repro` first")
+    return clock, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def overhead(executors: Sequence[str], shards: int = 128) -> list[dict[str, object]]:
+    """Seconds to the first shard, and seconds that each further shard takes one worker beside its work, by executor
+    and workers. Of the latter the least over 16 shards in a row, which other work on the machine disturbs least."""
+    rows: list[dict[str, object]] = []
+    for executor in executors:
+        for workers in (1, 2):
+            stored = _seconds_to_shards(executor, workers, shards)
+            a_shard = workers * float(np.min(stored[16:] - stored[:-16])) / 16
+            start = {"executor": executor, "workers": workers, "start_s": round(float(stored[0]), 2)}
+            rows.append({**start, "seconds_a_shard": round(a_shard, 4)})
+    return rows
+
+
+def _seconds_to_shards(executor: str, workers: int, shards: int) -> np.ndarray:
+    """(shards,) s after which one shard after the other was in the store, of a stage without work."""
     with tempfile.TemporaryDirectory() as folder:
-        began = time.monotonic()
+        store, began = Store(Path(folder) / "store"), time.time()
         map_shards(
             "work",
             "toy",
             Path(folder) / "out",
             work,
             parameters=Work(0.0, False),
-            clips=clips,
-            shard_size=shard_size,
+            clips=shards,
+            shard_size=1,
             executor=executor,
             workers=workers,
-            store=Store(Path(folder) / "store"),
+            store=store,
         )
-        return time.monotonic() - began
+        records = store.folder.rglob(RECORD)
+        return np.sort([record.stat().st_mtime for record in records]) - began
 
 
 def memory(counts: Sequence[int], shard_size: int) -> list[dict[str, object]]:
@@ -212,30 +244,26 @@ def score_memory(data: Path, counts: Sequence[int], shard_size: int) -> list[dic
 
 
 def sum_up(folder: Path) -> None:
-    """What `stages.score` does with a suite, without replays."""
-    from pipeline.clips.schedule import Schedule
-    from pipeline.evaluation import suite as module
+    """What `stages.score` does with a suite, with one set of scores for all answers in place of their replays."""
     from pipeline.evaluation.determined import spreads_by_kind
     from pipeline.evaluation.scene_scores import METRICS
+    from pipeline.evaluation.suite import AnsweredSuite
     from pipeline.evaluation.summary import summarise
     from pipeline.evaluation.tables import ERRORS
     from stages.score import written
 
-    numbers = {name: 0.123456 * k for k, name in enumerate((*METRICS, *ERRORS))}
-    module.reference = lambda *_: None
-    module.score = lambda *_: {name: value + 0.0 for name, value in numbers.items()}
-    answered = module.AnsweredSuite("id", {stage: open_shards(folder / stage) for stage in SCORED})
-    schedule = Schedule()
-    rows = written(answered.score_rows(schedule), folder / "clips.csv")
-    summarise(rows, list(numbers), 100, np.random.default_rng(1))
-    answered.best_of_k_rows()
-    answered.search_rows()
-    spreads_by_kind(answered.certainties())
+    scores = {name: 0.123456 * k for k, name in enumerate((*METRICS, *ERRORS))}
+    suite = AnsweredSuite("id", {stage: open_shards(folder / stage) for stage in SCORED})
+    rows = ({**head, **scores} for _, answers in suite.answered() for head, _ in answers)
+    summarise(written(rows, folder / "clips.csv"), list(scores), 100, np.random.default_rng(1))
+    suite.best_of_k_rows()
+    suite.search_rows()
+    spreads_by_kind(suite.certainties())
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("stages", "overhead", "memory", "score", "measure"))
+    parser.add_argument("what", choices=("stages", "overhead", "starts", "memory", "score", "measure"))
     parser.add_argument("own", nargs="*", help=argparse.SUPPRESS)
     parser.add_argument("--data", type=Path, default=Path("data"))
     parser.add_argument("--ray", action="store_true", help="overhead: with Ray, too")
@@ -251,6 +279,8 @@ def main() -> None:
             rows = stages(arguments.data)
         case "overhead":
             rows = overhead(["local", *["ray"] * arguments.ray])
+        case "starts":
+            rows = starts(Path("dvc.lock"))
         case "score":
             rows = score_memory(arguments.data, arguments.clips, arguments.shard_size)
         case _:

@@ -109,7 +109,7 @@ def main(suite: str) -> None:
         frames=params.clip.model_frames,
         seconds=params.clip.seconds,
     )
-    names = ("tokenizer.json", "tokenizer_config.json", "clip_layout.json")
+    names = ("config.json", "tokenizer.json", "tokenizer_config.json", "clip_layout.json")
     files = {name: Path(m.base) / name for name in names if (Path(m.base) / name).is_file()}
     run_shards(
         "tokenize",

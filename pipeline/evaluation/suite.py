@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -94,38 +95,47 @@ class AnsweredSuite:
         searches = {"cmaes": best + each["cmaes"], "search": best + each["fit"]}
         return {"vivit": 0.0, "guess": np.nan, "greedy": 0.0, "best": best, **searches}
 
-    def score_rows(self, schedule: Schedule) -> Iterator[Row]:
-        """A row of scores for each clip and method."""
+    def answered(self) -> Iterator[tuple[int, list[tuple[Row, str]]]]:
+        """Of each clip: its number, and by method the head of its row of scores and the answer's scene as text."""
         seconds = self.seconds_by_method()
         for clip in tqdm(range(len(self)), desc=f"score {self.name}", unit="clip", disable=None):
+            head = {"suite": self.group(clip), "clip": clip}
+            yield (
+                clip,
+                [
+                    ({**head, "method": method, "simulations": cost, "seconds": seconds[method.split("@")[0]]}, scene)
+                    for method, (scene, cost) in self.answers(clip).items()
+                ],
+            )
+
+    def score_rows(self, schedule: Schedule) -> Iterator[Row]:
+        """A row of scores for each clip and method."""
+        for clip, answers in self.answered():
             truth = reference(self.stages, clip, schedule)
-            for method, (scene, cost) in self.answers(clip).items():
-                head = {
-                    "suite": self.group(clip),
-                    "clip": clip,
-                    "method": method,
-                    "simulations": cost,
-                    "seconds": seconds[method.split("@")[0]],
-                }
+            for head, scene in answers:
                 yield {**head, **score(read_scene(scene), truth, schedule)}
 
     def best_of_k_rows(self) -> list[Row]:
         """What more samples gain: rows of series, k, iou, the mean over clips that the model has not seen."""
-        ranked = (self.stages["best_of_k"][clip].rows() for clip in self._unseen())
-        curves = [
-            best_of_k_curve(*(np.array([row[key] for row in rows]) for key in ("reward", "iou"))) for rows in ranked
-        ]
-        mean = np.mean(curves, 0) if curves else []
-        return [{"series": self.name, "k": k + 1, "iou": float(v)} for k, v in enumerate(mean)]
+        total, clips = np.zeros(0), self._unseen()
+        for clip in clips:
+            rows = self.stages["best_of_k"][clip].rows()
+            curve = best_of_k_curve(*(np.array([row[key] for row in rows]) for key in ("reward", "iou")))
+            total = total + curve if len(total) else curve
+        return [{"series": self.name, "k": k + 1, "iou": float(v)} for k, v in enumerate(total / max(len(clips), 1))]
 
     def search_rows(self) -> list[Row]:
         """What more simulations gain: rows of series, simulations, reward, the mean over the same clips."""
         rows = []
         for method, stage in (("cmaes", "cmaes"), ("search", "fit")):
-            found = (self.stages[stage][clip].row() for clip in self._unseen())
-            curve = mean_best_so_far([(np.array(row["spent"]), np.array(row["history"])) for row in found])
+            curve = mean_best_so_far(partial(self._histories, stage))
             rows += [{"series": f"{self.name}: {method}", "simulations": s, "reward": r} for s, r in curve]
         return rows
+
+    def _histories(self, stage: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        for clip in self._unseen():
+            row = self.stages[stage][clip].row()
+            yield np.array(row["spent"]), np.array(row["history"])
 
     def certainties(self) -> Iterator[tuple[list[Row], Scene, list[int], Scene | None]]:
         """Of each clip, as `spreads_by_kind` takes them: the search's certainty, its scene, instances, true scene."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from array import array
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from pipeline.metrics.intervals import NO_CLIPS, MeanInterval, bootstrap_mean
 
 COSTS = ("simulations", "seconds")
+History = tuple[Sequence[int] | np.ndarray, Sequence[float] | np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -106,22 +107,25 @@ def best_of_k_curve(reward: np.ndarray, score: np.ndarray) -> np.ndarray:
     return out
 
 
-def mean_best_so_far(
-    histories: Sequence[tuple[Sequence[int] | np.ndarray, Sequence[float] | np.ndarray]], points: int = 24
-) -> list[tuple[int, float]]:
+def mean_best_so_far(histories: Callable[[], Iterable[History]], points: int = 24) -> list[tuple[int, float]]:
     """The mean over clips of the best reward so far, as (simulations, reward).
 
     The budgets run from the first at which every clip has a reward to the largest that any clip spent.
 
     Args:
-        histories: For each clip the rising numbers of simulations at which its best reward was recorded, and that
-            reward. Clips without any are left out.
+        histories: Gives for each clip the rising numbers of simulations at which its best reward was recorded, and
+            that reward. It is called twice, so that no clip's history need be held. Clips without any are left out.
         points: How many budgets.
     """
-    histories = [(s, r) for s, r in histories if len(s)]
-    if not histories:
+    first, last, clips = 0, 0, 0
+    for spent, _ in histories():
+        if len(spent):
+            first, last, clips = max(first, int(spent[0])), max(last, int(spent[-1])), clips + 1
+    if not clips:
         return []
-    first, last = max(s[0] for s, _ in histories), max(s[-1] for s, _ in histories)
     budgets = np.unique(np.linspace(first, last, points).astype(int))
-    at = [np.asarray(r)[np.searchsorted(s, budgets, "right") - 1] for s, r in histories]
-    return [(int(b), float(v)) for b, v in zip(budgets, np.mean(at, axis=0), strict=True)]
+    total = np.zeros(len(budgets))
+    for spent, best in histories():
+        if len(spent):
+            total += np.asarray(best)[np.searchsorted(spent, budgets, "right") - 1]
+    return [(int(b), float(v)) for b, v in zip(budgets, total / clips, strict=True)]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -42,17 +43,24 @@ def finish(process: subprocess.Popen[str]) -> None:
     assert process.returncode == 0, said
 
 
-def kill_and_run_again(tmp_path: Path, rng: np.random.Generator, words: tuple[object, ...], kills: range) -> None:
-    """Half of the killed runs replace a result that is there (--force)."""
+def kill_and_run_again(tmp_path: Path, rng: np.random.Generator, words: tuple[object, ...], kills: int) -> None:
+    """Kill as many runs, half of which replace a result that is there (--force). A run that ends before is extra."""
     began = time.monotonic()
     finish(start(*words, "-o", tmp_path / "sound"))
     duration = time.monotonic() - began
     expected, out = results(tmp_path / "sound"), tmp_path / "shelf" / "out"
-    done = 0
-    for k in kills:
-        process = start(*words, "-o", out, *["--force"] * (k % 2))
+    done = ended = 0
+    while done < kills:
+        replace = done % 2 == 1
+        if replace and not out.exists():
+            shutil.copytree(tmp_path / "sound", out)
+        elif out.exists() and not replace:
+            shutil.rmtree(out)
+        process = start(*words, "-o", out, *["--force"] * replace)
         try:
-            process.communicate(timeout=rng.uniform(0.05, 0.95) * duration)
+            said, _ = process.communicate(timeout=rng.uniform(0.05, 0.95) * duration)
+            assert process.returncode == 0, said
+            ended += 1
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
@@ -61,13 +69,13 @@ def kill_and_run_again(tmp_path: Path, rng: np.random.Generator, words: tuple[ob
     finish(start(*words, "-o", out, "--force"))
     assert results(out) == expected
     assert [path.name for path in out.parent.iterdir()] == ["out"], "nothing of the killed runs is left"
-    print(f"{words[0]}: {done} kills")
+    print(f"{words[0]}: {done} kills, {ended} runs that ended before")
 
 
 def test_discover(tmp_path: Path, rng: np.random.Generator) -> None:
     measured = ROOT / "data/measured"
     words = ("discover", measured / "thrown_ball.csv", measured / "thrown_ball.yaml")
-    kill_and_run_again(tmp_path, rng, words, rounds(1, 40))
+    kill_and_run_again(tmp_path, rng, words, len(rounds(1, 40)))
 
 
 def test_infer(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -86,4 +94,4 @@ def test_infer(tmp_path: Path, rng: np.random.Generator) -> None:
         "--samples",
         1,
     )
-    kill_and_run_again(tmp_path, rng, words, rounds(1, 20))
+    kill_and_run_again(tmp_path, rng, words, len(rounds(1, 20)))

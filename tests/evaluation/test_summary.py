@@ -60,9 +60,10 @@ def test_the_headline_table_has_a_line_per_suite_and_a_column_per_method(summary
 
 
 def test_the_mean_of_the_best_so_far_holds_each_clips_best_until_a_better_one() -> None:
-    curve = mean_best_so_far([([10, 20, 40], [0.1, 0.2, 0.6]), ([15, 30], [0.3, 0.5]), ([], [])], points=26)
+    histories = [([10, 20, 40], [0.1, 0.2, 0.6]), ([15, 30], [0.3, 0.5]), ([], [])]
+    curve = mean_best_so_far(lambda: histories, points=26)
     assert curve[0] == (15, pytest.approx((0.1 + 0.3) / 2))
     assert dict(curve)[20] == pytest.approx((0.2 + 0.3) / 2)
     assert curve[-1] == (40, pytest.approx((0.6 + 0.5) / 2))
     assert (np.diff([r for _, r in curve]) >= 0).all()
-    assert mean_best_so_far([]) == []
+    assert mean_best_so_far(list) == []

@@ -11,13 +11,19 @@ SETTINGS = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
 
 
 class RayCluster:
-    """The head, which computes nothing, and two nodes with one core each. No node has a data/."""
+    """A head and two nodes with one core each. No node has a data/.
 
-    def __init__(self, caches: Path) -> None:
+    Args:
+        caches: The folder for the nodes' caches.
+        head_cpus: How many shards the head computes at a time.
+    """
+
+    def __init__(self, caches: Path, head_cpus: int) -> None:
         from ray.cluster_utils import Cluster
 
         self.caches = [caches / f"node{k}" for k in range(2)]
-        self._cluster: Any = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
+        head = {"num_cpus": head_cpus, "include_dashboard": False}
+        self._cluster: Any = Cluster(initialize_head=True, head_node_args=head)
         self.address: str = self._cluster.address
         self._nodes = [
             self._cluster.add_node(num_cpus=1, env_vars={"DYNAMICS_CACHE": str(cache)}) for cache in self.caches
@@ -35,13 +41,13 @@ class RayCluster:
 
 
 @contextmanager
-def ray_cluster(caches: Path, environment: dict[str, str]) -> Iterator[RayCluster]:
+def ray_cluster(caches: Path, environment: dict[str, str], head_cpus: int = 0) -> Iterator[RayCluster]:
     """A cluster whose nodes have these variables."""
     pytest.importorskip("ray", reason='Ray is not installed: pip install -e ".[ray]"')
     with pytest.MonkeyPatch.context() as own:
         for name, value in {**SETTINGS, **environment}.items():
             own.setenv(name, value)
-        cluster = RayCluster(caches)
+        cluster = RayCluster(caches, head_cpus)
         try:
             yield cluster
         finally:
