@@ -56,8 +56,8 @@ from pipeline.model.patches import resize_frames
 from pipeline.model.sampling import Sampling
 from pipeline.objects.answering import ObjectsModel, write_answers
 from pipeline.objects.instances import Instances
-from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene
+from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.target import make_target

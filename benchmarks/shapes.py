@@ -29,9 +29,9 @@ from pipeline.inference.scene_search import clip_evaluator
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.metrics.overlap import assign, count, pair_iou
 from pipeline.physics.simulate import simulate
-from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import BASIC_SHAPES, Scene
 from pipeline.scene.text import read_scene, write_scene
+from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.search.search_scene import search_scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.flow.measured_flow import measured_flow

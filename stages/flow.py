@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ModelError
-from pipeline.scene.mjcf import STEPS_PER_SECOND
+from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult

@@ -25,9 +25,9 @@ from pipeline.page.film import Panel, film
 from pipeline.page.motion_3d import RATE, BodyPath, motion_record, sampled_steps
 from pipeline.page.result_page import ResultPage, Table, html
 from pipeline.physics.trace import Trace
-from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import load_scene, write_scene
+from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.shards.output_errors import writing_to
 from pipeline.untrusted import read_table_bytes
 from pipeline.vision.recordings.video import read_clip as read_video

@@ -17,8 +17,8 @@ from pipeline.language.events import DEFAULT_THRESHOLDS, Event, find_events
 from pipeline.physics.batch import BatchSimulator, States, stack_scenes
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
-from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene
+from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.vision.rendering.appearance import plain_appearance
 from pipeline.vision.rendering.camera import pinhole
 from pipeline.vision.rendering.exact_flow import exact_flow

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.scene.mjcf import STEPS_PER_SECOND
+from pipeline.scene.time_step import STEPS_PER_SECOND
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from pipeline.physics.overlap import ground_penetration, overlaps
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import FIRST_FIXED, Trace
 from pipeline.scene.edited import edited
-from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene, SceneObject, half_extents
 from pipeline.scene.text import scene_from_dict, write_scene
+from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.untrusted import parse_yaml
 
 SOLID = 0.05  # of the smaller body's least half extent: bodies that an edit makes overlap by more cannot be so

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from pipeline.clips.replay import states_at
 from pipeline.motion.arcs import SYSTEMATIC
 from pipeline.motion.image_track import ImageTrack, image_tracks
-from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene
+from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.vision.recordings.letterbox import Letterbox
 from pipeline.vision.rendering.camera import focal_px, pinhole, project
 from pipeline.vision.rendering.rasteriser import rasterise

@@ -22,7 +22,7 @@ from mujoco import batch as mjbatch
 from scipy.spatial.transform import Rotation
 
 from pipeline.physics.simulate import compile_xml
-from pipeline.scene.mjcf import STEPS_PER_SECOND, camera_quaternion, pair_name, scene_xml, solref, start_quaternion
+from pipeline.scene.mjcf import camera_quaternion, pair_name, scene_xml, solref, start_quaternion
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import (
     CONTACT_KEYS,
@@ -35,6 +35,7 @@ from pipeline.scene.scene import (
     size_from_half,
 )
 from pipeline.scene.solid import bounding_radii, geom_sizes, unit_inertia
+from pipeline.scene.time_step import STEPS_PER_SECOND
 
 #: Unstable candidates are reported by `States.valid`, so MuJoCo's warnings are not logged.
 logging.getLogger("absl").setLevel(logging.ERROR)

@@ -8,9 +8,10 @@ import numpy as np
 from pipeline.errors import SimulationError
 from pipeline.physics.effect_forces import ApplyForces, effect_forces
 from pipeline.physics.trace import FIRST_FIXED, GROUND, Contacts, Trace
-from pipeline.scene.mjcf import FIXED_GROUP, STEPS_PER_SECOND, scene_xml
+from pipeline.scene.mjcf import FIXED_GROUP, scene_xml
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import Scene
+from pipeline.scene.time_step import STEPS_PER_SECOND
 
 #: Warnings of MuJoCo that the simulation is unstable, after which it resets the simulation by itself.
 BAD_WARNINGS = (

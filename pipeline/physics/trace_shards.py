@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.physics.trace import Contacts, Trace
-from pipeline.scene.mjcf import STEPS_PER_SECOND
+from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.shards.opened_shard import OpenShard
 
 STATE_NAMES = ("position", "quaternion", "velocity", "angular_velocity")

@@ -13,8 +13,8 @@ from pipeline.physics.batch import BatchSimulator, fixed_kinds, stack_scenes
 from pipeline.planar.parameters import Parameter, changed
 from pipeline.planar.plane import Plane
 from pipeline.planar.robust_descent import DAMPINGS, POPULATION, Residuals, robust_descent
-from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Scene
+from pipeline.scene.time_step import STEPS_PER_SECOND
 
 SYSTEMATIC = 0.02  # radii: errors of outlines that are alike from frame to frame
 LEAST_SIGMA = 0.3  # px

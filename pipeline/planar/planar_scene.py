@@ -18,8 +18,8 @@ from pipeline.planar.plane import Plane
 from pipeline.planar.silhouette import Silhouette
 from pipeline.planar.supports import Support
 from pipeline.planar.tumbling import Tumbling
-from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import FixedBody, Scene, SceneObject
+from pipeline.scene.time_step import STEPS_PER_SECOND
 
 FRICTION = 0.4  # of bodies whose tracks tell nothing of it
 LEAST_FRICTION, MOST_FRICTION = 0.001, 1.0

@@ -25,9 +25,9 @@ from pipeline.scene.effects.text import effect_kind
 from pipeline.scene.rotation import matrix_from_quaternion, quaternion_multiply
 from pipeline.scene.scene import Camera, FixedBody, Scene, SceneObject, half_extents
 from pipeline.scene.solid import geom_sizes, principal_moments
+from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.untrusted import MOST_MESH_BYTES, open_untrusted
 
-STEPS_PER_SECOND = 240
 #: Time constant of contacts, s; the damping ratio is each object's own (MuJoCo manual, "Solver parameters").
 CONTACT_TIME_CONSTANT = 0.02
 #: Smallest product of time constant and damping ratio, s. A contact oscillates with 1 / (0.9 of this product) rad/s.

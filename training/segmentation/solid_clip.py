@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.physics.trace import Trace
-from pipeline.scene.mjcf import STEPS_PER_SECOND
 from pipeline.scene.scene import Camera, Scene, half_extents
+from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.vision.rendering.appearance import Appearance
 from pipeline.vision.rendering.camera import Pinhole, focal_px, project
 from pipeline.vision.rendering.mujoco_render import render_mujoco
