@@ -96,7 +96,6 @@ def answer(job: Job) -> dict[str, Any]:
 
 def summary(answers: list[dict[str, Any]]) -> str:
     """A table of the clips and one of the means, of answers of one or more versions and budgets."""
-    rng = np.random.default_rng(0)
     rows, means = [], []
     for group in sorted({(a["words"], a["budget"]) for a in answers}):
         some = sorted((a for a in answers if (a["words"], a["budget"]) == group), key=lambda a: a["clip"])
@@ -104,7 +103,7 @@ def summary(answers: list[dict[str, Any]]) -> str:
             [group[0], a["clip"], a["true"], a["found"], a.get("by", ""), f"{a['iou']:.3f}", f"{a['masks']:.3f}"]
             for a in some
         ]
-        cells = [cell(bootstrap_mean(np.array([float(a[m]) for a in some]), RESAMPLES, rng)) for m in METRICS]
+        cells = [cell(bootstrap_mean(np.array([float(a[m]) for a in some]), RESAMPLES)) for m in METRICS]
         means.append([group[0], str(group[1]), str(len(some)), *cells])
     clips = markdown(["version", "clip", "true", "found", "by", "sequence IoU", "masks' IoU"], rows)
     return clips + "\n" + markdown(["version", "budget", "clips", *METRICS.values()], means)

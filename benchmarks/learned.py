@@ -191,7 +191,7 @@ def ask(asked: argparse.Namespace) -> None:
                 file.writelines(json.dumps(row) + "\n" for row in rows)
 
 
-def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[dict[str, Any]]:
+def differences(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Greedy sequence IoU of both models of each pair in COMPARED, and the difference by clip."""
     found = {(r["method"], r["suite"], r["clip"]): r["iou"] for r in rows}
     out = []
@@ -206,7 +206,7 @@ def differences(rows: list[dict[str, Any]], rng: np.random.Generator) -> list[di
                 a, b = np.array(both).T
                 head = {"suite": suite, "first": first, "second": second}
                 out += [
-                    {**head, "what": what, **bootstrap_mean(values, RESAMPLES, rng).row()}
+                    {**head, "what": what, **bootstrap_mean(values, RESAMPLES).row()}
                     for what, values in (("first", a), ("second", b), ("difference", a - b))
                 ]
     return out
@@ -248,12 +248,12 @@ def main() -> None:
     torch.set_num_threads(asked.threads)
     if asked.name:
         ask(asked)
-    rows, rng = kept_answers(ANSWERS), np.random.default_rng(0)
+    rows = kept_answers(ANSWERS)
     rows.sort(key=lambda r: (SUITES.index(r["suite"]), r["method"]))
     metrics = [*METRICS, *ERRORS, *(f"iou@{k}" for k in SAMPLES)]
-    summary = summarise(rows, metrics, RESAMPLES, rng)
+    summary = summarise(rows, metrics, RESAMPLES)
     (RESULTS / "learned.csv").write_text(as_csv(summary))
-    differing = differences(rows, rng)
+    differing = differences(rows)
     write_rows(RESULTS / "differences.csv", differing, digits=5)
     text = summary_text(summary, differing)
     (RESULTS / "learned.md").write_text(text, encoding="utf-8")

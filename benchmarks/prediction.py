@@ -33,20 +33,19 @@ RESAMPLES = 10_000
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    rng = np.random.default_rng(0)
     rows = []
     for suite in SUITES:
         clips = [clip.row() for clip in open_shards(folder("predict", suite))]
         baseline = np.array([c["constant_velocity"] for c in clips])
         for column, words in COLUMNS.items():
             iou = np.array([c[column] for c in clips])
-            gain = bootstrap_mean(iou - baseline, RESAMPLES, rng)
+            gain = bootstrap_mean(iou - baseline, RESAMPLES)
             rows.append(
                 [
                     suite,
                     words,
                     str(len(clips)),
-                    cell(bootstrap_mean(iou, RESAMPLES, rng)),
+                    cell(bootstrap_mean(iou, RESAMPLES)),
                     "–" if column == "constant_velocity" else cell(gain),
                 ]
             )

@@ -128,10 +128,9 @@ def greedy_scores(base: Base, clips: Sequence[LabelledClip], which: Sequence[int
 
 def table(before: list[dict], after: list[list[dict]]) -> str:
     """Means before and after and differences by clip, averaged over seeds, with 95 % bootstrap intervals."""
-    rng = np.random.default_rng(0)
 
     def interval(values: np.ndarray) -> str:
-        return cell(bootstrap_mean(values, RESAMPLES, rng))
+        return cell(bootstrap_mean(values, RESAMPLES))
 
     rows = []
     for metric, heading in METRICS.items():

@@ -32,8 +32,7 @@ def checkpoint_rows(path: Path, params: Params, clips: int) -> list[dict[str, An
     base, progress = read_checkpoint(path)
     scores = measure(base, params, clips)
     head = {"clips_seen": progress.chunk * CHUNK, "minutes": f"{progress.seconds / 60:.1f}"}
-    rng = np.random.default_rng(0)
-    found = {m: bootstrap_mean(np.array([s[m] for s in scores]), RESAMPLES, rng) for m in CHECKPOINT}
+    found = {m: bootstrap_mean(np.array([s[m] for s in scores]), RESAMPLES) for m in CHECKPOINT}
     return [{**head, "metric": m, **e.row()} for m, e in found.items()]
 
 

@@ -115,14 +115,13 @@ def answer(job: Job) -> dict[str, Any]:
 
 def summary(answers: list[dict[str, Any]]) -> str:
     """Tables of the metrics and of the shapes found, a row for each version and budget."""
-    rng = np.random.default_rng(0)
     out = []
     groups = sorted({(a["words"], a["seed"], a["budget"]) for a in answers})
     rows, confusion = [], []
     for group in groups:
         some = [a for a in answers if (a["words"], a["seed"], a["budget"]) == group]
         words, seed, budget = group
-        cells = [cell(bootstrap_mean(np.array([float(a[m]) for a in some]), RESAMPLES, rng)) for m in METRICS]
+        cells = [cell(bootstrap_mean(np.array([float(a[m]) for a in some]), RESAMPLES)) for m in METRICS]
         rows.append([words, str(seed), str(budget), str(len(some)), *cells])
         pairs = Counter((t, f) for a in some for t, f in zip(a["true"], a["found"], strict=True))
         for true in BASIC_SHAPES:

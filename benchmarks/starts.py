@@ -169,7 +169,6 @@ def jobs_of(params: Params, each: int, simulations: int, kinds: list[str]) -> li
 
 def summary(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """A row for each suite, start, budget and metric: mean, interval, clips."""
-    rng = np.random.default_rng(0)
     rows = []
     groups: dict[tuple[str, int], list[dict[str, Any]]] = defaultdict(list)
     for a in answers:
@@ -179,7 +178,7 @@ def summary(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:
             for metric in METRICS:
                 values = [a[str(budget)][metric] for a in some if metric in a.get(str(budget), {})]
                 if values:
-                    e = bootstrap_mean(np.array(values), 2000, rng)
+                    e = bootstrap_mean(np.array(values), 2000)
                     rows.append(
                         {
                             "suite": suite,

@@ -16,8 +16,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pipeline.csv_rows import read_rows, write_rows
 from pipeline.evaluation.determined import determined_table, spreads_by_kind
 from pipeline.evaluation.scene_scores import METRICS
@@ -104,13 +102,13 @@ def write_tables(found: RunScores) -> None:
 def main() -> None:
     params = load("score")
     schedule = params.clip.schedule
-    model, rng = answering_model(), np.random.default_rng(params.seed)
+    model = answering_model()
     stages = [*STAGES, *["regress"] * params.regress.enabled]
     used = {name: frozenset(clip for clip in model.used if model.has_used(name, clip)) for name in SUITES}
     suites = [AnsweredSuite(name, open_suite(name, stages), used[name]) for name in SUITES]
     with writing_to(REPORTS):
         rows = written((row for suite in suites for row in suite.score_rows(schedule)), UNFINISHED)
-        summary = summarise(rows, [*METRICS, *ERRORS], params.score.bootstrap, rng)
+        summary = summarise(rows, [*METRICS, *ERRORS], params.score.bootstrap, params.seed)
     forecasts = (row for name in PREDICTED_SUITES for row in forecast_rows(name, open_shards(folder("predict", name))))
     found = RunScores(
         summary=summary,
@@ -118,7 +116,7 @@ def main() -> None:
         searches=[row for suite in suites for row in suite.search_rows()],
         training=read_losses(),
         determined=spreads_by_kind(clip for suite in suites for clip in suite.certainties()),
-        forecast=summarise(forecasts, list(FORECAST), params.score.bootstrap, rng),
+        forecast=summarise(forecasts, list(FORECAST), params.score.bootstrap, params.seed),
     )
     gallery = {suite.name: shown_clips(suite, params.score.gallery, schedule) for suite in suites if len(suite)}
     text = scores_page(found, gallery, facts(params, model, suites), REPORTS, BENCHMARKS)

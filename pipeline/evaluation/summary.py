@@ -32,17 +32,15 @@ class Summary:
     seconds: dict[tuple[str, str], float]
 
 
-def summarise(
-    rows: Iterable[Mapping[str, Any]], metrics: Sequence[str], resamples: int, rng: np.random.Generator
-) -> Summary:
+def summarise(rows: Iterable[Mapping[str, Any]], metrics: Sequence[str], resamples: int, seed: int = 0) -> Summary:
     """Sum up the scores of clips. Rows are taken one after the other, and of each only 8 bytes a number are held.
 
     Args:
         rows: A row for each clip and method, with suite, method, simulations, seconds and some of the metrics. A metric
             that a row lacks is left out of that metric's mean.
-        metrics: The metrics, in the order in which their intervals are drawn.
+        metrics: The metrics.
         resamples: Bootstrap resamples behind each interval.
-        rng: Draws the resamples.
+        seed: Of the resamples.
     """
     groups: dict[tuple[str, str], dict[str, array[float]]] = {}
     for row in rows:
@@ -52,7 +50,7 @@ def summarise(
         for name, numbers in groups[key].items():
             numbers.append(row[name] if name in COSTS else row.get(name, np.nan))
     intervals = {
-        key: {m: bootstrap_mean(np.array(group[m]), resamples, rng) for m in metrics} for key, group in groups.items()
+        key: {m: bootstrap_mean(np.array(group[m]), resamples, seed) for m in metrics} for key, group in groups.items()
     }
     spent = [{key: float(np.mean(group[name])) for key, group in groups.items()} for name in COSTS]
     return Summary(intervals, *spent)

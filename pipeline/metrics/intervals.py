@@ -41,8 +41,15 @@ class MeanInterval:
 NO_CLIPS = MeanInterval(np.nan, np.nan, np.nan, 0)
 
 
-def bootstrap_mean(values: np.ndarray, resamples: int, rng: np.random.Generator) -> MeanInterval:
-    """The mean of `values` (n,), NaN left out, with its percentile-bootstrap interval from `resamples` resamples."""
+def bootstrap_mean(values: np.ndarray, resamples: int, seed: int = 0) -> MeanInterval:
+    """The mean of some values with its percentile-bootstrap interval.
+
+    Args:
+        values: (n,); NaN is left out.
+        resamples: Number of resamples.
+        seed: Of the resamples. They are drawn anew in each call, so that an interval does not depend on what else a
+            table has.
+    """
     kept = values[~np.isnan(values)]
     if not len(kept):
         return NO_CLIPS
@@ -58,7 +65,7 @@ def bootstrap_mean(values: np.ndarray, resamples: int, rng: np.random.Generator)
         batch=max(1, BATCH_NUMBERS // len(kept)),
         confidence_level=CONFIDENCE,
         method="percentile",
-        rng=rng,
+        rng=np.random.default_rng(seed),
     ).confidence_interval
     return MeanInterval(mean, float(interval.low), float(interval.high), len(kept))
 

@@ -22,7 +22,7 @@ def run_of(rng: np.random.Generator) -> RunScores:
         for _ in range(3)
     ]
     curve = [{"series": "id", "k": k, "simulations": k, "iou": 0.1 * k, "reward": 0.1 * k} for k in (1, 2, 3)]
-    summary = summarise(rows, ["iou", "composition", *ERRORS], 50, rng)
+    summary = summarise(rows, ["iou", "composition", *ERRORS], 50)
     losses = {"train": ([1.0, 2.0], [2.0, 1.5])}
     spreads = {"mass": KindSpreads("factor", [2.0], [0.4], [1.6])}
     return RunScores(
@@ -31,7 +31,7 @@ def run_of(rng: np.random.Generator) -> RunScores:
         searches=curve,
         training=losses,
         determined=spreads,
-        forecast=summarise(rows, list(FORECAST), 50, rng),
+        forecast=summarise(rows, list(FORECAST), 50),
     )
 
 

@@ -27,7 +27,7 @@ def summary(rng: np.random.Generator) -> Summary:
         for m in ("greedy", "cmaes")
         for _ in range(5)
     ]
-    return summarise(rows, ["iou", "composition", "error.mass"], 200, rng)
+    return summarise(rows, ["iou", "composition", "error.mass"], 200)
 
 
 def test_the_best_of_k_curve_is_the_mean_over_all_subsets(rng: np.random.Generator) -> None:
