@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.drawn_outlines import read_outlines
 from pipeline.clips.schedule import Schedule
 from pipeline.physics.simulate import simulate
+from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.recordings.video import Decoder, read_clip
 from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
@@ -29,18 +30,18 @@ from training.drawn_scenes import drawn_scenes
 SIZE = (480, 320)
 OBJECTS = {1: 1.0, 2: 1.0, 3: 1.0, 4: 1.0}
 MOVES_PX, MOVES_DEG = 4.0, 15.0  # at a width of 480 px: from here on a body moves
-MOST_FRAMES = 60  # of a real clip
+RATE = 30.0  # frames a second of real time that are seen of a real clip, as `dynamics masks` does
 OUTLINES = Path(__file__).parent / "outlines"
 
 
 @dataclass(frozen=True)
 class MaskClip:
-    """frames: (T, H, W, 3) uint8. masks: (F, H, W) uint8, the true ids, of the frames `labelled` (F,). moving: ids of
-    the bodies that move; the others may be found or not."""
+    """frames: (T, H, W, 3) uint8. times: (T,) s. masks: (F, H, W) uint8, the true ids, of the frames `labelled` (F,).
+    moving: ids of the bodies that move; the others may be found or not."""
 
     name: str
     frames: np.ndarray
-    fps: float
+    times: np.ndarray
     masks: np.ndarray
     labelled: np.ndarray
     moving: tuple[int, ...]
@@ -73,7 +74,7 @@ def another_engine(folder: Path) -> Iterator[MaskClip]:
         yield MaskClip(
             name=place.name,
             frames=frames,
-            fps=truth["fps"],
+            times=np.arange(len(frames)) / truth["fps"],
             masks=masks,
             labelled=np.arange(len(frames)),
             moving=moving_in(truth, masks),
@@ -112,7 +113,7 @@ def sampled_by_mujoco(seed: int, count: int) -> Iterator[MaskClip]:
         yield MaskClip(
             name=f"sampled_{index:03d}",
             frames=frames,
-            fps=schedule.fps,
+            times=at / STEPS_PER_SECOND,
             masks=masks,
             labelled=np.arange(len(frames)),
             moving=moving,
@@ -122,8 +123,8 @@ def sampled_by_mujoco(seed: int, count: int) -> Iterator[MaskClip]:
 def outlined(folder: Path, videos: Path) -> Iterator[MaskClip]:
     """Real clips with drawn outlines: `folder` has a file of each (benchmarks/outlines/README.md), `videos` the videos.
 
-    A clip is the stretch of its file, at most MOST_FRAMES of its frames, evenly, at the area of SIZE. Clips whose video
-    is not there are left out.
+    A clip is the stretch of its file at RATE and the frames with outlines, at the area of SIZE. Clips whose video is
+    not there are left out.
     """
     for clip in read_outlines(folder):
         video = videos / clip.clip
@@ -133,9 +134,8 @@ def outlined(folder: Path, videos: Path) -> Iterator[MaskClip]:
         first, last = min(clip.stretch_frames[0], wanted[0]), max(clip.stretch_frames[1], wanted[-1])
         decoder = Decoder(video, 0.0, None)
         pictures = [picture for k, (_, picture) in enumerate(decoder) if first <= k <= last]
-        fps = decoder.fps
         decoder.close()
-        between = np.linspace(0, len(pictures) - 1, min(len(pictures), MOST_FRAMES)).round().astype(int)
+        between = np.arange(0, len(pictures) - 0.5, max(clip.fps / RATE, 1.0)).round().astype(int)
         kept = np.union1d(between, wanted - first)
         names = sorted({o.object for outlines in clip.frames.values() for o in outlines})
         height, width = pictures[0].shape[:2]
@@ -152,7 +152,7 @@ def outlined(folder: Path, videos: Path) -> Iterator[MaskClip]:
         yield MaskClip(
             name=video.stem,
             frames=frames,
-            fps=fps,
+            times=kept / clip.fps,
             masks=masks,
             labelled=labelled,
             moving=tuple(range(1, len(names) + 1)),

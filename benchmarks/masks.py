@@ -25,7 +25,8 @@ from benchmarks.mask_clips import OUTLINES, MaskClip, another_engine, data_folde
 from benchmarks.motion_masks import masks_from_motion
 from pipeline.errors import VideoError
 from pipeline.metrics.overlap import assign, count, pair_iou
-from pipeline.segmentation import find_bodies, load_mask_networks
+from pipeline.perception.found_bodies import moving_masks
+from pipeline.segmentation import load_mask_networks
 from pipeline.segmentation.propagation import body_prompts, segment_with
 from pipeline.segmentation.published_models import FAMILIES, load_published
 from pipeline.vision.flow.dis import DIS
@@ -132,11 +133,11 @@ def main() -> None:
     torch.set_num_threads(arguments.threads)
     seed = secrets.randbits(32) if arguments.seed is None else arguments.seed
     networks = load_mask_networks(arguments.weights)
-    finders: dict[str, Finder] = {"network": lambda clip: find_bodies(clip.frames, networks).masks}
+    finders: dict[str, Finder] = {"network": lambda clip: moving_masks(clip.frames, clip.times, networks)}
     if arguments.plain:
         plain, single = replace(networks, outlines=None), replace(networks, second=None)
-        finders["plain"] = lambda clip: find_bodies(clip.frames, plain).masks
-        finders["single"] = lambda clip: find_bodies(clip.frames, single).masks
+        finders["plain"] = lambda clip: moving_masks(clip.frames, clip.times, plain)
+        finders["single"] = lambda clip: moving_masks(clip.frames, clip.times, single)
     if not arguments.no_classical:
         finders["classical"] = classical
     for family in FAMILIES:

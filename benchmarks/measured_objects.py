@@ -16,9 +16,10 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import frame_masks
 from pipeline.objects.instances import Instances, instances_of
+from pipeline.perception.found_bodies import moving_masks
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
-from pipeline.segmentation import MaskNetworks, find_bodies, load_mask_networks
+from pipeline.segmentation import MaskNetworks, load_mask_networks
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.flow.measured_flow import measured_flow
 from pipeline.vision.flow.raft import RAFT, load_raft
@@ -73,7 +74,7 @@ def measure(frames: np.ndarray, masks: np.ndarray, times: np.ndarray, schedule: 
     f, pairs, interval = params.flow, schedule.pairs, 1 / schedule.fps
     size = (f.width, f.height)
     networks, raft = _networks(f.raft)
-    found = find_bodies(frames, networks).masks
+    found = moving_masks(frames, times, networks)
     raw = measured_flow(raft, frames, times, pairs, interval, f.iterations, size)
 
     def filled(ids: np.ndarray) -> np.ndarray:

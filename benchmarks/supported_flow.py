@@ -22,7 +22,8 @@ import torch
 from benchmarks.mask_clips import data_folder
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import VideoError
-from pipeline.segmentation import find_bodies, load_mask_networks
+from pipeline.perception.found_bodies import moving_masks
+from pipeline.segmentation import load_mask_networks
 from pipeline.shards.dataset import open_shards
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.flow_confidence import followed
@@ -66,13 +67,13 @@ def real(folder: Path) -> Iterator[FlowClip]:
     networks = load_mask_networks("models/masks")
     for place in find_clips(folder):
         try:
-            frames = read_clip(place, 0.0, SCHEDULE.seconds, SCHEDULE.fps).frames
+            clip = read_clip(place, 0.0, SCHEDULE.seconds, SCHEDULE.fps)
         except VideoError as error:
             print(f"  skipped: {error}")
             continue
-        masks = find_bodies(frames, networks).masks
+        masks = moving_masks(clip.frames, clip.times, networks)
         if masks.any():
-            yield FlowClip(place.stem, frames, masks, None)
+            yield FlowClip(place.stem, clip.frames, masks, None)
 
 
 def flows(clip: FlowClip, estimators: dict[str, RAFT | DIS]) -> Iterator[tuple[str, np.ndarray]]:

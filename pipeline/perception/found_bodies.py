@@ -15,6 +15,7 @@ from pipeline.perception.track_choice import TrackChoice
 from pipeline.segmentation.bodies import Candidates, bodies_of, candidate_scores, figure, find_candidates
 from pipeline.segmentation.mask_networks import MaskNetworks
 from pipeline.segmentation.outlines import sharpen
+from pipeline.vision.recordings.letterbox import letterbox_for
 from pipeline.vision.recordings.video import Clip
 
 LIKE_OTHER = 0.5  # probability from which a body is doubted
@@ -112,6 +113,31 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
             )
     doubts += clip_faults(clip.frames, masks)
     return FoundBodies(clip, masks, tuple(bodies), tuple(notes), tuple(doubts))
+
+
+def moving_masks(frames: np.ndarray, times: np.ndarray, networks: MaskNetworks) -> np.ndarray:
+    """The masks that `find_in_clip` finds without any prompt, of frames in memory.
+
+    A body that moves at some time is found in all frames, also while it rests. Hands, cloth, shadows and mirror images
+    are left out.
+
+    Args:
+        frames: (T, H, W, 3) uint8 of a resting camera, T of 2 or more.
+        times: (T,) s.
+        networks: Of `load_mask_networks`.
+
+    Returns:
+        (T, H, W) uint8, 0 or a body's number from 1; 0 throughout where no body is found.
+
+    Raises:
+        ValueError: For frames of another type or shape.
+    """
+    size = (frames.shape[2], frames.shape[1])
+    clip = Clip(frames, times, times, float(1 / np.median(np.diff(times))), size, letterbox_for(size, size)[0])
+    try:
+        return find_in_clip(clip, networks, Prompts()).masks
+    except VideoError:
+        return np.zeros(frames.shape[:3], np.uint8)
 
 
 def why_none(clip: Clip, found: Candidates, likeliest: float, notes: list[str]) -> str:

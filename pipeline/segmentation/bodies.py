@@ -1,4 +1,4 @@
-"""The moving bodies of a clip, found by the network for masks: one call from frames to ids."""
+"""Candidates for the moving bodies of a clip, found by the networks for masks; the masks of those that are chosen."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from pipeline.segmentation.grouping import Track, follow
 from pipeline.segmentation.inference import Prediction, mean_prediction, predict, steadied
 from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exposure
 from pipeline.segmentation.joining import joined, typical_radius
-from pipeline.segmentation.mask_networks import MaskNetworks
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
-from pipeline.segmentation.outlines import sharpen
 from pipeline.segmentation.plate import clear_plate
 from pipeline.segmentation.resting import resting
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
@@ -26,7 +24,6 @@ LEAST_SCORE = 0.4
 PLATE_SCORE = 0.4  # from which a track of the first look is left out of the background of the second
 LEVEL = 0.38  # of a soft mask, at a body's edge: 0.5 draws bodies 6 % (rendered clips) to 14 % (real ones) too small
 LEAST_PART = 0.2  # of a body's largest connected part: smaller ones are flecks
-MOST_BODIES = 255
 IN_SHADOW = 0.2  # factor of the probability where the background's texture is seen, darker
 
 
@@ -73,7 +70,12 @@ def find_candidates(
         frames: (T, H, W, 3) uint8.
         network: For moving bodies.
         second: Another one; the second look is the mean of both. None: `network` alone.
+
+    Raises:
+        ValueError: For frames of another type or shape, or a single one.
     """
+    if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8 or len(frames) < 2:
+        raise ValueError(f"frames are (T, H, W, 3) uint8 with T of 2 or more, not {frames.shape} {frames.dtype}")
     first, features = _first_look(frames, network)
     small = first.frames
     scores = candidate_scores(first, network)
@@ -137,33 +139,6 @@ def bodies_of(tracks: list[Track], scores: np.ndarray, found: Candidates, frames
             centres[t, k] = piece.centre * scale
     radii = np.array([typical_radius(t) for t in tracks]) * scale.mean()
     return BodyTracks(draw_masks(tracks, found.probability, frames), scores, centres, radii)
-
-
-def find_bodies(frames: np.ndarray, networks: MaskNetworks, least_score: float = LEAST_SCORE) -> BodyTracks:
-    """The bodies that move in a clip of a resting camera.
-
-    A body that moves at some time is found in all frames, also while it rests. Hands, cloth, shadows and mirror images
-    are left out. Where nothing moves there are no ids.
-
-    Args:
-        frames: (T, H, W, 3) uint8 RGB, T of 2 or more, H and W of any size.
-        networks: Of `load_mask_networks`.
-        least_score: Tracks below it are dropped.
-
-    Raises:
-        ValueError: For frames of another type or shape.
-    """
-    if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8 or len(frames) < 2:
-        raise ValueError(f"frames are (T, H, W, 3) uint8 with T of 2 or more, not {frames.shape} {frames.dtype}")
-    found = find_candidates(frames, networks.moving, networks.second)
-    scores = candidate_scores(found, networks.moving)
-    kept = [i for i in np.argsort(-scores)[:MOST_BODIES] if scores[i] >= least_score]
-    kept.sort(key=lambda i: (found.tracks[i].first, -len(found.tracks[i].pieces[found.tracks[i].first].pixels)))
-    tracks = resting([found.tracks[i] for i in kept], found.frames)
-    bodies = bodies_of(tracks, scores[kept], found, frames)
-    if networks.outlines is None:
-        return bodies
-    return replace(bodies, masks=sharpen(frames, bodies.masks, networks.outlines))
 
 
 def draw_masks(tracks: list[Track], probability: np.ndarray, frames: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ def two_squares(moving=(1, 2)):
     return MaskClip(
         name="squares",
         frames=np.zeros((6, 40, 60, 3), np.uint8),
-        fps=30.0,
+        times=np.arange(6) / 30,
         masks=masks,
         labelled=np.arange(6),
         moving=moving,

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from pipeline.errors import ModelError
-from pipeline.segmentation import MaskNetworks, load_mask_networks
-from pipeline.segmentation.bodies import find_bodies, find_candidates, working_size
+from pipeline.segmentation import load_mask_networks
+from pipeline.segmentation.bodies import bodies_of, candidate_scores, find_candidates, working_size
 from pipeline.segmentation.inference import mean_prediction, predict
 from pipeline.segmentation.inputs import FULL_CHANNELS, HALF_CHANNELS, clip_features, steady_exposure
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork, load_network, save_network
@@ -96,26 +96,21 @@ def test_low_background_and_high_are_in_order():
 
 
 def test_bodies_of_a_clip_have_ids_from_1_without_gaps():
-    frames = random_clip(np.random.default_rng(3))
-    found = find_bodies(frames, MaskNetworks(random_network(), None), least_score=0.0)
+    frames, network = random_clip(np.random.default_rng(3)), random_network()
+    candidates = find_candidates(frames, network)
+    scores = candidate_scores(candidates, network)
+    assert len(scores) == len(candidates.tracks) and ((scores >= 0) & (scores <= 1)).all()
+    found = bodies_of(candidates.tracks, scores, candidates, frames)
     assert found.masks.shape == frames.shape[:3] and found.masks.dtype == np.uint8
     assert found.masks.max() <= len(found.scores)
     assert found.centres.shape == (len(frames), len(found.scores), 2)
-    assert ((found.scores >= 0) & (found.scores <= 1)).all()
-
-
-def test_a_higher_least_score_never_finds_more_bodies():
-    frames = random_clip(np.random.default_rng(4))
-    network = random_network(1)
-    counts = [len(find_bodies(frames, MaskNetworks(network, None), least).scores) for least in (0.0, 0.3, 0.6, 1.1)]
-    assert counts == sorted(counts, reverse=True) and counts[-1] == 0
 
 
 def test_frames_of_another_form_are_refused():
     with pytest.raises(ValueError, match="uint8"):
-        find_bodies(np.zeros((5, 32, 32, 3)), MaskNetworks(random_network(), None))
+        find_candidates(np.zeros((5, 32, 32, 3)), random_network())
     with pytest.raises(ValueError, match="2 or more"):
-        find_bodies(np.zeros((1, 32, 32, 3), np.uint8), MaskNetworks(random_network(), None))
+        find_candidates(np.zeros((1, 32, 32, 3), np.uint8), random_network())
 
 
 def test_the_shipped_weights_are_read_and_small():
