@@ -1,4 +1,4 @@
-"""Joins of tracks: one that goes on where another ended, two that stay together, two ends of one rigid body."""
+"""Joins of tracks: one that goes on where another ended, two parts of one body, two ends of one rigid body."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ END_FRAMES = 5  # that give a track's velocity at an end
 MOST_APART, MOST_COST = 1.6, 3.0  # in radii; with colour and size
 NEAR_COLOUR, NEAR_SIZE = 0.2, 0.6  # differences of colour in [0, 1] and of log radius that cost 1
 TOGETHER = 0.6  # radii; half of it where colours differ by more than NEAR_COLOUR
+PART_APART, PART_TOUCH = 1.25, 0.5  # radii between parts of one body; share of the frames in which they touch
+MOSTLY = 80  # percent of the frames
+PART_FILLS, BODY_FILLS = 1.0, 1.6  # most area of a part and of both, in discs of the radius that the network says
 LEAST_COMMON = 5  # frames in which two ends of a rigid body are seen together
 STIFF = 0.1, 0.7  # most deviation of the vector between the ends: share of their radii, and px
 LEAST_BRIDGE = 0.15  # mean probability, of a moving body, between the ends
@@ -19,8 +22,9 @@ LEAST_BRIDGE = 0.15  # mean probability, of a moving body, between the ends
 
 def joined(tracks: list[Track], probability: np.ndarray) -> list[Track]:
     """The tracks with those of one body made one. probability: (T, H, W) that a pixel shows a moving body."""
-    whole = _together(_continued([t for t in tracks if len(t.pieces) >= SHORTEST]))
-    return _together(_continued(_stiff(whole, probability)))
+    width = probability.shape[2]
+    whole = _together(_continued([t for t in tracks if len(t.pieces) >= SHORTEST]), width)
+    return _together(_continued(_stiff(whole, probability)), width)
 
 
 def _end(track: Track, late: bool) -> tuple[int, np.ndarray, np.ndarray]:
@@ -75,12 +79,12 @@ def _continued(tracks: list[Track]) -> list[Track]:
     return tracks
 
 
-def _together(tracks: list[Track]) -> list[Track]:
-    """The tracks, of which two whose centres stay together are one body in two pieces."""
+def _together(tracks: list[Track], width: int) -> list[Track]:
+    """The tracks, of which two whose centres stay together, or that are parts of one body, are one. width: px."""
     tracks = sorted(tracks, key=lambda k: -sum(len(p.pixels) for p in k.pieces.values()))
     out: list[Track] = []
     for track in tracks:
-        host = next((k for k in out if _stay_together(k, track)), None)
+        host = next((k for k in out if _stay_together(k, track) or _parts_of_one(k, track, width)), None)
         if host is None:
             out.append(track)
             continue
@@ -104,6 +108,33 @@ def _stay_together(large: Track, small: Track) -> bool:
         for t in both
     ]
     return bool(np.mean(close) > 0.6)
+
+
+def _parts_of_one(large: Track, small: Track, width: int) -> bool:
+    """Whether two tracks touch each other, and each is too small for the radius that the network says, but not both.
+
+    The votes of a large textured body may have two centres. Two bodies of which one hides a part of the other touch,
+    too, but the one in front is whole.
+    """
+    common = sorted(set(large.pieces) & set(small.pieces))
+    if len(common) < max(LEAST_COMMON, 0.5 * min(len(large.pieces), len(small.pieces))):
+        return False
+    pairs = [(large.pieces[t], small.pieces[t]) for t in common]
+    radii = np.array([[max(p.radius, 1.0) for p in pair] for pair in pairs])
+    apart = np.array([np.linalg.norm(a.centre - b.centre) for a, b in pairs]) / radii.max(1)
+    filled = np.array([[len(p.pixels) for p in pair] for pair in pairs]) / (np.pi * radii**2)
+    if np.median(filled, axis=0).max() > PART_FILLS:
+        return False
+    # Mostly: two bodies that meet are whole, and apart, before.
+    if np.percentile(apart, MOSTLY) > PART_APART or np.percentile(filled.sum(1), MOSTLY) > BODY_FILLS:
+        return False
+    return float(np.mean([_touch(a, b, width) for a, b in pairs])) > PART_TOUCH
+
+
+def _touch(one: Piece, other: Piece, width: int) -> bool:
+    """Whether a pixel of one piece is beside one of the other."""
+    steps = [row * width + col for row in (-1, 0, 1) for col in (-1, 0, 1)]
+    return bool(np.isin(np.add.outer(steps, one.pixels), other.pixels).any())
 
 
 def _stiff(tracks: list[Track], probability: np.ndarray) -> list[Track]:

@@ -179,6 +179,20 @@ def test_two_bodies_of_different_colours_that_stay_side_by_side_are_not_joined()
     assert len(tracks_of(frames, prediction)) == 2
 
 
+def test_halves_whose_votes_disagree_are_one_body_where_their_radius_says_so():
+    frames, prediction, mask = answers([line((30, 40), (80, 40))], radius=14)
+    x = np.mgrid[:HEIGHT, :WIDTH][1] + 0.5
+    for t, cx in enumerate(line(30, 80)):  # each half, of its own colour, votes for itself
+        for side, colour in ((-1, COLOURS[0]), (1, COLOURS[1])):
+            half = (mask[t] == 1) & (side * (x - cx) > 0)
+            prediction.vote[t][half] = (cx + 7 * side, 40)
+            frames[t][half] = colour
+    (track,) = tracks_of(frames, prediction)
+    assert all(len(p.pixels) == (mask[t] == 1).sum() for t, p in track.pieces.items())
+    prediction.radius[:] = 9.0  # now each half is as large as the network says of its body
+    assert len(tracks_of(frames, prediction)) == 2
+
+
 def test_two_bodies_of_one_colour_that_meet_and_rest_are_not_one_stiff_body():
     paths = [
         np.concatenate([line(a, b, 6), np.repeat([b], 24, 0)])
