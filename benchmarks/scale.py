@@ -29,6 +29,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+from ruamel.yaml import YAML
 
 from pipeline.errors import ShardError
 from pipeline.shards.dataset import open_shards
@@ -104,10 +105,8 @@ def starts(lock: Path, times: int = 3) -> list[dict[str, object]]:
 
     Raises SystemExit where a shard is not in the store.
     """
-    import yaml
-
     commands: dict[str, str] = {}
-    for name, entry in yaml.load(lock.read_bytes(), yaml.CSafeLoader)["stages"].items():
+    for name, entry in YAML(typ="safe").load(lock)["stages"].items():
         if any((Path(out["path"]) / MANIFEST).is_file() for out in entry.get("outs", [])):
             commands.setdefault(name.partition("@")[0], entry["cmd"])
     rows: list[dict[str, object]] = []

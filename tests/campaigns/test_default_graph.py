@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from campaign import FULL
 from ray_cluster import RayCluster, ray_cluster
 from ruamel.yaml import YAML
@@ -43,7 +42,7 @@ def clone(folder: Path) -> Path:
 
 def entries(lock: Path) -> dict[str, Any]:
     """By stage: its command, and the hashes of what it read and wrote."""
-    stages = yaml.load(lock.read_bytes(), yaml.CSafeLoader)["stages"]
+    stages = YAML(typ="safe").load(lock)["stages"]
     for entry in stages.values():
         entry["outs"] = [out for out in entry.get("outs", []) if out["path"] not in WITH_TIMES]
     return stages
