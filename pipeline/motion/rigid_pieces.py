@@ -119,8 +119,9 @@ def _turned_back(along: np.ndarray) -> float:
     most = 0.0
     for sign in (1, -1):
         x = sign * along
-        forth = np.maximum.accumulate(x) - np.minimum.accumulate(x)
-        back = np.maximum.accumulate(x) - x
+        highest = np.maximum.accumulate(x)
+        forth = np.maximum.accumulate(np.where(x == highest, x - np.minimum.accumulate(x), 0))
+        back = highest - x
         most = max(most, float(np.minimum(forth, back).max()))
     return most
 

@@ -1,6 +1,7 @@
 """Pieces that are one body, and bodies whose numbers masks exchange, in drawn clips."""
 
 import numpy as np
+import pytest
 
 from pipeline.motion.exchanged_bodies import without_exchanges
 from pipeline.motion.rigid_pieces import joined_pieces
@@ -67,6 +68,13 @@ def test_two_bodies_with_background_between_them_stay_two() -> None:
     same, groups = joined_pieces(masks, clip_with(masks), TIMES, [False, False])
     assert groups == [[1], [2]]
     assert (same == masks).all()
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_two_bodies_that_go_one_way_side_by_side_stay_two(backwards: bool) -> None:
+    left, right = (drawn(np.stack([x + 80 * TIMES, np.full(len(TIMES), 30.0)], 1), (30, 14)) for x in (20, 52))
+    masks = np.where(left, 1, np.where(right, 2, 0)).astype(np.uint8)[:: -1 if backwards else 1]
+    assert joined_pieces(masks, clip_with(masks), TIMES, [False, False])[1] == [[1], [2]]
 
 
 def test_bodies_that_the_user_named_stay_two() -> None:
