@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> None:
 
         def show(taken: UserClip) -> None:
             write_sheet(folder, str(a.clip), taken)
-            progress.say("", f"{folder / 'masks.png'} shows them")
+            progress.say("", f"masks.png shows them; while this command runs it is {folder / 'masks.png'}")
             beside.submit(_prepare_pictures)
 
         found = infer(
