@@ -210,7 +210,7 @@ def main() -> None:
             continue
         began = time.process_time()
         made = labelled_clip(params, network, asked.seed, clip, asked.simulations)
-        row = {"clip": clip, "seconds": round(time.process_time() - began, 1)}
+        row: dict[str, float | str] = {"clip": clip, "seconds": round(time.process_time() - began, 1)}
         if made is not None:
             write_clip(made, path)
             row |= {
