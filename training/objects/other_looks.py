@@ -30,12 +30,13 @@ from pipeline.model.sampling import Sampling
 from pipeline.objects.answering import load_objects, write_scenes
 from pipeline.objects.instances import instances_of
 from pipeline.objects.network import ObjectsNetwork
+from pipeline.perception.found_bodies import moving_masks
 from pipeline.physics.simulate import simulate
 from pipeline.scene.sample import Distribution
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene, write_scene
 from pipeline.search.best_of_k import rank
-from pipeline.segmentation import MaskNetworks, find_bodies, load_mask_networks
+from pipeline.segmentation import MaskNetworks, load_mask_networks
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.flow.measured_flow import measured_flow
 from pipeline.vision.flow.raft import RAFT, load_raft
@@ -144,7 +145,8 @@ def labelled_clip(
     scene, rng = drawn_scene(params, seed, clip), clip_rng(seed, SUITE, clip, "appearance")
     frames, true = frames_and_masks(scene, schedule, choose_backend(params.render.backend)[0], rng)
     networks, raft = _networks(f.raft)
-    found, times, size = find_bodies(frames, networks).masks, np.arange(len(frames)) / schedule.fps, (f.width, f.height)
+    times, size = np.arange(len(frames)) / schedule.fps, (f.width, f.height)
+    found = moving_masks(frames, times, networks)
     raw = measured_flow(raft, frames, times, schedule.pairs, interval, f.iterations, size)
     flow = supported_flow(raw, frames, found, times, schedule.pairs, interval=interval, size=size).flow
     shown = instances_of(found[schedule.pairs[:, 0]], flow)
