@@ -73,7 +73,7 @@ def test_two_bodies_with_background_between_them_stay_two() -> None:
 @pytest.mark.parametrize("backwards", [False, True])
 def test_two_bodies_that_go_one_way_side_by_side_stay_two(backwards: bool) -> None:
     way = np.stack([80 * TIMES[:: -1 if backwards else 1], np.full(len(TIMES), 30.0)], 1)
-    left, right, shadow = (drawn(way + [x, 0], (w, 14)) for x, w in ((20, 20), (55, 20), (37, 40)))
+    left, right, shadow = (drawn(way + np.array([x, 0]), (w, 14)) for x, w in ((20, 20), (55, 20), (37, 40)))
     masks = np.where(left, 1, np.where(right, 2, 0)).astype(np.uint8)
     assert joined_pieces(masks, clip_with(masks, shadow), TIMES, [False, False])[1] == [[1], [2]]
 
