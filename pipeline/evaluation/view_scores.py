@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.view_tables import ViewScore
 from pipeline.inference.filmed_world import TrackedScene, World, follow, tracked_scene
-from pipeline.inference.method import SEARCH, TRACKS, explains, replay_overlap, ways
+from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, replay_overlap, ways
 from pipeline.inference.scene_search import clip_evaluator, search_clip, search_forecast
 from pipeline.inference.trust import grade
 from pipeline.scene.scene import Scene
@@ -79,7 +79,7 @@ def view_score(
         reached = 0.0 if found is None else replay_overlap(found, seen.masks, fps).sequence
         if reached > iou:
             scene, iou, by = found, reached, way
-        if explains(view.kind, reached):
+        if reached >= EXPLAINS_IOU:
             break
     ahead = told.forecast
     if by == SEARCH:

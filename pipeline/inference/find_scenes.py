@@ -160,7 +160,7 @@ def find_scenes(
                     budget.incline,
                 )
                 methods.append(search_method(searched, answers, ranking, clip))
-        if settled(view.kind, methods):
+        if settled(methods):
             break
     best = best_of(methods)
     told = filmed.forecast if best.name == TRACKS else None

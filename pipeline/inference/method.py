@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
 
 TRACKS, SEARCH = "tracks", "search"  # ways to a scene: a planar scene that is fitted to tracks, and the search
-OTHER_IOU, TABLE_IOU = 0.6, 0.9  # from which a scene explains a clip; on a table
+EXPLAINS_IOU = 0.6  # sequence IoU from which a scene explains a clip
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,9 @@ def ways(view: str, simulations: int, measured: bool) -> tuple[str, ...]:
     return (SEARCH, TRACKS) if view == "table" and not measured else (TRACKS, SEARCH)
 
 
-def explains(view: str, sequence_iou: float) -> bool:
-    """Whether a scene of that overlap needs no other way beside it."""
-    return sequence_iou >= (TABLE_IOU if view == "table" else OTHER_IOU)
-
-
-def settled(view: str, methods: Sequence[Method]) -> bool:
+def settled(methods: Sequence[Method]) -> bool:
     """Whether no other way need be tried: the last method explains the clip, and none before it is better."""
-    return best_of(methods) is methods[-1] and explains(view, methods[-1].overlap.sequence)
+    return best_of(methods) is methods[-1] and methods[-1].overlap.sequence >= EXPLAINS_IOU
 
 
 def answer_method(
