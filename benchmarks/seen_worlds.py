@@ -39,7 +39,7 @@ class SeenWorld:
 
 
 def see_world(name: str, strength: float, clips: int, rng: np.random.Generator) -> SeenWorld:
-    """Film the world of an effect and find its bodies.
+    """Film the world of an effect and find its bodies; clips in which none is found are left out, as users would.
 
     Args:
         name: Of the effect, as for `make_filmed_world`.
@@ -48,11 +48,19 @@ def see_world(name: str, strength: float, clips: int, rng: np.random.Generator) 
         rng: Draws everything.
 
     Raises:
-        VideoError: If no body is found in a clip.
+        VideoError: If no body is found in any clip.
     """
     world = make_filmed_world(name, strength, clips, rng, backend="raycast")
-    seen = tuple(_with_masks(clip) for clip in world.clips)
-    return SeenWorld(seen, world.known, world.truth, np.array([c.truth[0].position for c in world.clips]))
+    seen, faults = [], []
+    for number, clip in enumerate(world.clips):
+        try:
+            seen.append((number, _with_masks(clip)))
+        except VideoError as error:
+            faults.append(f"{clip.name}: {error}")
+    if not seen:
+        raise VideoError("; ".join(faults))
+    truth = np.array([world.clips[number].truth[0].position for number, _ in seen])
+    return SeenWorld(tuple(clip for _, clip in seen), world.known, world.truth, truth)
 
 
 def kept_world(path: Path, name: str, strength: float, clips: int, seed: list[int]) -> SeenWorld:
@@ -78,8 +86,5 @@ def _write(path: Path, world: SeenWorld) -> None:
 def _with_masks(clip: FilmedClip) -> RecordedClip:
     whole = letterbox_for(SIZE, SIZE)[0]
     read = Clip(clip.frames, clip.times, clip.times, float(FPS), SIZE, whole)
-    try:
-        found = find_in_clip(read, mask_networks(), Prompts())
-    except VideoError as error:
-        raise VideoError(f"{clip.name}: {error}") from error
+    found = find_in_clip(read, mask_networks(), Prompts())
     return RecordedClip(clip.name, clip.frames, found.masks, clip.times)

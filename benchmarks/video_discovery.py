@@ -29,12 +29,13 @@ from benchmarks.filmed_worlds import FPS, VISIBLE_EFFECTS, make_filmed_world
 from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
 from benchmarks.seen_worlds import SeenWorld, kept_world
 from pipeline.discrepancy.discover import discover
+from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.errors import DynamicsError, VideoError
 from pipeline.evaluation.tables import markdown
 from pipeline.filmed.measured_motion import measure_motion
-from pipeline.filmed.unfitted import forecast_unfitted
+from pipeline.filmed.shown_effects import discover_shown
 from pipeline.hidden.judge import judge
 from pipeline.metrics.intervals import wilson
 from pipeline.scene.effects.registry import effect_kinds
@@ -94,11 +95,14 @@ def answer(job: Job) -> dict[str, Any]:
         out["truth"] = world.truth
         spent = time.process_time()
         motion = measure_motion(world.clips, known_scene(world.known))
-        out["notes"] = motion.notes
-        rng = np.random.default_rng(job.seed[1])
-        found = discover(motion.tracks, motion.known, 0.3, tuple(effect_kinds()), rng)
-        report = report_dict(found)
-        report["gap"] |= forecast_unfitted(found, motion).as_dict()
+
+        def find(names: Sequence[str]) -> Discovery:
+            return discover(motion.tracks, motion.known, 0.3, names, np.random.default_rng(job.seed[1]))
+
+        shown = discover_shown(motion, tuple(effect_kinds()), find)
+        out["notes"] = [*motion.notes, *shown.notes]
+        report = report_dict(shown.found)
+        report["gap"] |= shown.unfitted.as_dict()
         out["report"] = {k: v for k, v in report.items() if k not in ("disagreement", "candidates")}
         out["processor_seconds"] = time.process_time() - spent
     except (DynamicsError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
