@@ -1,9 +1,11 @@
 """Discovery from rendered video: worlds in which an effect is hidden that a camera can see, four clips each.
 
 The network for masks finds the bodies; tracks, camera and verdict come from these masks and from the scene file that a
-user would write (shape, size and mass; no camera). Writes benchmarks/results/video_discovery/answers.jsonl one answer
-at a time (a stopped run continues), then summary.md beside it.
-Run: python -m benchmarks.video_discovery [--worlds 60] [--seed 0] [--workers 1] [--minutes M]
+user would write (shape, size and mass; no camera). Writes answers.jsonl one answer at a time (a stopped run continues),
+then summary.md beside it. Videos and masks are kept in a folder of their own, since they cost most of the time and do
+not depend on the discovery: with --film nothing else is made, and a later run judges what is there.
+Run: python -m benchmarks.video_discovery [--worlds 60] [--seed 0] [--out FOLDER] [--films FOLDER] [--film]
+    [--workers 1] [--minutes M]
 Or write the videos and the scene file of one world, to try the command on:
 python -m benchmarks.video_discovery --write clips --hidden restitution --seed 1
 """
@@ -15,6 +17,7 @@ import time
 import warnings
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,69 +25,89 @@ import numpy as np
 from ruamel.yaml import YAML
 from tqdm import tqdm
 
-from benchmarks.filmed_worlds import FPS, SIZE, VISIBLE_EFFECTS, FilmedClip, make_filmed_world
-from benchmarks.kept_answers import answers_of, kept_answers
+from benchmarks.filmed_worlds import FPS, VISIBLE_EFFECTS, make_filmed_world
+from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
+from benchmarks.seen_worlds import SeenWorld, kept_world
 from pipeline.discrepancy.discover import discover
+from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.discrepancy.tracks.known_scene import known_scene
-from pipeline.errors import DynamicsError
+from pipeline.errors import DynamicsError, VideoError
 from pipeline.evaluation.tables import markdown
 from pipeline.filmed.measured_motion import measure_motion
-from pipeline.filmed.recorded_clip import RecordedClip
-from pipeline.filmed.unfitted import forecast_unfitted
+from pipeline.filmed.shown_effects import discover_shown
 from pipeline.hidden.judge import judge
 from pipeline.metrics.intervals import wilson
-from pipeline.perception.found_bodies import find_in_clip
-from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import mask_networks
 from pipeline.scene.effects.registry import effect_kinds
-from pipeline.vision.recordings.letterbox import letterbox_for
-from pipeline.vision.recordings.video import Clip, write_video
+from pipeline.vision.recordings.video import write_video
 
 FOLDER = Path("benchmarks/results/video_discovery")
 STRENGTHS = {"medium": 10.0, "strong": 30.0}
 CLIPS = 4
-Job = tuple[str, str, str, float, int]
-"""Key, group, hidden effect, strength, seed."""
 
 
-def plan(worlds: int, seed: int) -> Iterator[Job]:
+@dataclass(frozen=True)
+class Job:
+    """A world. key: `seed-number`. hidden: name of the effect. film: the file of its videos and masks."""
+
+    key: str
+    group: str
+    hidden: str
+    strength: float
+    film: Path
+
+    @property
+    def seed(self) -> list[int]:
+        """Of the run, and the world's number."""
+        return [int(part) for part in self.key.split("-")]
+
+    def world(self) -> SeenWorld:
+        """Filmed, if it was not before."""
+        return kept_world(self.film, self.hidden, self.strength, CLIPS, [*self.seed, 91])
+
+
+def plan(worlds: int, seed: int, films: Path) -> Iterator[Job]:
     """Rounds of every effect at every strength and of two worlds in which nothing is hidden."""
     groups = [(name, word) for word in STRENGTHS for name in VISIBLE_EFFECTS] + [("none", "medium")] * 2
     for number in range(worlds):
         name, word = groups[number % len(groups)]
-        group = "none" if name == "none" else f"{word}, {name}"
-        yield f"{seed}-{number}", group, name, STRENGTHS[word], number
+        group, key = "none" if name == "none" else f"{word}, {name}", f"{seed}-{number}"
+        yield Job(key, group, name, STRENGTHS[word], films / f"{key}.npz")
+
+
+def film(job: Job) -> dict[str, Any]:
+    """Film one world and find its bodies; for how long, s of processor time, and the error if there was one."""
+    spent = time.process_time()
+    out: dict[str, Any] = {"key": job.key, "group": job.group}
+    try:
+        job.world()
+    except VideoError as error:
+        out["error"] = str(error)
+    return out | {"processor_seconds": time.process_time() - spent}
 
 
 def answer(job: Job) -> dict[str, Any]:
-    """Film one world, discover what its scene lacks, and keep the answer with the truth."""
-    key, group, name, strength, number = job
+    """Discover what the scene of one world lacks; the answer with the truth."""
     warnings.simplefilter("ignore")
-    out: dict[str, Any] = {"key": key, "group": group}
-    spent = time.process_time()
+    out: dict[str, Any] = {"key": job.key, "group": job.group}
     try:
-        rng = np.random.default_rng([int(key.partition("-")[0]), number, 91])
-        world = make_filmed_world(name, strength, CLIPS, rng, backend="raycast")
+        world = job.world()
         out["truth"] = world.truth
-        motion = measure_motion([_recorded(clip) for clip in world.clips], known_scene(world.known))
-        out["notes"] = motion.notes
-        found = discover(motion.tracks, motion.known, 0.3, tuple(effect_kinds()), np.random.default_rng(number))
-        report = report_dict(found)
-        report["gap"] |= forecast_unfitted(found, motion).as_dict()
+        spent = time.process_time()
+        motion = measure_motion(world.clips, known_scene(world.known))
+
+        def find(names: Sequence[str]) -> Discovery:
+            return discover(motion.tracks, motion.known, 0.3, names, np.random.default_rng(job.seed[1]))
+
+        shown = discover_shown(motion, tuple(effect_kinds()), find)
+        out["notes"] = [*motion.notes, *shown.notes]
+        report = report_dict(shown.found)
+        report["gap"] |= shown.unfitted.as_dict()
         out["report"] = {k: v for k, v in report.items() if k not in ("disagreement", "candidates")}
+        out["processor_seconds"] = time.process_time() - spent
     except (DynamicsError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         out["error"] = f"{type(error).__name__}: {error}"
-    out["processor_seconds"] = time.process_time() - spent
     return out
-
-
-def _recorded(clip: FilmedClip) -> RecordedClip:
-    """The clip with the masks of the pipeline."""
-    whole = letterbox_for(SIZE, SIZE)[0]
-    read = Clip(clip.frames, clip.times, clip.times, float(FPS), SIZE, whole)
-    found = find_in_clip(read, mask_networks(), Prompts())
-    return RecordedClip(clip.name, clip.frames, found.masks, clip.times)
 
 
 def summary(answers: Sequence[dict[str, Any]]) -> str:
@@ -141,6 +164,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--worlds", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=FOLDER)
+    parser.add_argument("--films", type=Path, help="keep videos and masks there, 60 MB a world")
+    parser.add_argument("--film", action="store_true", help="film only")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--minutes", type=float, help="stop after so long; run again to go on")
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="write the videos of one world instead")
@@ -149,16 +175,24 @@ def main() -> None:
     if arguments.write is not None:
         write_world(arguments.write, arguments.hidden, arguments.seed)
         return
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    path = FOLDER / "answers.jsonl"
-    done = {a["key"] for a in kept_answers(path)}
-    waiting = [job for job in plan(arguments.worlds, arguments.seed) if job[0] not in done]
-    found = answers_of(answer, waiting, path, arguments.workers, arguments.minutes)
-    for _ in tqdm(found, total=len(waiting), unit="world"):
-        pass
-    text = summary(list(kept_answers(path)))
-    (FOLDER / "summary.md").write_text(text + "\n", encoding="utf-8")
-    print(text)
+    if arguments.film and arguments.films is None:
+        parser.error("--film: where to? Valid: --film --films FOLDER")
+    with kept_folder(arguments.films) as films:
+        jobs = list(plan(arguments.worlds, arguments.seed, films))
+        if arguments.film:
+            work, path = film, films / "films.jsonl"
+        else:
+            work, path = answer, arguments.out / "answers.jsonl"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        done = {a["key"] for a in kept_answers(path)}
+        waiting = [job for job in jobs if job.key not in done]
+        found = answers_of(work, waiting, path, arguments.workers, arguments.minutes)
+        for _ in tqdm(found, total=len(waiting), unit="world"):
+            pass
+    if not arguments.film:
+        text = summary(list(kept_answers(path)))
+        (arguments.out / "summary.md").write_text(text + "\n", encoding="utf-8")
+        print(text)
 
 
 if __name__ == "__main__":

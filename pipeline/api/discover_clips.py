@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -11,16 +11,18 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
-from pipeline.api.discover import DiscoveryResult, discover
+from pipeline.api.discover import DiscoveryResult, discover, valid_effects
 from pipeline.api.overlay import caption
 from pipeline.api.result_folder import FolderResult
 from pipeline.clips.replay import WIDTH
+from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.tracks.known_scene import KnownScene, known_scene, load_known_scene
 from pipeline.discrepancy.tracks.track import tracks_table
 from pipeline.errors import MeasurementError, SceneError
 from pipeline.filmed.measured_motion import MeasuredMotion, measure_motion
 from pipeline.filmed.reading import inferred_scene, is_inferred, read_recorded_clip
-from pipeline.filmed.unfitted import ForecastClip, Unfitted, forecast_unfitted
+from pipeline.filmed.shown_effects import discover_shown
+from pipeline.filmed.unfitted import ForecastClip, Unfitted
 from pipeline.inference.progress import Progress
 from pipeline.scene.scene import SIZE_KEYS, Scene
 from pipeline.vision.recordings.video import write_video
@@ -109,13 +111,26 @@ def discover_clips(
         ]
     with progress.step("tracks"):
         motion = measure_motion(recorded, known, None if view is None else VIEWS[view])
-    found = discover(motion.tracks, motion.known, held_out=held_out, effects=effects, seed=seed, progress=progress)
-    with progress.step("forecast"):
-        unfitted = forecast_unfitted(found.found, motion)
-    found = replace(found, measured=", ".join(map(str, places)), known=source)
-    found.report["gap"].update(unfitted.as_dict())
-    found.report["notes"][:0] = motion.notes
-    return ClipDiscoveryResult(found, motion, unfitted)
+
+    def find(names: Sequence[str]) -> Discovery:
+        listed = ",".join(names)
+        own = discover(motion.tracks, motion.known, held_out=held_out, effects=listed, seed=seed, progress=progress)
+        return own.found
+
+    shown = discover_shown(motion, valid_effects(effects), find)
+    found = DiscoveryResult(
+        measured=", ".join(map(str, places)),
+        known=source,
+        clips=len(motion.clips),
+        held_out=held_out,
+        effects=effects,
+        seed=seed,
+        found=shown.found,
+        seconds=progress.seconds,
+    )
+    found.report["gap"].update(shown.unfitted.as_dict())
+    found.report["notes"][:0] = [*motion.notes, *shown.notes]
+    return ClipDiscoveryResult(found, motion, shown.unfitted)
 
 
 def _names(places: Sequence[Path]) -> list[str]:

@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> None:
     table = any(place.suffix in TABLES for place in a.inputs)
     if table:
         _check_table(a)
-    with Progress(2 if table else 5, shown=True) as progress:
+    with Progress(2 if table else 4, shown=True) as progress:
         found: DiscoveryResult | ClipDiscoveryResult
         if table:
             found = discover(*a.inputs, held_out=a.held_out, effects=a.effects, seed=a.seed, progress=progress)

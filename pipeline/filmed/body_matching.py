@@ -36,6 +36,8 @@ def match_bodies(clips: Sequence[RecordedClip], objects: Sequence[SceneObject]) 
         clips: Of one camera.
         objects: Of the known scene.
 
+    Of one object, clips in which nothing moves are left out.
+
     Raises:
         MeasurementError: A clip has fewer bodies than its match needs, or bodies that nothing tells apart.
     """
@@ -43,13 +45,15 @@ def match_bodies(clips: Sequence[RecordedClip], objects: Sequence[SceneObject]) 
     if all(clip.names and set(clip.names) <= set(names) for clip in clips):
         tracks = tuple({clip.names[t.body - 1]: t for t in clip.tracks if t.body <= len(clip.names)} for clip in clips)
         return Matching(tuple(clips), tracks, "bodies were matched by their names")
+    still = [clip.name for clip in clips if not _moving(clip)]
+    if still and (len(objects) > 1 or len(still) == len(clips)):
+        raise MeasurementError(f"clip {still[0]}: no body moves")
+    clips = [clip for clip in clips if clip.name not in still]
     moving = [_moving(clip) for clip in clips]
-    for clip, found in zip(clips, moving, strict=True):
-        if not found:
-            raise MeasurementError(f"clip {clip.name}: no body moves")
     if len(objects) == 1:
         extra = sum(len(found) > 1 for found in moving)
         note = f"; in {extra} clips something else moves, too, and is left out" if extra else ""
+        note += f"; clips in which no body moves are left out: {', '.join(still)}" if still else ""
         clips = with_one_body(clips)
         tracks = tuple({names[0]: max(clip.tracks, key=len)} for clip in clips)
         return Matching(tuple(clips), tracks, f"the scene has one object: it is the body of the usual size{note}")

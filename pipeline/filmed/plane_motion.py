@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.discrepancy.tracks.camera_error import CameraError, camera_error
 from pipeline.discrepancy.tracks.track import LEAST_ROWS, Track
 from pipeline.filmed.body_matching import apparent_radius
+from pipeline.filmed.contact_depth import contact_depth
 from pipeline.filmed.shared_camera import GROUND, UPRIGHT, SharedCamera
 from pipeline.motion.arcs import cut_arcs
 from pipeline.motion.image_track import ImageTrack
@@ -24,6 +25,8 @@ LEAST_SIGMA_PX = 0.05
 GRID = 6  # points along each side of the picture's part that a track crosses
 LARGER = 0.25  # of the logarithm of a radius: a body that looks so much larger or smaller is not in the plane
 OFF_GRAVITY = 0.4  # share by which bodies may seem to fall faster or slower
+INSTANT = 1e-3  # s
+LEAST_HOP = 6  # frames of a hop
 OUT_OF_PLANE = 0.5  # share of a track's frames that may be out of the plane
 
 
@@ -53,12 +56,14 @@ def plane_tracks(
                 notes.append(f"clip {clip}: {name} is left out: by its size it is not in the plane of the others")
                 continue
             own = own.part(off <= LARGER)
-        if camera.plane == UPRIGHT and len(own) >= LEAST_ROWS:
-            own = own.part(~_touching(own))
+        bounces = [bounce.time for bounce in _bounces(own)] if camera.plane == UPRIGHT else []
+        own = own.part(_in_long_hops(own, bounces))
         if len(own) < LEAST_ROWS:
             notes.append(f"clip {clip}: {name} is left out: it is seen whole in {len(own)} frames only")
             continue
-        out.append(_track(clip, own, obj, camera, errors[name]))
+        measured = _track(clip, own, obj, camera, errors[name])
+        inside = tuple(t for t in bounces if own.times[0] < t < own.times[-1])
+        out.append(replace(measured, bounces=inside))
     return out, notes
 
 
@@ -75,23 +80,52 @@ def _track(clip: str, own: ImageTrack, obj: SceneObject, camera: SharedCamera, e
     return Track(clip, obj.name, own.times, place, sigma=sigma, camera_error=error)
 
 
-def _touching(track: ImageTrack) -> np.ndarray:
-    """(T,) bool, the frames next to a bounce, in which a body touches the ground and its shadow."""
+def _in_long_hops(track: ImageTrack, bounces: Sequence[float]) -> np.ndarray:
+    """(T,) bool, the frames of the first hops in a row that enough frames show; all where nothing bounces.
+
+    Frames next to a bounce do not count, in which a body touches the ground and its shadow. After a hop of fewer
+    frames bounces cannot be told from noise.
+
+    Args:
+        track: Of a body.
+        bounces: Their times, s.
+    """
+    if not bounces:
+        return np.ones(len(track), bool)
     interval = float(np.median(np.diff(track.times)))
-    out = np.zeros(len(track), bool)
-    for time, _ in _bounces(track):
-        out |= np.abs(track.times - time) < interval
-    return out
+    free = np.all([np.abs(track.times - t) >= interval for t in bounces], axis=0)
+    hop = np.searchsorted(bounces, track.times)
+    long = np.bincount(hop[free], minlength=len(bounces) + 1) >= LEAST_HOP
+    first = int(long.argmax())
+    last = first + int(np.append(~long[first:], True).argmax())
+    return np.asarray(free & (hop >= first) & (hop < last))
 
 
-def _bounces(track: ImageTrack) -> list[tuple[float, np.ndarray]]:
-    """Times, s, and places (2,) px of the bounces of a body that falls."""
+@dataclass(frozen=True)
+class _Bounce:
+    """time: s, at which the flights before and after meet; place: (2,) px, where; velocities (2,) px/s there."""
+
+    time: float
+    place: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+    def ground(self, camera: SharedCamera, reach: float) -> float:
+        """m: height of the ground, by a body that reaches so far below its centre."""
+        ways = np.stack([-INSTANT * self.before, np.zeros(2), INSTANT * self.after])
+        above, lowest, again = camera.places(self.place + ways, reach)[0][:, 2]
+        depth = contact_depth((above - lowest) / INSTANT, (again - lowest) / INSTANT)
+        return float(lowest + depth - reach)
+
+
+def _bounces(track: ImageTrack) -> list[_Bounce]:
+    """The bounces of a body that falls."""
     out = []
     for a, b in pairwise(cut_arcs(track)):
         time = meeting_time(track, a, b)
-        falls = a.velocity_at(time)[1] > 0 > b.velocity_at(time)[1]
-        if falls and changes_between(track, a, b):
-            out.append((time, b.position_at(np.array([time]))[0]))
+        before, after = a.velocity_at(time), b.velocity_at(time)
+        if before[1] > 0 > after[1] and changes_between(track, a, b):
+            out.append(_Bounce(time, b.position_at(np.array([time]))[0], before, after))
     return out
 
 
@@ -135,6 +169,8 @@ def with_ground(
 ) -> tuple[SharedCamera, bool]:
     """The camera of an upright plane whose z is counted from the ground that bodies bounce off; and whether any does.
 
+    The flights before and after a bounce meet below the ground, as deep as MuJoCo's contact would have them meet.
+
     Args:
         camera: With z counted from anywhere.
         clips: For each clip the tracks by name of the object.
@@ -147,7 +183,7 @@ def with_ground(
     for clip in clips:
         for name, track in clip.items():
             reach = float(half_extents(bodies[name])[2])
-            floors += [float(camera.places(place[None], reach)[0][0, 2]) - reach for _, place in _bounces(track)]
+            floors += [bounce.ground(camera, reach) for bounce in _bounces(track)]
     if not floors:
         return camera, False
     return replace(camera, lift=camera.lift + ground - float(np.median(floors))), True

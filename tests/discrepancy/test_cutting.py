@@ -46,3 +46,13 @@ def test_a_single_sample_that_is_off_is_an_outlier_wherever_it_is(rng: np.random
         track = landing(rng, 20.5)
         track.position[row] += rng.choice([-1, 1], 3) * 0.1
         assert ("clip_0", 0, row) in cut_tracks([track], known_scene(KNOWN)).outliers
+
+
+def test_samples_of_hops_of_seven_frames_are_no_outliers(rng: np.random.Generator) -> None:
+    rate, hop, steps = 30, 7, 4
+    t = np.arange(hop * steps) / rate
+    since = t % (hop / rate) + 0.5 / rate
+    height = 0.5 * 9.81 * since * (hop / rate - since + 0.5 / rate)
+    position = np.column_stack([0.5 * t, 0 * t, RADIUS + np.abs(height)]) + rng.normal(0, 5e-4, (len(t), 3))
+    sure = Track("clip_0", "ball", t, position, sigma=np.full(len(t), 5e-4))
+    assert not cut_tracks([sure], known_scene(KNOWN)).outliers

@@ -38,10 +38,10 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
 
     If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
     counts if at most one effect is enough then, or if several explain all: beside a remainder any second effect wins by
-    its score. Else, with one or two fitted clips, which may have slow tracking errors, the
-    residuals count as noise, and the selection is repeated once more. With more clips,
-    where no effect or only several together come near, those are named that are established, of balls in the air also
-    those of an unknown spin.
+    its score. Clips of one camera have one length scale, which is among the camera's errors already. Else, with one or
+    two fitted clips, or with tracks from video, which may have slow tracking errors, the residuals count as noise, and
+    the selection is repeated once more. With more clips, where no effect or only several together come near, those are
+    named that are established, of balls in the air also those of an unknown spin.
 
     Args:
         problem: What is fitted.
@@ -51,8 +51,9 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     found = select_once(problem, effects, progress)
     if found.excess_z <= UNEXPLAINED_Z or len(problem.clips) == 1:
         return found
-    scaled = select_once(with_length_scale_nuisance(problem), effects, progress)
-    if has_few_clips(problem) and scaled.excess_z > UNEXPLAINED_Z:
+    one_camera = any(stack.camera_error is not None for stack in problem.stacks)
+    scaled = found if one_camera else select_once(with_length_scale_nuisance(problem), effects, progress)
+    if (has_few_clips(problem) or one_camera) and scaled.excess_z > UNEXPLAINED_Z:
         return _select_beside_remainder(scaled, found.none, effects, progress)
     enough = len(scaled.chosen.effects) < 2 or scaled.excess_z <= UNEXPLAINED_Z
     if enough and not scaled.unknown and scaled.chosen.score < found.chosen.score - CLAIM_MORE:

@@ -67,7 +67,8 @@ def _share_of_noise(calibration: Calibration, found: Candidate) -> float:
 def drop_unexplained_arcs(calibration: Calibration, best: Candidate, only_at_impacts: bool = False) -> Problem | None:
     """The problem without the few arcs that the best model misses while it explains all others.
 
-    Such an arc has an impact that was not detected, or an outlier among few samples.
+    Such an arc has an impact that was not detected, or an outlier among few samples. The last arcs that are held out
+    stay: without them nothing that was not fitted would speak for or against an effect.
 
     Args:
         calibration: Of the problem.
@@ -94,6 +95,9 @@ def drop_unexplained_arcs(calibration: Calibration, best: Candidate, only_at_imp
     count, arcs = sum(int(b.sum()) for b in bad), sum(map(len, bad))
     rest_z = (left - freedom) / np.sqrt(2 * max(freedom, 1))
     if not 0 < count <= DROPPED_SHARE * (arcs + 2) or rest_z > REST_Z:
+        return None
+    held = [h & (s.samples > 0) for s, h in zip(problem.stacks, problem.held, strict=True)]
+    if any(h.any() for h in held) and not any((h & ~b).any() for h, b in zip(held, bad, strict=True)):
         return None
     stacks = tuple(
         replace(s, weight=np.where(b[:, None, None], 0.0, s.weight)) for s, b in zip(problem.stacks, bad, strict=True)

@@ -63,7 +63,8 @@ def _cut_all(tracks: Sequence[Track], measured: Sequence[np.ndarray], known: Kno
     outliers: set[tuple[str, int, int]] = set()
     for track, there in zip(tracks, measured, strict=True):
         rows = np.flatnonzero(there)
-        bad = find_outliers(track.time[rows], track.position[rows], noise.sigma)
+        parts = _between_bounces(track, track.time[rows])
+        bad = np.concatenate([find_outliers(track.time[rows[p]], track.position[rows[p]], noise.sigma) for p in parts])
         outliers |= {(track.clip, names.index(track.object), int(r)) for r in rows[bad]}
         rows_of.append(_well_inside(track.time, rows[~bad], reach))
         if len(rows_of[-1]):
@@ -132,8 +133,10 @@ def _cut_track(
     def is_bounce(jump: VelocityJump) -> bool:
         return is_upwards(jump) and hit_object(jump, around) == GROUND
 
-    found = find_velocity_jumps(time, position, sigma, is_bounce, apart=reach)
+    parts = _between_bounces(track, time)
+    found = [j for p in parts for j in find_velocity_jumps(time[p], position[p], sigma, is_bounce, apart=reach)]
     jumps = [(jump, hit_object(jump, around)) for jump in found]
+    jumps += [(_known_bounce(when, time, position), GROUND) for when in track.bounces if scene.ground is not None]
     contacts = [(jump, other) for jump, other in jumps if other is not None]
     unexplained = [jump for jump, other in jumps if other is None]
     by_distance = collisions_by_distance(around, [jump for jump, _ in jumps])
@@ -190,6 +193,17 @@ def _cut_track(
         for k, (jump, other) in enumerate(contacts)
     ]
     return arcs, impacts
+
+
+def _between_bounces(track: Track, time: np.ndarray) -> list[slice]:
+    """The samples (T,) s of a track between the bounces that its recording shows."""
+    edges = [0, *np.searchsorted(time, track.bounces), len(time)]
+    return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+
+
+def _known_bounce(when: float, time: np.ndarray, position: np.ndarray) -> VelocityJump:
+    place = np.array([np.interp(when, time, coordinate) for coordinate in position.T])
+    return VelocityJump(when, place, np.zeros(3), 0.0)
 
 
 def _filled(values: np.ndarray, default: float) -> np.ndarray:

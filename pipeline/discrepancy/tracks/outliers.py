@@ -9,13 +9,15 @@ import numpy as np
 LIMIT = 5.0  # standard deviations from the prediction
 SMOOTH = 3.0  # largest residual, in standard deviations, of five samples that lie on a parabola
 SIDE = 5  # samples on each side that predict one
+AROUND = ((1, 3), (2, 2), (3, 1))  # samples before and after one that predict it, too, since a hop may be short
 
 
 def find_outliers(time: np.ndarray, position: np.ndarray, sigma: float) -> np.ndarray:
-    """Samples that neither the samples before nor the samples after predict, (T,) bool.
+    """Samples that neither the samples before, nor those after, nor those around them predict, (T,) bool.
 
-    A sample at an impact agrees with one side; an outlier agrees with none. Each side's prediction is the median of the
-    parabolas through all triples of its five nearest samples, so that an outlier among them does no harm.
+    A sample at an impact agrees with one side, one in a short hop with its neighbours; an outlier agrees with none. A
+    prediction is the median of the parabolas through all triples of some samples, so that an outlier among them does
+    no harm.
     """
     bad = np.zeros(len(time), bool)
     for _ in range(SIDE + 1):  # repeated without those found: a side that contains outliers predicts badly
@@ -27,13 +29,18 @@ def find_outliers(time: np.ndarray, position: np.ndarray, sigma: float) -> np.nd
 
 
 def _is_outlier(time: np.ndarray, position: np.ndarray, bad: np.ndarray, k: int, sigma: float) -> bool:
-    """Whether sample k is too far from the prediction of each side.
+    """Whether sample k is too far from each prediction.
 
     Near an end of the track there is one side only. It must itself be smooth, else the velocity may jump there.
     """
-    sides = [inwards[~bad[inwards]][:SIDE] for inwards in (np.arange(k - 1, -1, -1), np.arange(k + 1, len(time)))]
-    sides = [near for near in sides if len(near) == SIDE]
-    for near in sides:
+    before, after = (inwards[~bad[inwards]] for inwards in (np.arange(k - 1, -1, -1), np.arange(k + 1, len(time))))
+    sides = [near[:SIDE] for near in (before, after) if len(near) >= SIDE]
+    around = [
+        np.concatenate([before[:left], after[:right]])
+        for left, right in AROUND
+        if len(before) >= left and len(after) >= right
+    ]
+    for near in (*sides, *around):
         weights = _parabola_weights(time[near] - time[k])
         predicted = np.median(weights @ position[near], axis=0)
         limit = LIMIT * sigma * (1 + 0.6 * float(np.median(np.linalg.norm(weights, axis=1)))) + 0.002

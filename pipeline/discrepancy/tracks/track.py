@@ -39,6 +39,7 @@ class Track:
         angular_velocity: (T, 3) rad/s, in the world's frame.
         sigma: (T,) m, standard deviation of each coordinate of the position.
         camera_error: What is not known of the camera, which all tracks share; None where there is none.
+        bounces: Times, s, of bounces off the ground that the recording shows; others are sought between them.
     """
 
     clip: str
@@ -49,6 +50,7 @@ class Track:
     angular_velocity: np.ndarray | None = None
     sigma: np.ndarray | None = None
     camera_error: CameraError | None = None
+    bounces: tuple[float, ...] = ()
 
 
 def read_tracks(path: Path) -> list[Track]:

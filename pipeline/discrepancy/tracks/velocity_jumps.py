@@ -12,6 +12,9 @@ LEAST_SIDE = 3
 Z_JUMP = 6.5  # least size of a jump, in standard errors
 Z_EXPECTED = 4.5  # the same where a jump is expected
 OFFSETS = np.linspace(-0.5, 0.5, 21)  # candidate times of a jump between two samples, in sample intervals
+EXPLAINED = (
+    9.0  # largest mean square residual of three coordinates, in units of their noise, that is noise: 3 usual ones
+)
 GAIN_OVER_CUBIC = 20.0  # by how much chi squared of a parabola with a jump must be below that of a cubic
 
 
@@ -59,7 +62,8 @@ def find_velocity_jumps(
         candidates = range(piece.start + LEAST_SIDE, piece.stop - LEAST_SIDE + 1)
         jumps = [(c, k) for k in candidates if (c := _jump_between(piece, k)) is not None]
         jumps = [(c, k) for c, k in jumps if c.z >= Z_JUMP or (c.z >= Z_EXPECTED and expected(c))]
-        jumps.sort(key=lambda pair: -pair[0].z)
+        # into the window of a false jump another one reaches: those that explain theirs come first, and bounces
+        jumps.sort(key=lambda pair: (pair[0].misfit > EXPLAINED * sigma**2, not expected(pair[0]), -pair[0].z))
         chosen = next((k for _, k in jumps if not _caused_by_one_sample(piece, k)), None)
         if chosen is None:
             continue

@@ -1,0 +1,90 @@
+"""Filmed worlds with the masks that the pipeline finds in them, kept in files, so that a changed discovery can be
+measured again without rendering and without the network for masks."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.filmed_worlds import FPS, SIZE, FilmedClip, make_filmed_world
+from pipeline.errors import VideoError
+from pipeline.filmed.recorded_clip import RecordedClip
+from pipeline.perception.found_bodies import find_in_clip
+from pipeline.perception.prompts import Prompts
+from pipeline.perception.user_clip import mask_networks
+from pipeline.vision.recordings.letterbox import letterbox_for
+from pipeline.vision.recordings.video import Clip
+
+
+@dataclass(frozen=True)
+class SeenWorld:
+    """What a discovery from video gets, and the truth.
+
+    Attributes:
+        clips: Of one camera, with masks.
+        known: Content of the scene file.
+        truth: Of the world; only the judge may see it.
+        position: (C, T, 3) m, the true path of the body in each clip; only for looking at errors.
+    """
+
+    clips: tuple[RecordedClip, ...]
+    known: dict[str, Any]
+    truth: dict[str, Any]
+    position: np.ndarray
+
+
+def see_world(name: str, strength: float, clips: int, rng: np.random.Generator) -> SeenWorld:
+    """Film the world of an effect and find its bodies; clips in which none is found are left out, as users would.
+
+    Args:
+        name: Of the effect, as for `make_filmed_world`.
+        strength: In detection limits.
+        clips: How many.
+        rng: Draws everything.
+
+    Raises:
+        VideoError: If no body is found in any clip.
+    """
+    world = make_filmed_world(name, strength, clips, rng, backend="raycast")
+    seen, faults = [], []
+    for number, clip in enumerate(world.clips):
+        try:
+            seen.append((number, _with_masks(clip)))
+        except VideoError as error:
+            faults.append(f"{clip.name}: {error}")
+    if not seen:
+        raise VideoError("; ".join(faults))
+    truth = np.array([world.clips[number].truth[0].position for number, _ in seen])
+    return SeenWorld(tuple(clip for _, clip in seen), world.known, world.truth, truth)
+
+
+def kept_world(path: Path, name: str, strength: float, clips: int, seed: list[int]) -> SeenWorld:
+    """The world in a file, which is written first if it is missing; arguments as for `see_world`, with the seed."""
+    if not path.exists():
+        _write(path, see_world(name, strength, clips, np.random.default_rng(seed)))
+    with np.load(path) as kept:
+        told = json.loads(str(kept["told"]))
+        shown = zip(told["names"], kept["frames"], kept["masks"], kept["times"], strict=True)
+        seen = tuple(RecordedClip(*clip) for clip in shown)
+        return SeenWorld(seen, told["known"], told["truth"], kept["position"])
+
+
+def _write(path: Path, world: SeenWorld) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    passing = path.with_suffix(".part.npz")
+    told = {"names": [c.name for c in world.clips], "known": world.known, "truth": world.truth}
+    arrays = {name: np.stack([getattr(c, name) for c in world.clips]) for name in ("frames", "masks", "times")}
+    np.savez(passing, told=np.array(json.dumps(told)), position=world.position, **arrays)
+    os.replace(passing, path)
+
+
+def _with_masks(clip: FilmedClip) -> RecordedClip:
+    whole = letterbox_for(SIZE, SIZE)[0]
+    read = Clip(clip.frames, clip.times, clip.times, float(FPS), SIZE, whole)
+    found = find_in_clip(read, mask_networks(), Prompts())
+    return RecordedClip(clip.name, clip.frames, found.masks, clip.times)
