@@ -11,9 +11,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pyarrow as pa
 
-from pipeline.clips.draw_views import view_kind
 from pipeline.clips.schedule import Schedule
-from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
@@ -47,7 +45,9 @@ class Parameters:
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     # imported here: it takes seconds, and mostly the shards are in the store
+    from pipeline.clips.draw_views import view_kind
     from pipeline.evaluation.view_scores import SeenClip, view_score
+    from pipeline.scene.text import read_scene
 
     (sample, rendered), p = inputs, parameters
     rows = []
