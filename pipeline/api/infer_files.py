@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 from PIL import Image
 
 from pipeline.api.infer import Inference
@@ -53,10 +54,16 @@ def write_files(folder: Path, found: Inference, progress: Progress) -> None:
     run = found.replay()
     if not (folder / SHEET).exists():  # the command shows it before the search
         write_sheet(folder, found.name, found.clip.taken)
-    with progress.step("pictures"), ThreadPoolExecutor(1, "motion") as beside:
-        drawing = beside.submit(_write_motion, folder, found, run)
-        renderer = _write_pictures(folder, found, run)
-        drawing.result()
+    masks = relabelled(found.clip.taken.masks, found.best.overlap.pairs, len(run.scene.objects))
+    with progress.step("pictures"), ThreadPoolExecutor(2, "files") as beside:
+        others = [
+            beside.submit(lambda: found.scenes.forecast),
+            beside.submit(_write_motion, folder, found, run),
+            beside.submit(_write_scene, folder, found, run, masks),
+        ]
+        renderer = _write_pictures(folder, found, run, masks)
+        for other in others:
+            other.result()
     progress.say("pictures", f"of the replay: {renderer}")
     write_result(folder, "infer", _result(found, run, renderer, found.seconds | progress.seconds))
 
@@ -80,17 +87,23 @@ def relabelled(masks: np.ndarray, pairs: np.ndarray, objects: int) -> np.ndarray
     return table[masks]
 
 
-def _write_pictures(folder: Path, found: Inference, run: Replay) -> str:
-    """Write scene, clip, replay, overlay.png and recording.rrd; returns which renderer made the pictures."""
-    clip, best = found.clip, found.best
+def _write_scene(folder: Path, found: Inference, run: Replay, masks: np.ndarray) -> None:
+    """Write the scene, and the clip with masks (T, H, W) whose ids are those of the scene's objects."""
     (folder / "scene.yaml").write_text(write_scene(run.scene), encoding="utf-8")
     (folder / "scene.xml").write_text(scene_xml(run.scene), encoding="utf-8")
+    write_clip(folder / CLIP, FilmedClip(found.clip.taken.clip.frames, masks, found.clip.schedule.fps))
+
+
+def _write_pictures(folder: Path, found: Inference, run: Replay, masks: np.ndarray) -> str:
+    """Write the replay, overlay.png and recording.rrd; returns which renderer made the pictures.
+
+    masks: (T, H, W) of the clip, whose ids are those of the scene's objects.
+    """
+    clip, best = found.clip, found.best
     backend, reason = choose_backend("auto")
     drawn = run.pictures(backend)
     frames, first, fps = clip.taken.clip.frames, clip.schedule.pairs[:, 0], clip.schedule.fps
     write_video(folder / "replay.mp4", side_by_side(frames, drawn, ("input", "replay")), fps)
-    masks = relabelled(clip.taken.masks, best.overlap.pairs, len(run.scene.objects))
-    write_clip(folder / CLIP, FilmedClip(frames, masks, fps))
     place, rows = Path(found.name), method_table(found.methods)
     title = f"{place.name}: {best.scene.composition} ({best.name})"
     sheet = Sheet(
@@ -138,18 +151,18 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
     sampling, shown = found.scenes.sampling, found.base.input
     assert shown is not None
     search = None if found.scenes.searched is None else found.scenes.searched.result
-    motion = found.scenes.filmed.motion
+    motion, ahead = found.scenes.filmed.motion, found.scenes.forecast
     return {
         "clip": found.name,
         "grade": found.grade.name,
         "grade_reason": found.grade.reason,
         "metric": {"by": found.metric, "error": _metric_error(found)},
         "forecast": None
-        if found.scenes.forecast is None
+        if ahead is None
         else {
-            "from_s": round(found.scenes.forecast.from_s, 4),
-            "iou": _number(found.scenes.forecast.iou),
-            "constant_velocity_iou": _number(found.scenes.forecast.constant_velocity_iou),
+            "from_s": round(ahead.from_s, 4),
+            "iou": _number(ahead.iou),
+            "constant_velocity_iou": _number(ahead.constant_velocity_iou),
         },
         "view": {
             "kind": motion.view.kind,
@@ -286,7 +299,7 @@ def _write_motion(folder: Path, found: Inference, run: Replay) -> None:
         tracks = [clip_track(t, clip.clip.letterbox) for t in tracks]
     objects = objects_of(found.best.overlap.pairs, found.best.name == TRACKS, tracks)
     measured = body_tracks(run.scene, objects, width, height)
-    track_table(Path(found.name).stem, measured).to_parquet(folder / "tracks.parquet", index=False)
+    pq.write_table(track_table(Path(found.name).stem, measured), folder / "tracks.parquet")
     write_motion_figure(folder / "motion.png", measured, run.scene, found.metric)
 
 

@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> None:
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
     correction = Correction(a.distortion, a.steady)
-    steps = 8 + 2 * bool(a.search)  # at most: a search that explains a clip leaves out the tracks
+    steps = 8 + bool(a.search)  # at most: a search that explains a clip leaves out the tracks
     with (
         result_folder(a.out, a.force) as folder,
         Progress(steps, shown=True) as progress,
@@ -102,10 +102,11 @@ def run(arguments: argparse.Namespace) -> None:
         from pipeline.api.mask_files import write_sheet
         from pipeline.perception.user_clip import UserClip
 
+        beside.submit(_prepare_pictures)
+
         def show(taken: UserClip) -> None:
             write_sheet(folder, str(a.clip), taken)
             progress.say("", f"masks.png shows them; while this command runs it is {folder / 'masks.png'}")
-            beside.submit(_prepare_pictures)
 
         found = infer(
             a.clip,
@@ -145,7 +146,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _prepare_pictures() -> None:
-    """While the search runs: what pictures need is imported, and OpenGL is tried."""
+    """While bodies are looked for: what pictures need is imported, and OpenGL is tried."""
     from pipeline.api.infer_files import prepare
 
     prepare()

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
+import pyarrow as pa
 from scipy.spatial.transform import Rotation
 
 from pipeline.clips.replay import states_at
@@ -23,6 +23,7 @@ from pipeline.vision.recordings.letterbox import Letterbox
 from pipeline.vision.rendering.camera import focal_px, pinhole, project
 from pipeline.vision.rendering.rasteriser import rasterise
 
+NUMBERS = ("time", "x", "y", "z", "qw", "qx", "qy", "qz", "sigma", "angle_sigma")  # columns of `track_table`
 LONG = 1.15  # ratio of an outline's axes from which its angle counts
 
 
@@ -148,14 +149,12 @@ def objects_of(pairs: np.ndarray, in_order: bool, tracks: list[ImageTrack]) -> d
     return {int(i): by_body[int(j) + 1] for i, j in pairs if int(j) + 1 in by_body}
 
 
-def track_table(clip: str, tracks: list[BodyTrack]) -> pd.DataFrame:
+def track_table(clip: str, tracks: list[BodyTrack]) -> pa.Table:
     """The tracks as measured motion (docs/formats.md): a row for each body and time."""
-    rows = []
-    for track in tracks:
-        table = pd.DataFrame({"clip": clip, "object": track.name, "time": track.times})
-        table[["x", "y", "z"]] = track.position
-        table[["qw", "qx", "qy", "qz"]] = track.quaternion
-        table["sigma"] = track.sigma
-        table["angle_sigma"] = track.angle_sigma
-        rows.append(table)
-    return pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()
+    if not tracks:
+        return pa.table({})
+    numbers = np.concatenate(
+        [np.column_stack([t.times, t.position, t.quaternion, t.sigma, t.angle_sigma]) for t in tracks]
+    )
+    names = [t.name for t in tracks for _ in t.times]
+    return pa.table({"clip": [clip] * len(names), "object": names} | dict(zip(NUMBERS, numbers.T, strict=True)))

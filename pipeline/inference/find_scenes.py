@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -77,7 +80,7 @@ class FoundScenes:
         methods: Each way to a scene, in the order in which they were tried.
         filmed: The world that the tracks tell of.
         searched: The search; None where there was none.
-        forecast: Of frames that were not fitted, by the best method; None where it was not tried.
+        search_rest: Searches the first part of the clip and forecasts the rest.
         certainties: How far the clip determines each number of the best scene; empty without a search.
     """
 
@@ -87,13 +90,21 @@ class FoundScenes:
     methods: tuple[Method, ...]
     filmed: FilmedWorld
     searched: ClipSearch | None
-    forecast: Forecast | None
+    search_rest: Callable[[], Forecast | None]
     certainties: tuple[Certainty, ...]
 
     @property
     def best(self) -> Method:
         """The method of the most merit."""
         return best_of(self.methods)
+
+    @cached_property
+    def forecast(self) -> Forecast | None:
+        """Of frames that were not fitted, by the best method; None for an answer of the model. It is made when it is
+        first asked for: after a search it takes a third of the search's time."""
+        if self.best.name == SEARCH:
+            return self.search_rest()
+        return self.filmed.forecast if self.best.name == TRACKS else None
 
 
 def find_scenes(
@@ -120,22 +131,29 @@ def find_scenes(
         SimulationError: Where no answer can be simulated.
     """
     taken = clip.taken
-    with progress.step("answers"):
-        answers, sampling = ask_model(loading, taken, clip.schedule, clip.flow, question)
-    progress.say(
-        "answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: {answers[0].scene.composition}"
-    )
-    with progress.step("best of K"):
-        evaluator = clip_evaluator(taken.masks, clip.flow, clip.schedule, SEARCH_SIZE, cores(), taken.clip.frames)
-        ranking = rank(evaluator, [a.scene for a in answers])
-        if not ranking.rewards.valid.any():
-            raise SimulationError(f"the simulation is unstable in each of the {len(answers)} answers; try more samples")
-        methods = [answer_method("greedy", answers, ranking.rewards, 0, clip, 1)]
-        if len(answers) > 1:
-            top = int(ranking.order[0])
-            methods.append(answer_method("best of K", answers, ranking.rewards, top, clip, len(answers)))
-    with progress.step("view"):
-        filmed = filmed_world(taken, world)
+    with ThreadPoolExecutor(2, "tracks") as beside:
+        viewing = beside.submit(filmed_world, taken, world)
+        evaluating = beside.submit(
+            clip_evaluator, taken.masks, clip.flow, clip.schedule, SEARCH_SIZE, cores(), taken.clip.frames
+        )
+        with progress.step("answers"):
+            answers, sampling = ask_model(loading, taken, clip.schedule, clip.flow, question)
+        progress.say(
+            "answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: {answers[0].scene.composition}"
+        )
+        with progress.step("best of K"):
+            evaluator = evaluating.result()
+            ranking = rank(evaluator, [a.scene for a in answers])
+            if not ranking.rewards.valid.any():
+                raise SimulationError(
+                    f"the simulation is unstable in each of the {len(answers)} answers; try more samples"
+                )
+            methods = [answer_method("greedy", answers, ranking.rewards, 0, clip, 1)]
+            if len(answers) > 1:
+                top = int(ranking.order[0])
+                methods.append(answer_method("best of K", answers, ranking.rewards, top, clip, len(answers)))
+        with progress.step("view"):  # what is left of it
+            filmed = viewing.result()
     view = filmed.motion.view
     progress.say("view", f"{view.kind}: {view.reason}")
     ranked = [answers[int(i)].scene for i in ranking.order]
@@ -163,20 +181,6 @@ def find_scenes(
         if settled(methods):
             break
     best = best_of(methods)
-    told = filmed.forecast if best.name == TRACKS else None
-    if best.name == SEARCH:
-        with progress.step("forecast"):
-            told = search_forecast(
-                taken.masks,
-                clip.flow,
-                clip.schedule,
-                starts,
-                size=SEARCH_SIZE,
-                simulations=budget.simulations,
-                seed=budget.seed,
-                incline=budget.incline,
-                threads=cores(),
-            )
     certain: tuple[Certainty, ...] = ()
     if searched is not None:
         found = best.scene is searched.result.scene
@@ -188,7 +192,18 @@ def find_scenes(
         methods=tuple(methods),
         filmed=filmed,
         searched=searched,
-        forecast=told,
+        search_rest=partial(
+            search_forecast,
+            taken.masks,
+            clip.flow,
+            clip.schedule,
+            starts,
+            size=SEARCH_SIZE,
+            simulations=budget.simulations,
+            seed=budget.seed,
+            incline=budget.incline,
+            threads=cores(),
+        ),
         certainties=certain,
     )
 

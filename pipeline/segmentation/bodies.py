@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.segmentation.cast_shadows import cast_shadows
 from pipeline.segmentation.grouping import Track, follow
-from pipeline.segmentation.inference import Prediction, mean_prediction, predict, steadied
+from pipeline.segmentation.inference import Prediction, mean_prediction, predict, predictions, steadied
 from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exposure
 from pipeline.segmentation.joining import joined, typical_radius
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
@@ -87,11 +87,8 @@ def find_candidates(
     plate, filled = clear_plate(small, covered, features.background)
     if np.array_equal(plate, features.background):
         return first
-    looks = [
-        predict(n, small, replace(features, background=plate))
-        for n in ([network] if second is None else [network, second])
-    ]
-    again = mean_prediction(looks)
+    both = [network] if second is None else [network, second]
+    again = mean_prediction(predictions(both, small, replace(features, background=plate)))
     # Where the background is not known, a body that the first look saw there stays.
     moving = np.where(covered & filled, np.maximum(again.moving, first.prediction.moving), again.moving)
     return _tracked(replace(again, moving=moving), small, plate)

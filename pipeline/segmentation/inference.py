@@ -12,7 +12,7 @@ from torch import Tensor
 
 from pipeline.compiled import kernel
 from pipeline.segmentation.inputs import ClipFeatures, flows_at, neighbours, network_input
-from pipeline.segmentation.network import BODY, MOVING, OTHER, VOTE_SCALE_PX, SegmentationNetwork
+from pipeline.segmentation.network import BODY, MOVING, OTHER, VOTE_SCALE_PX, SegmentationNetwork, without_norms
 
 BATCH = 6  # frames at once
 ALIKE = 10  # of 255: a pixel whose colour differs by less from another frame's shows the same there
@@ -42,33 +42,57 @@ def mean_prediction(looks: Sequence[Prediction]) -> Prediction:
     return Prediction(mean("moving"), mean("body"), mean("other"), mean("vote"), radius)
 
 
-@torch.inference_mode()
 def predict(network: SegmentationNetwork, frames: np.ndarray, features: ClipFeatures) -> Prediction:
     """The answers for a clip (T, H, W, 3) uint8, H and W multiples of `network.STRIDE`, and its features."""
+    return predictions([network], frames, features)[0]
+
+
+@torch.inference_mode()
+def predictions(
+    networks: Sequence[SegmentationNetwork], frames: np.ndarray, features: ClipFeatures
+) -> list[Prediction]:
+    """The answers of each of several networks, which share their input; arguments as of `predict`."""
     count, height, width = frames.shape[:3]
     pictures = torch.from_numpy(frames).permute(0, 3, 1, 2)
     background, low, high = (_picture(p) for p in (features.background, features.low, features.high))
     flicker = torch.from_numpy(features.flicker)[None, None].float() / 255
-    network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    probability = np.empty((3, count, height, width), np.float32)
-    vote = np.empty((count, height, width, 2), np.float32)
-    radius = np.empty((count, height, width), np.float32)
-    rows, cols = np.mgrid[:height, :width].astype(np.float32) + 0.5
+    ready = [without_norms(n) for n in networks]
+    found = [_Answers(count, height, width) for _ in networks]
     for first in range(0, count, BATCH):
         at = range(first, min(first + BATCH, count))
         others = torch.stack([pictures[list(neighbours(t, count))] for t in at]).float() / 255
         flow = torch.stack([torch.from_numpy(np.concatenate(flows_at(features, t), -1)) for t in at])
         frame = pictures[first : at.stop].float() / 255
         level = flicker.expand(len(at), -1, height, width)
-        full, half = network_input(frame, background, low, high, level, others, flow.permute(0, 3, 1, 2))
-        logits, votes = network(*(x.contiguous(memory_format=torch.channels_last) for x in (full, half)))
-        probability[:, first : at.stop] = torch.sigmoid(logits).permute(1, 0, 2, 3).numpy()
+        shown = network_input(frame, background, low, high, level, others, flow.permute(0, 3, 1, 2))
+        full, half = (x.contiguous(memory_format=torch.channels_last) for x in shown)
+        for network, answers in zip(ready, found, strict=True):
+            answers.fill(at, *network(full, half))
+    return [answers.prediction() for answers in found]
+
+
+class _Answers:
+    """One network's answers for a clip, filled frame by frame."""
+
+    def __init__(self, count: int, height: int, width: int) -> None:
+        self._probability = np.empty((3, count, height, width), np.float32)
+        self._vote = np.empty((count, height, width, 2), np.float32)
+        self._radius = np.empty((count, height, width), np.float32)
+        self._rows, self._cols = np.mgrid[:height, :width].astype(np.float32) + 0.5
+
+    def fill(self, at: range, logits: Tensor, votes: Tensor) -> None:
+        """Keep what the network says of the frames `at`."""
+        self._probability[:, at.start : at.stop] = torch.sigmoid(logits).permute(1, 0, 2, 3).numpy()
+        height, width = self._rows.shape
         for t, answer in zip(at, votes.permute(0, 2, 3, 1).numpy(), strict=True):
             large = cv2.resize(answer, (width, height), interpolation=cv2.INTER_LINEAR)
-            vote[t, ..., 0] = cols + VOTE_SCALE_PX * large[..., 0]
-            vote[t, ..., 1] = rows + VOTE_SCALE_PX * large[..., 1]
-            radius[t] = np.exp(np.clip(large[..., 2], *LOG_RADIUS))
-    return Prediction(probability[MOVING], probability[BODY], probability[OTHER], vote, radius)
+            self._vote[t, ..., 0] = self._cols + VOTE_SCALE_PX * large[..., 0]
+            self._vote[t, ..., 1] = self._rows + VOTE_SCALE_PX * large[..., 1]
+            self._radius[t] = np.exp(np.clip(large[..., 2], *LOG_RADIUS))
+
+    def prediction(self) -> Prediction:
+        p = self._probability
+        return Prediction(p[MOVING], p[BODY], p[OTHER], self._vote, self._radius)
 
 
 def _picture(picture: np.ndarray) -> Tensor:

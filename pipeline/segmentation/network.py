@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import itertools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Any, TypeVar
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from pipeline.errors import ModelError
 from pipeline.segmentation.inputs import FULL_CHANNELS, HALF_CHANNELS
@@ -94,6 +97,19 @@ class SegmentationNetwork(nn.Module):
 
 def larger(x: Tensor) -> Tensor:
     return F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
+
+
+def without_norms(network: SegmentationNetwork) -> SegmentationNetwork:
+    """A copy that only infers: each batch norm is part of the convolution before it, weights are in channels-last order."""
+    assert not network.training, "a norm that still learns cannot be part of a convolution"
+    ready = copy.deepcopy(network)
+    for part in ready.modules():
+        children = list(part.named_children()) if isinstance(part, nn.Sequential) else []
+        for (name, convolution), (norm_name, norm) in itertools.pairwise(children):
+            if isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
+                setattr(part, name, fuse_conv_bn_eval(convolution, norm))
+                setattr(part, norm_name, nn.Identity())
+    return ready.to(memory_format=torch.channels_last)  # type: ignore[call-overload,no-any-return]
 
 
 def save_network(network: SegmentationNetwork, folder: Path, config: dict[str, Any]) -> None:

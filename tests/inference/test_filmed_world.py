@@ -110,8 +110,8 @@ def test_measured_tracks_are_in_the_scenes_metres(throw: UserClip) -> None:
     (moved,) = body_tracks(wrong, dict(enumerate(tracks)), 480, 320)
     assert np.abs(moved.position - ball.position).max() < 0.01  # measured, whatever the replay does
     table = track_table("throw", [ball])
-    assert list(table.columns[:6]) == ["clip", "object", "time", "x", "y", "z"]
-    assert set(table["object"]) == {"sphere_0"}
+    assert table.column_names[:6] == ["clip", "object", "time", "x", "y", "z"]
+    assert set(table["object"].to_pylist()) == {"sphere_0"}
 
 
 def test_a_box_that_slides_is_measured_with_its_angle_and_honest_errors() -> None:

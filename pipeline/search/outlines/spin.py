@@ -73,6 +73,23 @@ def fill_surface(kind: int, half: np.ndarray, rotation: np.ndarray, centre: np.n
 
 
 @kernel
+def about(vectors: np.ndarray, angle: float) -> np.ndarray:
+    """(L, 3, 3) rotations by `angle` times vectors (L, 3), by Rodrigues' formula."""
+    out = np.empty((len(vectors), 3, 3))
+    for k in range(len(vectors)):
+        x, y, z = angle * vectors[k, 0], angle * vectors[k, 1], angle * vectors[k, 2]
+        square = x * x + y * y + z * z
+        size = math.sqrt(square)
+        s = math.sin(size) / size if size > 0 else 1.0
+        half = math.sin(0.5 * size) / (0.5 * size) if size > 0 else 1.0
+        c = 0.5 * half * half
+        out[k, 0, 0], out[k, 0, 1], out[k, 0, 2] = 1 - c * (square - x * x), c * x * y - s * z, c * x * z + s * y
+        out[k, 1, 0], out[k, 1, 1], out[k, 1, 2] = c * x * y + s * z, 1 - c * (square - y * y), c * y * z - s * x
+        out[k, 2, 0], out[k, 2, 1], out[k, 2, 2] = c * x * z - s * y, c * y * z + s * x, 1 - c * (square - z * z)
+    return out
+
+
+@kernel
 def correlation(turns: np.ndarray, points: np.ndarray, normals: np.ndarray, values: np.ndarray, count: np.ndarray,
                 centres: np.ndarray, pictures: np.ndarray, inside: np.ndarray, focal: float) -> float:  # fmt: skip
     """Correlation of surface values with those of the next pictures after each interval's turn; -1 where too few meet.
@@ -282,8 +299,8 @@ class _Surface:
 
         def score(turn: np.ndarray) -> float:
             if self._kind == CYLINDER:
-                return correlation(_about(axes, turn[0]) @ carried, *rest)
-            return correlation(np.repeat(_about(turn[None], 1.0), len(window), 0), *rest)
+                return correlation(about(axes, turn[0]) @ carried, *rest)
+            return correlation(np.repeat(about(turn[None], 1.0), len(window), 0), *rest)
 
         return score
 
@@ -331,17 +348,6 @@ def _refined(score: Callable[[np.ndarray], float], turn: np.ndarray, value: floa
         if not moved:
             step *= 0.5
     return turn, value
-
-
-def _about(vectors: np.ndarray, angle: float) -> np.ndarray:
-    """(L, 3, 3) rotations by `angle` times vectors (L, 3)."""
-    turn = angle * vectors
-    size = np.linalg.norm(turn, axis=1)[:, None, None]
-    zero = np.zeros(len(turn))
-    x, y, z = turn.T
-    skew = np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], 1)
-    s, c = np.sinc(size / np.pi), 0.5 * np.sinc(0.5 * size / np.pi) ** 2
-    return np.eye(3) + s * skew + c * skew @ skew
 
 
 def _bin(normals: np.ndarray) -> np.ndarray:
