@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -44,11 +44,6 @@ TABLE_CAMERA = "at rest, at (0, -2, h) m, looking along +y; square pixels, no di
 PLANAR_CAMERA = f"at rest, its picture parallel to the plane of motion, {FOV_DEG:g} degrees along its longer side"
 
 
-def prepare() -> None:
-    """Try OpenGL, which takes a second; to be called in a thread while the search runs."""
-    choose_backend("auto")
-
-
 def write_files(folder: Path, found: Inference, progress: Progress) -> None:
     """Write everything into a folder, result.json last."""
     run = found.replay()
@@ -56,7 +51,7 @@ def write_files(folder: Path, found: Inference, progress: Progress) -> None:
         write_sheet(folder, found.name, found.clip.taken)
     masks = relabelled(found.clip.taken.masks, found.best.overlap.pairs, len(run.scene.objects))
     with progress.step("pictures"), ThreadPoolExecutor(2, "files") as beside:
-        others = [
+        others: list[Future[Any]] = [
             beside.submit(lambda: found.scenes.forecast),
             beside.submit(_write_motion, folder, found, run),
             beside.submit(_write_scene, folder, found, run, masks),

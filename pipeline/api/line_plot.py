@@ -60,9 +60,8 @@ def draw_panels(
     tops = [TOP + k * (PANEL + GAP) for k in range(len(panels))]
     for panel, (low, high), top in zip(panels, ranges, tops, strict=True):
         for series in panel.series:
-            x = LEFT + (series.x - across[0]) / (across[1] - across[0]) * (WIDTH - LEFT - RIGHT)
-            y = top + (high - series.y) / (high - low) * PANEL
-            _draw(page, x, y, series)
+            columns = LEFT + (series.x - across[0]) / (across[1] - across[0]) * (WIDTH - LEFT - RIGHT)
+            _draw(page, columns, top + (high - series.y) / (high - low) * PANEL, series)
         cv2.line(page, (LEFT, top), (LEFT, top + PANEL), INK)
         cv2.line(page, (LEFT, top + PANEL), (WIDTH - RIGHT, top + PANEL), INK)
     picture = Image.fromarray(page)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -86,6 +87,7 @@ def run(arguments: argparse.Namespace) -> None:
     from pipeline.vision.recordings.clip_folder import video_of
     from pipeline.vision.recordings.corrections import Correction
     from pipeline.vision.recordings.video import check_file
+    from pipeline.vision.rendering.render_backend import choose_backend
 
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
@@ -97,12 +99,13 @@ def run(arguments: argparse.Namespace) -> None:
         ThreadPoolExecutor(1, "prepare") as beside,
     ):
         check_file(video_of(a.clip))
-        loading = load_in_background(a.model, "--model")  # imports transformers while this thread imports the rest
+        beside.submit(choose_backend, "auto")  # tries OpenGL in another process
+        loading = load_in_background(a.model, "--model")  # imports torch while this thread imports the rest
         from pipeline.api.infer import infer, uncertain
         from pipeline.api.mask_files import write_sheet
         from pipeline.perception.user_clip import UserClip
 
-        beside.submit(_prepare_pictures)
+        beside.submit(importlib.import_module, "pipeline.api.infer_files")  # while bodies are looked for
 
         def show(taken: UserClip) -> None:
             write_sheet(folder, str(a.clip), taken)
@@ -143,10 +146,3 @@ def run(arguments: argparse.Namespace) -> None:
         found.write(folder, progress)
     print(f"{'grade':<11}{found.grade.name}: {found.grade.reason}")
     print(f"{'written':<11}{a.out}: look at overlay.png first")
-
-
-def _prepare_pictures() -> None:
-    """While bodies are looked for: what pictures need is imported, and OpenGL is tried."""
-    from pipeline.api.infer_files import prepare
-
-    prepare()

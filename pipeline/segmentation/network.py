@@ -100,7 +100,7 @@ def larger(x: Tensor) -> Tensor:
 
 
 def without_norms(network: SegmentationNetwork) -> SegmentationNetwork:
-    """A copy that only infers: each batch norm is part of the convolution before it, weights are in channels-last order."""
+    """A copy that only infers: each batch norm is part of the convolution before it, channels come last in memory."""
     assert not network.training, "a norm that still learns cannot be part of a convolution"
     ready = copy.deepcopy(network)
     for part in ready.modules():

@@ -9,9 +9,9 @@ import torch
 from pipeline.errors import ModelError
 from pipeline.segmentation import load_mask_networks
 from pipeline.segmentation.bodies import bodies_of, candidate_scores, find_candidates, working_size
-from pipeline.segmentation.inference import mean_prediction, predict
+from pipeline.segmentation.inference import mean_prediction, predict, predictions
 from pipeline.segmentation.inputs import FULL_CHANNELS, HALF_CHANNELS, clip_features, steady_exposure
-from pipeline.segmentation.network import STRIDE, SegmentationNetwork, load_network, save_network
+from pipeline.segmentation.network import STRIDE, SegmentationNetwork, load_network, save_network, without_norms
 from pipeline.segmentation.track_score import FIGURES
 
 SMALL = (8, 8, 8, 8)
@@ -137,3 +137,27 @@ def test_a_second_network_that_equals_the_first_changes_nothing():
     network = random_network()
     alone, both = (find_candidates(frames, network, second) for second in (None, network))
     np.testing.assert_allclose(alone.figures, both.figures, rtol=1e-4, atol=1e-5)
+
+
+def test_norms_that_are_part_of_the_convolutions_change_no_answer():
+    network = random_network()
+    with torch.no_grad():
+        for part in network.modules():
+            if isinstance(part, torch.nn.BatchNorm2d):
+                part.running_mean.normal_(0, 0.1)
+                part.running_var.uniform_(0.5, 2.0)
+        ready = without_norms(network)
+        full, half = torch.rand(2, FULL_CHANNELS, 32, 32), torch.rand(2, HALF_CHANNELS, 16, 16)
+        for one, other in zip(network(full, half), ready(full, half), strict=True):
+            torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
+    assert not any(isinstance(part, torch.nn.BatchNorm2d) for part in ready.modules())
+    assert any(isinstance(part, torch.nn.BatchNorm2d) for part in network.modules())
+
+
+def test_networks_that_share_their_input_answer_as_each_does_alone():
+    frames = random_clip(np.random.default_rng(7), 8)
+    features, networks = clip_features(frames), [random_network(seed) for seed in (0, 1)]
+    for network, found in zip(networks, predictions(networks, frames, features), strict=True):
+        alone = predict(network, frames, features)
+        for name in ("moving", "body", "other", "vote", "radius"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
