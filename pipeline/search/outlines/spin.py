@@ -32,8 +32,7 @@ STEADY = 0.05  # rad, spread of the turns of a box over a window, up to which it
 FINE = 0.01  # rad, the last step of the refinement
 TRUSTED = 0.6  # least correlation of a rotation that counts as seen
 LEAST_SEEN = 0.5  # share of the intervals with such a rotation; the others take the nearest one
-ROLLING_SHARE = 0.9  # of the largest correlation, from which a rotation like that of rolling is preferred,
-ROLLING_REST = 1.5  # where it leaves at most so many times the variance that the best rotation leaves
+ROLLING_SHARE = 0.9  # of the largest correlation, from which a rotation like that of rolling is preferred
 BINS = 8  # across the body, of the pattern that stays at its place while the body turns: shading and highlights
 USUAL_UP = np.ascontiguousarray(pinhole(CAMERA).rotation_world[2])  # in the camera frame
 
@@ -324,19 +323,14 @@ class _Surface:
         if last is not None:
             turn, value = _refined(score, last, score(last))
             if max(value, rolling_value) >= TRUSTED:
-                return (rolling, rolling_value) if _as_good(rolling_value, value) else (turn, value)
+                return (rolling, rolling_value) if rolling_value >= ROLLING_SHARE * value else (turn, value)
         grid = np.arange(-FASTEST, FASTEST + 1e-9, COARSE)
         trials = np.stack(np.meshgrid(*[grid] * unknowns, indexing="ij"), -1).reshape(-1, unknowns)
         trials = trials[np.linalg.norm(trials, axis=1) <= FASTEST + 1e-9]
         scores = np.array([score(t) for t in trials])
         starts = np.argsort(-scores)[:4]
         turn, value = max((_refined(score, trials[j], scores[j]) for j in starts), key=lambda found: found[1])
-        return (rolling, rolling_value) if _as_good(rolling_value, value) else (turn, value)
-
-
-def _as_good(rolling: float, best: float) -> bool:
-    """Whether a rotation like that of rolling explains the pictures about as well as the best one, by correlations."""
-    return rolling >= ROLLING_SHARE * best and 1 - rolling**2 <= ROLLING_REST * (1 - best**2)
+        return (rolling, rolling_value) if rolling_value >= ROLLING_SHARE * value else (turn, value)
 
 
 def _refined(score: Callable[[np.ndarray], float], turn: np.ndarray, value: float) -> tuple[np.ndarray, float]:
