@@ -35,7 +35,7 @@ def applied_by_us(kind: EffectKind) -> bool:
 
 
 def with_force(kind: EffectKind) -> bool:
-    """Whether the effect is a force, also where MuJoCo has it, or moves the ground: for engines that have no effects."""
+    """Whether the effect is a force, also where MuJoCo has it, or moves the ground; for engines without effects."""
     return kind.force is not None or moves_ground(kind)
 
 
