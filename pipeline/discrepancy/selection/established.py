@@ -155,9 +155,9 @@ def _is_simpler(found: Selection, pair: Candidate, other: Candidate) -> bool:
     """
     if len(pair.effects) != 2 or set(pair.effects) == set(other.effects) or not _counts(found, pair, found.none):
         return False
-    others = [c for c in found.tried if len(c.effects) == 2]
+    as_simple = [c for c in found.tried if len(c.effects) == 2 and c.parameters <= pair.parameters]
     best = _simplest([c for c in (other, pair) if c.effects], found)
-    return best is pair and not _is_part_of_remainder(found, pair, others)
+    return best is pair and not _is_part_of_remainder(found, pair, as_simple)
 
 
 def _is_part_of_remainder(found: Selection, longer: Candidate, rivals: Sequence[Candidate]) -> bool:
