@@ -14,12 +14,11 @@ from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, refitted
 from pipeline.discrepancy.selection.comparison import likeliest, other_evidence
 from pipeline.discrepancy.selection.equivalence import absorbed_laws, alike_each, alike_single
-from pipeline.discrepancy.selection.established import MOST_LEFT, with_established
+from pipeline.discrepancy.selection.established import with_established
 from pipeline.discrepancy.selection.forecast import forecast_error
 from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE, ForwardSelection, forward_selection
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.testable import testable_kinds
-from pipeline.discrepancy.selection.touched import touched
 from pipeline.discrepancy.selection.unexplained import (
     UNEXPLAINED_Z,
     drop_unexplained_arcs,
@@ -88,8 +87,7 @@ def _select_with_own_frictions(
     if not any(stack.slides.any() for stack in problem.stacks) or not problem.held_out:
         return None
     without, own = found.none, calibrate(with_friction_nuisance(found.problem)).none
-    where = touched(without, own, found.measured.sigma)
-    if where.left(own) > MOST_LEFT * where.left(without) or forecast_error(own) >= forecast_error(without):
+    if own.score > without.score - CLAIM_MORE or forecast_error(own) >= forecast_error(without):
         return None
     again = select_once(with_friction_nuisance(problem), effects, progress)
     again = replace(again, baseline=found.none)
