@@ -35,8 +35,13 @@ def applied_by_us(kind: EffectKind) -> bool:
 
 
 def with_force(kind: EffectKind) -> bool:
-    """Whether the effect is a force, also where MuJoCo has it: for engines that have no effects."""
-    return kind.force is not None
+    """Whether the effect is a force, also where MuJoCo has it, or moves the ground; for engines without effects."""
+    return kind.force is not None or moves_ground(kind)
+
+
+def moves_ground(kind: EffectKind) -> bool:
+    """Whether the effect moves the ground's surface, which forces of other effects may depend on."""
+    return kind.ground_velocity is not None
 
 
 def chosen_effects(scenes: Sequence[Scene], which: Callable[[EffectKind], bool]) -> list[AppliedEffect]:
@@ -62,10 +67,12 @@ def _acts(effect: Effect, scene: Scene) -> np.ndarray:
 
 def total_force(effects: Sequence[AppliedEffect], body: Body) -> np.ndarray:
     """The sum of the effects' forces on bodies of leading shape (B, N), (B, N, 3) N."""
-    body.air_velocity = np.zeros_like(body.velocity)
+    body.air_velocity, body.ground_velocity = np.zeros_like(body.velocity), np.zeros_like(body.velocity)
     for e in effects:
         if e.kind.air_velocity is not None:
             body.air_velocity = body.air_velocity + e.kind.air_velocity(e.values, body) * e.acts[:, None]
+        if e.kind.ground_velocity is not None:
+            body.ground_velocity = body.ground_velocity + e.kind.ground_velocity(e.values, body) * e.acts[:, None]
     force = np.zeros_like(body.position)
     for e in effects:
         if e.kind.force is not None:
@@ -114,6 +121,7 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
     effects = chosen_effects([scene], applied_by_us)
     if not effects or not scene.objects:
         return None
+    effects += chosen_effects([scene], moves_ground)
     constant = resting_body([scene])
     in_contact = needs_contacts(effects)
     normal, halfway = RecentNormalForce(), HalfwayVelocity()

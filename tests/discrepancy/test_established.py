@@ -9,7 +9,7 @@ from pipeline.discrepancy.selection import established
 
 
 def model(*effects: str, left: float, parameters: int = 1) -> Any:
-    return SimpleNamespace(effects=effects, left=left, parameters=parameters)
+    return SimpleNamespace(effects=effects, name=effects[0], left=left, parameters=parameters)
 
 
 FOUND: Any = SimpleNamespace(calibration=None)
@@ -41,3 +41,21 @@ def test_what_four_effects_explain_nearly_as_well_is_part_of_the_remainder(left:
     assert not established._is_part_of_remainder(FOUND, rivals[0], rivals[:3])
     rivals[3].left = 2 * left
     assert not established._is_part_of_remainder(FOUND, rivals[0], rivals)
+
+
+@pytest.mark.parametrize(("left", "named"), [(0.3, True), (0.6, False)])
+def test_two_effects_win_over_one_with_more_numbers_if_both_are_established(
+    monkeypatch: pytest.MonkeyPatch, left: float, named: bool
+) -> None:
+    drag, tilt, wind = (
+        model("air_drag", left=0.9),
+        model("tilted_gravity", left=1.0),
+        model("wind", left=0.4, parameters=4),
+    )
+    pair = model("air_drag", "tilted_gravity", left=left, parameters=3)
+    found: Any = SimpleNamespace(calibration=None, none=None, singles=(drag, tilt, wind), tried=(pair,))
+    monkeypatch.setattr(established, "_shows", lambda longer, shorter: True)
+    assert established._is_simpler(found, pair, wind) == named
+    assert not established._is_simpler(found, pair, pair)
+    fewer = model("wind", left=2 * left)
+    assert not established._is_simpler(found, pair, fewer)  # it would have to leave a quarter

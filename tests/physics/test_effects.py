@@ -158,6 +158,13 @@ def test_viscous_friction_acts_in_contact_alone() -> None:
     assert trace.velocity[-1, 0, 0] == pytest.approx(1.5 * np.exp(-0.5 / 0.5), rel=0.06)
 
 
+def test_viscous_friction_acts_against_the_velocity_relative_to_a_belt() -> None:
+    slick = replace(PUCK, sliding_friction=0.0, velocity=(0, 0, 0))
+    law = (effect("viscous_friction", coefficient=1.0), effect("moving_ground", velocity=(0.4, 0.0)))
+    trace = simulate(Scene((slick,), effects=law), 0.5)
+    assert trace.velocity[-1, 0, 0] == pytest.approx(0.4 * (1 - np.exp(-0.5 / 0.5)), rel=0.06)
+
+
 def test_anisotropic_friction_stops_a_puck_sooner_along_the_rough_direction() -> None:
     law = (effect("anisotropic_friction", ratio=0.3, angle=0.0),)
     along, across = (end(Scene((replace(PUCK, velocity=v),), effects=law), 1.0) for v in ((1.5, 0, 0), (0, 1.5, 0)))

@@ -82,7 +82,7 @@ def fit_model(
         problem: What is fitted: the calibration's, or one made from it.
         model: Of the motion.
         theta: (G,) where the fit begins.
-        begin: Initial states per stack (A, 10) where the fit begins.
+        begin: Initial states per stack (A, 11) where the fit begins.
         effects: Names of the model's effects.
     """
     rows, scale = calibration.problem.effective_rows, calibration.noise_scale

@@ -84,7 +84,7 @@ def fit_candidate(
         problem: What is fitted.
         model: Of the motion.
         theta: (G,) where the fit begins.
-        begin: Initial states per stack (A, 10) where the fit begins.
+        begin: Initial states per stack (A, 11) where the fit begins.
         effects: Names of the model's effects.
         effective_rows: Independent coordinates, which BIC's price depends on.
         noise_scale: Ratio of the noise variance of the noise floor to the actual one.

@@ -209,7 +209,7 @@ def without_one(calibration: Calibration, found: Candidate) -> list[Candidate]:
 
 
 def refitted(calibration: Calibration, found: Candidate, begin: Sequence[np.ndarray]) -> Candidate:
-    """A candidate of arcs alone, fitted again from other initial states, per stack (A, 10)."""
+    """A candidate of arcs alone, fitted again from other initial states, per stack (A, 11)."""
     again = fit_model(calibration, found.problem, found.fit.model, found.fit.theta, begin, effects=found.effects)
     return with_bounces(calibration, again, False)
 

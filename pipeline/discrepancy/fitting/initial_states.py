@@ -1,4 +1,4 @@
-"""Initial states of arcs to begin fits with, (A, 10) per stack: from simple fits, and other ones for stuck fits."""
+"""Initial states of arcs to begin fits with, (A, 11) per stack: from simple fits, and other ones for stuck fits."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.discrepancy.fitting.least_squares import Fit, fit_initial_states
+from pipeline.discrepancy.fitting.predictions import STATE_SIZE
 from pipeline.discrepancy.tracks.problem import Problem
 from pipeline.discrepancy.tracks.stack import ArcStack
 
@@ -21,7 +22,7 @@ def initial_states(problem: Problem) -> list[np.ndarray]:
 
 def stack_initial_states(stack: ArcStack) -> np.ndarray:
     """Initial states from straight and parabolic fits to the positions."""
-    out = np.zeros((len(stack), 10))
+    out = np.zeros((len(stack), STATE_SIZE))
     for i in range(len(stack)):
         there = stack.weight[i].max(1) > 0
         if not there.any():
@@ -63,7 +64,7 @@ def better_initial_states(stacks: Sequence[ArcStack], found: Fit) -> list[np.nda
 
 
 def _alternatives(stack: ArcStack, start: np.ndarray) -> list[np.ndarray]:
-    """Initial states (A, 10) of bodies on the ground to try beside `start`, because friction causes local minima.
+    """Initial states (A, 11) of bodies on the ground to try beside `start`, because friction causes local minima.
 
     They have velocities from the first samples alone; unmeasured spins as found, of rolling, and of sliding.
     """

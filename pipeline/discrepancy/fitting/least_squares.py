@@ -37,7 +37,7 @@ class Fit:
         model: What was fitted.
         theta: (G,) shared parameters.
         covariance: (G, G), for noise of the stated size.
-        starts: Per stack (A, 10), the initial states.
+        starts: Per stack (A, 11), the initial states.
         chi2: Per stack (A,), sum of squared residuals of each arc in units of sigma, with prices.
         position_chi2: Per stack (A,), the same of positions alone, without spins and prices.
         slipping: Number of balls whose spin was not measured and that slip instead of rolling.
@@ -74,7 +74,7 @@ def fit(
         stacks: All arcs.
         model: What is fitted.
         theta: (G,) where the fit begins.
-        starts: Per stack (A, 10), initial states where the fit begins.
+        starts: Per stack (A, 11), initial states where the fit begins.
         fitted: Per stack (A,) bool, the arcs that the shared parameters are fitted to.
         iterations: At most.
         tolerance: Decrease of chi squared below which the fit ends.
@@ -149,7 +149,7 @@ def fit(
 def fit_initial_states(
     stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray, iterations: int = 4
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best initial states (A, 10) near `start` for fixed theta, and chi squared of the arcs then (A,)."""
+    """The best initial states (A, 11) near `start` for fixed theta, and chi squared of the arcs then (A,)."""
     left = np.full(len(stack), np.inf)
     for _ in range(iterations):
         linear = linearise([stack], model, theta, [start])

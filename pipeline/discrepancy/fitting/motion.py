@@ -53,8 +53,8 @@ def predict(
     Args:
         stack: The arcs.
         effects: What acts on them.
-        start: (P, A, 10) position, velocity and angular velocity of the centre of mass at the arc's start, and the
-            relative error of the arc's own length scale (lengths are measured from the arc's start).
+        start: (P, A, 11) position, velocity and angular velocity of the centre of mass at the arc's start, and the
+            relative errors of the arc's own length scale (lengths are measured from the arc's start) and friction.
         friction: Of bodies on the ground; None in the air.
 
     Returns:
@@ -66,7 +66,7 @@ def predict(
     shown_start = start
     if stack.length_scale_sigma > 0:  # velocities as recorded, so that under gravity alone the problem is linear
         start = start.copy()
-        start[..., 3:6] /= 1 + start[..., 9:]
+        start[..., 3:6] /= 1 + start[..., 9:10]
     nodes = _fly(stack, effects, start, h) if friction is None else _slide(stack, effects, start, h, friction)
     shown = _interpolate(stack, nodes.position, nodes.velocity, h)
     spins = _at_samples(stack, nodes.angular_velocity)
@@ -76,7 +76,7 @@ def predict(
             shown = shown - np.where(e.acts[:, None, None], arm, 0.0)
     if stack.length_scale_sigma > 0:
         first = shown_start[..., None, :3]
-        shown = first + (shown - first) * (1 + start[..., None, 9:])
+        shown = first + (shown - first) * (1 + start[..., None, 9:10])
     return shown * _recording_ratio(stack, effects, 1)[..., None, None], spins, nodes
 
 
@@ -185,7 +185,8 @@ def _slide(
     v[..., 2] = 0.0
     shape = x.shape[:2]
     body = _body(stack, shape, stack.start)
-    body.sliding_friction = friction.sliding
+    sliding = friction.sliding * (1 + start[..., 10])
+    body.sliding_friction = sliding
     rolls = stack.radius > 0
     mass, radius = stack.mass, stack.radius
     inertia = stack.inertia
@@ -224,7 +225,7 @@ def _slide(
         slip[..., 0] -= turned[..., 1] * radius
         slip[..., 1] += turned[..., 0] * radius
         speed = np.sqrt(slip[..., 0] ** 2 + slip[..., 1] ** 2 + 1e-18)
-        blow = np.minimum(friction.sliding * normal * h, slip_mass * speed) / speed
+        blow = np.minimum(sliding * normal * h, slip_mass * speed) / speed
         push = -blow[..., None] * slip * flat
         after = after + push / mass[:, None]
         arm = np.where(rolls, radius / inertia, 0.0)

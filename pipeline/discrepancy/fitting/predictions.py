@@ -1,8 +1,8 @@
 """What a model predicts of a stack's measurements, in units of their standard deviations, and its derivatives.
 
 Shapes: P parameter sets, A arcs, G shared parameters, L free initial-state parameters of an arc, R rows (coordinates of
-the positions, then of the spins) of an arc. Initial states are (A, 10): position, velocity, angular velocity, and the
-relative error of the arc's own length scale.
+the positions, then of the spins) of an arc. Initial states are (A, 11): position, velocity, angular velocity, and the
+relative errors of the arc's own length scale and sliding friction.
 """
 
 from __future__ import annotations
@@ -16,10 +16,13 @@ from pipeline.discrepancy.fitting.model import Model
 from pipeline.discrepancy.fitting.motion import Nodes, predict
 from pipeline.discrepancy.tracks.stack import ArcStack
 
-STATE_STEP = np.array([1e-4] * 3 + [2e-3] * 3 + [2e-2] * 3 + [1e-4])
+STATE_STEP = np.array([1e-4] * 3 + [2e-3] * 3 + [2e-2] * 3 + [1e-4, 1e-3])
 """Finite differences of an initial state."""
 SCALE_PLACE = 9
 """Index of the length scale in an initial state."""
+FRICTION_PLACE = 10
+"""Index of the sliding friction in an initial state."""
+STATE_SIZE = len(STATE_STEP)
 SPIN_SCALE = 0.03  # relative: standard deviation of a factor that is common to the measured spins of a recording
 
 
@@ -41,13 +44,14 @@ class Linearisation:
 def free_state(stack: ArcStack) -> np.ndarray:
     """Indices of the free parameters of an initial state, (L,)."""
     scale = [SCALE_PLACE] if stack.length_scale_sigma > 0 else []
+    friction = [FRICTION_PLACE] if stack.friction_sigma > 0 else []
     if not stack.grounded:
         return np.array([*range(6), *([6, 7, 8] if stack.spin_sigma > 0 else []), *scale])
-    return np.array([0, 1, 3, 4, *([6, 7, 8] if (stack.radius > 0).any() else []), *scale])
+    return np.array([0, 1, 3, 4, *([6, 7, 8] if (stack.radius > 0).any() else []), *scale, *friction])
 
 
 def run(stack: ArcStack, model: Model, theta: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, Nodes]:
-    """Predictions (P, A, R) in units of sigma and the nodes, for theta (P, G) and initial states (P, A, 10)."""
+    """Predictions (P, A, R) in units of sigma and the nodes, for theta (P, G) and initial states (P, A, 11)."""
     positions, spins, nodes = predict(stack, model.acting(stack, theta), start, model.friction(stack, theta))
     return _rows(stack, model.as_measured(stack, positions, theta), spins), nodes
 
@@ -84,7 +88,7 @@ def _whitened(stack: ArcStack, spins: np.ndarray) -> np.ndarray:
 def linearise(
     stacks: Sequence[ArcStack], model: Model, theta: np.ndarray, starts: Sequence[np.ndarray]
 ) -> Linearisation:
-    """Residuals and derivatives, by forward differences, at theta (G,) and initial states per stack (A, 10)."""
+    """Residuals and derivatives, by forward differences, at theta (G,) and initial states per stack (A, 11)."""
     residuals, local, shared = [], [], []
     steps = np.array([u.step for u in model.unknowns])
     up = theta + steps <= np.array([u.high for u in model.unknowns])
@@ -114,8 +118,8 @@ def linearise(
 
 
 def tie_spins(stack: ArcStack, changed: np.ndarray, start: np.ndarray) -> None:
-    """Change the spins of balls that are assumed to roll as their velocities changed, from `start` (A, 10) to
-    `changed` (P, A, 10), which is written to."""
+    """Change the spins of balls that are assumed to roll as their velocities changed, from `start` (A, 11) to
+    `changed` (P, A, 11), which is written to."""
     if stack.tied is not None and stack.tied.any():
         arm = np.where(stack.tied & (stack.radius > 0), 1 / np.where(stack.radius > 0, stack.radius, 1.0), 0.0)
         more = (changed[..., 3:5] - start[:, 3:5]) * arm[:, None]

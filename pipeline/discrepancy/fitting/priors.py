@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.discrepancy.fitting.model import Model
 from pipeline.discrepancy.fitting.motion import Nodes
-from pipeline.discrepancy.fitting.predictions import SCALE_PLACE, free_state, run
+from pipeline.discrepancy.fitting.predictions import FRICTION_PLACE, SCALE_PLACE, STATE_SIZE, free_state, run
 from pipeline.discrepancy.tracks.stack import ArcStack
 
 SPIN_PRIOR = 30.0  # rad/s: standard deviation of an unmeasured spin about that of rolling
@@ -35,31 +35,35 @@ def _prior_precision(stack: ArcStack) -> np.ndarray:
     fixed = (places < 6) & ~shown[:, places % 3]
     if not stack.grounded:
         fixed |= (places >= 6) & (places < SCALE_PLACE) & ~stack.unmeasured_spin[:, None]
+    if stack.friction_sigma > 0:
+        fixed |= (places == FRICTION_PLACE) & ~stack.slides[:, None]
     if stack.tied is not None:  # a free spin would fit the noise of the first samples, the better the more friction
         fixed |= (places >= 6) & (places < 9) & stack.tied[:, None]
     return np.where(fixed, FIXED, prior)
 
 
 def centred_precision(stack: ArcStack) -> np.ndarray:
-    """Precisions of the priors about 0 of an initial state's numbers, (10,): of a spin that was not measured, and of a
-    length scale; 0 where there is none."""
-    out = np.zeros(SCALE_PLACE + 1)
+    """Precisions of the priors about 0 of an initial state's numbers, (11,): of a spin that was not measured, of a
+    length scale, and of a slide's friction; 0 where there is none."""
+    out = np.zeros(STATE_SIZE)
     if stack.spin_sigma > 0:
         out[6:9] = 1 / stack.spin_sigma**2
     if stack.length_scale_sigma > 0:
         out[SCALE_PLACE] = 1 / stack.length_scale_sigma**2
+    if stack.friction_sigma > 0:
+        out[FRICTION_PLACE] = 1 / stack.friction_sigma**2
     return out
 
 
 def prior_chi2(stack: ArcStack, start: np.ndarray) -> np.ndarray:
-    """Chi squared (..., A) of the priors about 0 of initial states (..., A, 10)."""
+    """Chi squared (..., A) of the priors about 0 of initial states (..., A, 11)."""
     precision = np.tile(centred_precision(stack), (len(stack), 1))
     precision[~stack.unmeasured_spin, 6:9] = 0.0
     return (precision * start * start).sum(-1)
 
 
 def occam_price(stack: ArcStack, local: np.ndarray) -> np.ndarray:
-    """Price of the arcs' own length scales and spins, (A,): the Occam factors of their priors in Laplace's
+    """Price of the arcs' own length scales, frictions and spins, (A,): the Occam factors of their priors in Laplace's
     approximation of the evidence. local (A, L, R): derivatives.
 
     Without it, a law that lets balls slide almost without friction wins: spins and velocities then fit their own noise,
@@ -68,11 +72,13 @@ def occam_price(stack: ArcStack, local: np.ndarray) -> np.ndarray:
     places = free_state(stack)
     spins = (places >= 6) & (places < 9)
     out = np.zeros(len(stack))
-    if stack.length_scale_sigma == 0 and not spins.any():
+    if stack.length_scale_sigma == 0 and stack.friction_sigma == 0 and not spins.any():
         return out
     own, prior = np.linalg.inv(own_covariance(stack, local)), _prior_precision(stack)
     if stack.length_scale_sigma > 0:
         out += _occam_factor(own, prior, places == SCALE_PLACE)
+    if stack.friction_sigma > 0:
+        out += np.where(stack.slides, _occam_factor(own, prior, places == FRICTION_PLACE), 0.0)
     if spins.any():
         priced = stack.has_spin if stack.grounded else stack.unmeasured_spin
         out += np.where(priced, _occam_factor(own, prior, spins), 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated, effect_estimates
-from pipeline.discrepancy.fitting.predictions import SCALE_PLACE
+from pipeline.discrepancy.fitting.predictions import FRICTION_PLACE, SCALE_PLACE
 from pipeline.discrepancy.report.augmented_scene import augmented_scene
 from pipeline.discrepancy.report.formula import residual_formula
 from pipeline.discrepancy.report.localisation import Stretch, stretches
@@ -151,10 +151,15 @@ def _notes(found: Selection) -> tuple[str, ...]:
     problem, notes = found.problem, []
     if not problem.held_out:
         notes.append("there is only one clip: the gap is measured on the clip that was fitted")
-    scatter = _length_scale_scatter(found.answer)
+    scatter = _scatter(found.answer, SCALE_PLACE)
     if scatter > 0:
         notes.append(
             f"the length scales of the clips seem to differ, by {scatter:.1%}: each clip was fitted with one of its own"
+        )
+    friction = _scatter(found.answer, FRICTION_PLACE)
+    if friction > 0:
+        notes.append(
+            f"the sliding friction of single slides seems to differ, by {friction:.1%}: each was fitted with its own"
         )
     spin = _unmeasured_spin(found.answer)
     if spin > 0:
@@ -200,11 +205,11 @@ def _unmeasured_spin(answer: Candidate) -> float:
     return float(np.sqrt((np.concatenate(own) ** 2).sum(1).mean())) if own else 0.0
 
 
-def _length_scale_scatter(answer: Candidate) -> float:
-    """Root mean square of the arcs' own length scales, relative; 0 where they have none."""
+def _scatter(answer: Candidate, place: int) -> float:
+    """Root mean square of a relative error of the arcs' own, 0 where they have none. place: in their initial states."""
     own = [
-        start[stack.samples > 0, SCALE_PLACE]
+        start[(stack.samples > 0) & (stack.slides | (place == SCALE_PLACE)), place]
         for stack, start in zip(answer.problem.stacks, answer.fit.starts, strict=True)
-        if stack.length_scale_sigma
+        if (stack.length_scale_sigma if place == SCALE_PLACE else stack.friction_sigma)
     ]
     return float(np.sqrt(np.mean(np.concatenate(own) ** 2))) if own else 0.0

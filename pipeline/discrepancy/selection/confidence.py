@@ -57,14 +57,15 @@ def confidence(found: Selection, names: tuple[str, ...]) -> float:
 
 
 def _by_margin(found: Selection, names: tuple[str, ...]) -> float:
+    """The share of right verdicts at the verdict's margin over its rivals: single effects, and as many effects as it
+    names, but for those that are not told apart."""
     best = min((c.score for c in found.singles), default=found.none.score)
     if not names:
         return float(np.interp(best - (found.none.score - CLAIM), MARGINS, RIGHT_NONE))
     if names == ("unknown",):
         return float(np.interp(found.excess_z - UNEXPLAINED_Z, MARGINS, RIGHT_CLAIM))
     known = {n for group in found.alike for n in group} | set(names)
-    rivals = [c.score for c in found.singles if c.name not in known and c.name not in found.ruled_out]
+    others = (*found.singles, *(c for c in found.tried if len(c.effects) == len(names)))
+    rivals = [c.score for c in others if not set(c.effects) <= known and not set(c.effects) & set(found.ruled_out)]
     margin = min([found.none.score - CLAIM, *rivals]) - found.chosen.score
-    if len(names) == 1:
-        margin = max(margin - ALIKE, 0.0)
-    return float(np.interp(margin, MARGINS, RIGHT_CLAIM))
+    return float(np.interp(max(margin - ALIKE, 0.0), MARGINS, RIGHT_CLAIM))

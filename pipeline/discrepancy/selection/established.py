@@ -3,7 +3,8 @@
 Beside such a remainder differences of scores mean little, since residuals are systematic: with enough samples any
 effect that bends the paths a bit wins. So an effect is asked for its substance: on clips that were not fitted it has to
 remove at least half of what the model without it leaves. A law with more numbers, those of each arc included, bends to
-anything; it has to leave at most a quarter of what one with fewer leaves.
+anything; it has to leave at most a quarter of what one with fewer leaves. Where no effect is named so, one may be that
+removes half where it acts (`touched.py`): what a sliding body leaves must not hide an effect on its flights.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pipeline.discrepancy.selection.forecast import forecast_error
 from pipeline.discrepancy.selection.forward_selection import LEADERS, MOST_EFFECTS, MOST_FITTED_MORE
 from pipeline.discrepancy.selection.gap import measure_gap
 from pipeline.discrepancy.selection.selection import Selection
+from pipeline.discrepancy.selection.touched import Touched, touched
 from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, excess
 from pipeline.scene.effects.kind import EffectKind
 
@@ -36,7 +38,8 @@ HELD_OUT_GAIN = 4.0
 def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Progress) -> Selection | None:
     """The selection of the effects that are established, with what cannot be told from them; None where none is.
 
-    Effects are added one by one, the simplest first of those that count. Where none counts alone, two may.
+    Effects are added one by one, the simplest first of those that count. Where none counts alone, two may; where no two
+    do, one may where it acts.
 
     Args:
         found: A selection that leaves more than noise, with clips that were held out.
@@ -49,7 +52,8 @@ def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Pr
     fitted = {c.name for c in found.singles}
     more = extend(found.calibration, found.none, [k for k in kinds if k.name not in fitted], progress)
     found = replace(found, singles=tuple(sorted((*found.singles, *more), key=lambda c: c.score)))
-    longer = [c for c in found.singles if c.hits is None and c.restitution is None and other_evidence(c) >= 0]
+    singles = [c for c in found.singles if c.hits is None and c.restitution is None and other_evidence(c) >= 0]
+    longer = singles
     chosen, tried = found.none, [*found.tried]
     alike: Sets = ()
     while True:
@@ -59,14 +63,21 @@ def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Pr
             longer = [c for base in leaders for c in extend(found.calibration, base, kinds, progress, MOST_FITTED_MORE)]
             tried += longer
             continue
+        where = None
+        if best is None and not chosen.effects:
+            longer = singles
+            best = _simplest([c for c in longer if _counts_where_it_acts(found, c)], found)
+            where = None if best is None else _touched(found, best)
         if best is None or (chosen.effects and _is_part_of_remainder(found, best, longer)):
             break
-        alike = _still_alike(found, alike, best, kinds, progress) + _alike(found, best, longer)
+        alike = _still_alike(found, alike, best, kinds, progress) + _alike(found, best, longer, where)
         chosen = best
         if len(chosen.effects) == MOST_EFFECTS or excess(found.calibration, chosen)[0] <= UNEXPLAINED_Z:
             break
         longer = extend(found.calibration, chosen, kinds, progress, MOST_FITTED_MORE)
         tried += longer
+    if _is_simpler(found, found.chosen, chosen):
+        chosen, alike = found.chosen, found.alike
     if not chosen.effects:
         return None
     z, share = excess(found.calibration, chosen)
@@ -99,11 +110,24 @@ def _counts(found: Selection, model: Candidate, base: Candidate) -> bool:
     better. base: the model that it extends by the last of its effects."""
     without = _without_one(found, model, base)
     return len(without) >= min(len(model.effects), 2) and all(
-        _left(found, model) <= MOST_LEFT * _left(found, shorter)
-        and shorter.held_out - model.held_out > HELD_OUT_GAIN
-        and forecast_error(model) < forecast_error(shorter)
-        for shorter in without
+        _left(found, model) <= MOST_LEFT * _left(found, shorter) and _shows(model, shorter) for shorter in without
     )
+
+
+def _counts_where_it_acts(found: Selection, single: Candidate) -> bool:
+    """Whether an effect leaves enough less in the coordinates that it changes."""
+    where = _touched(found, single)
+    return where.left(single) <= MOST_LEFT * where.left(found.none) and _shows(single, found.none)
+
+
+def _touched(found: Selection, single: Candidate) -> Touched:
+    return touched(found.none, single, measure_gap(found.measured, found.baseline, single).noise_floor)
+
+
+def _shows(model: Candidate, shorter: Candidate) -> bool:
+    """Whether a model predicts and forecasts held-out clips better than a shorter one."""
+    gain = shorter.held_out - model.held_out
+    return gain > HELD_OUT_GAIN and forecast_error(model) < forecast_error(shorter)
 
 
 def _without_one(found: Selection, model: Candidate, base: Candidate) -> list[Candidate]:
@@ -124,6 +148,18 @@ def _simplest(models: Sequence[Candidate], found: Selection) -> Candidate | None
     return best
 
 
+def _is_simpler(found: Selection, pair: Candidate, other: Candidate) -> bool:
+    """Whether two effects that win by their score are both established, and simpler than what was added one by one.
+
+    A law with many numbers may remove enough alone, and leave too little for any second effect to count.
+    """
+    if len(pair.effects) != 2 or set(pair.effects) == set(other.effects) or not _counts(found, pair, found.none):
+        return False
+    as_simple = [c for c in found.tried if len(c.effects) == 2 and c.parameters <= pair.parameters]
+    best = _simplest([c for c in (other, pair) if c.effects], found)
+    return best is pair and not _is_part_of_remainder(found, pair, as_simple)
+
+
 def _is_part_of_remainder(found: Selection, longer: Candidate, rivals: Sequence[Candidate]) -> bool:
     """Whether a model leaves more than noise, and many effects, of whatever size, explain nearly what its last does.
 
@@ -134,10 +170,12 @@ def _is_part_of_remainder(found: Selection, longer: Candidate, rivals: Sequence[
     return len(names) > MOST_NEAR and excess(found.calibration, longer)[0] > UNEXPLAINED_Z
 
 
-def _alike(found: Selection, chosen: Candidate, rivals: Sequence[Candidate]) -> Sets:
-    """What could replace one of the effects as well, with no more numbers."""
+def _alike(found: Selection, chosen: Candidate, rivals: Sequence[Candidate], where: Touched | None) -> Sets:
+    """What could replace one of the effects as well, with no more numbers. where: in these coordinates, too."""
     most = ALIKE_LEFT * _left(found, chosen)
     near = [c for c in rivals if c.parameters <= chosen.parameters and _left(found, c) <= most]
+    if where is not None:
+        near = [c for c in near if where.left(c) <= ALIKE_LEFT * where.left(chosen)]
     out = []
     for name in chosen.effects:
         others = set(chosen.effects) - {name}

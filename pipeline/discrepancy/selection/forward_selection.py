@@ -23,6 +23,7 @@ CLAIM_MORE = 16.0  # by how much the score of a second and a third effect must w
 MOST_EFFECTS = 3
 MOST_FITTED_MORE = MOST_FITTED - 4  # effects that are fitted at a time to models with an effect
 ENOUGH_Z = 2.5  # excess below which no further effect is sought
+CORRELATED = 0.1  # noise between neighbouring samples; that of white noise seems less
 LEADERS = 2  # models of one effect that a second effect is added to
 
 
@@ -56,9 +57,8 @@ def forward_selection(
     if has_few_clips(calibration.problem):
         return ForwardSelection(chosen, ())
     for _ in range(MOST_EFFECTS - 1):
-        rescaled = calibration.noise_scale > 1
         if excess(calibration, chosen)[0] < ENOUGH_Z and not (
-            rescaled and has_promising_extension(calibration, chosen, kinds, CLAIM_MORE)
+            _excess_is_blind(calibration, chosen) and has_promising_extension(calibration, chosen, kinds, CLAIM_MORE)
         ):
             break
         longer = [c for base in leaders for c in extend(calibration, base, kinds, progress, MOST_FITTED_MORE)]
@@ -76,3 +76,12 @@ def forward_selection(
         chosen = least if least.score < winner.score + CLAIM_MORE else winner
         leaders = [chosen]
     return ForwardSelection(chosen, tuple(tried))
+
+
+def _excess_is_blind(calibration: Calibration, chosen: Candidate) -> bool:
+    """Whether a model may leave no excess although an effect is missing, because the noise floor is too high.
+
+    Polynomials fit a blow or a quick turn badly: their residuals are then correlated, or larger than the model's.
+    """
+    correlated = calibration.problem.floor.correlation > CORRELATED
+    return calibration.noise_scale > 1 or correlated or excess(calibration, chosen)[0] < -ENOUGH_Z

@@ -15,6 +15,7 @@ from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, refi
 from pipeline.discrepancy.selection.comparison import likeliest, other_evidence
 from pipeline.discrepancy.selection.equivalence import absorbed_laws, alike_each, alike_single
 from pipeline.discrepancy.selection.established import with_established
+from pipeline.discrepancy.selection.forecast import forecast_error
 from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE, ForwardSelection, forward_selection
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.testable import testable_kinds
@@ -26,7 +27,12 @@ from pipeline.discrepancy.selection.unexplained import (
     independent_share,
     is_unexplained,
 )
-from pipeline.discrepancy.tracks.problem import Problem, inflate_noise, with_length_scale_nuisance
+from pipeline.discrepancy.tracks.problem import (
+    Problem,
+    inflate_noise,
+    with_friction_nuisance,
+    with_length_scale_nuisance,
+)
 from pipeline.scene.effects.kind import EffectKind
 
 NEAR = 25.0  # difference of scores within which candidates are fitted again from the best one's initial states
@@ -41,7 +47,8 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     its score. Clips of one camera have one length scale, which is among the camera's errors already. Else, with one or
     two fitted clips, or with tracks from video, which may have slow tracking errors, the residuals count as noise, and
     the selection is repeated once more. With more clips, where no effect or only several together come near, those are
-    named that are established, of balls in the air also those of an unknown spin.
+    named that are established, of balls in the air also those of an unknown spin. Where the friction of single slides
+    differs, each has its own then.
 
     Args:
         problem: What is fitted.
@@ -60,7 +67,33 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
         return replace(scaled, baseline=found.none)
     if not found.unknown and len(found.chosen.effects) < 2:
         return found
+    own_frictions = _select_with_own_frictions(problem, found, effects, progress)
+    if own_frictions is not None:
+        return own_frictions
     return with_established(found, testable_kinds(effects, found.problem, any_spin=True), progress) or found
+
+
+def _select_with_own_frictions(
+    problem: Problem, found: Selection, effects: Sequence[str], progress: Progress
+) -> Selection | None:
+    """The selection in which each slide has its own friction; None where that explains little, or nothing is named.
+
+    Args:
+        problem: What is fitted.
+        found: Its selection.
+        effects: Names of the effects that may be answered.
+        progress: Called with the name of each effect that is fitted.
+    """
+    if not any(stack.slides.any() for stack in problem.stacks) or not problem.held_out:
+        return None
+    without, own = found.none, calibrate(with_friction_nuisance(found.problem)).none
+    if own.score > without.score - CLAIM_MORE or forecast_error(own) >= forecast_error(without):
+        return None
+    again = select_once(with_friction_nuisance(problem), effects, progress)
+    again = replace(again, baseline=found.none)
+    if again.excess_z > UNEXPLAINED_Z:
+        return with_established(again, testable_kinds(effects, again.problem, any_spin=True), progress)
+    return again if again.chosen.effects else None
 
 
 def _select_beside_remainder(

@@ -18,6 +18,7 @@ from pipeline.discrepancy.tracks.track import Track, frame_rate
 from pipeline.errors import MeasurementError
 
 LENGTH_SCALE_SIGMA = 0.03  # relative: how much the length scales of recordings may differ
+FRICTION_SIGMA = 0.1  # relative: how much the sliding friction of single slides may differ
 SPIN_SIGMA = 100.0  # rad/s, of spins that were not measured: balls are thrown and hit with up to some 30 turns a second
 LEAST_PIECE = 4  # samples of a piece of an arc that is split
 
@@ -200,6 +201,12 @@ def _floor_of_filtered(cut: Cut) -> NoiseFloor:
 def with_length_scale_nuisance(problem: Problem) -> Problem:
     """The problem in which each arc has a length scale of its own: recordings made at several distances."""
     return replace(problem, stacks=tuple(replace(s, length_scale_sigma=LENGTH_SCALE_SIGMA) for s in problem.stacks))
+
+
+def with_friction_nuisance(problem: Problem) -> Problem:
+    """The problem in which each slide has a friction of its own: surfaces differ from place to place."""
+    slides = (replace(s, friction_sigma=FRICTION_SIGMA) if s.slides.any() else s for s in problem.stacks)
+    return replace(problem, stacks=tuple(slides))
 
 
 def with_unmeasured_spins(problem: Problem) -> Problem:

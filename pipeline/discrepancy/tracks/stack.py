@@ -46,6 +46,7 @@ class ArcStack:
         others: (A, 2 K + 1, M, 3) m, centres of the other objects at half steps.
         rotation: (A, n, 3, 3) of the body; identity where it was not measured.
         length_scale_sigma: Standard deviation of each arc's own length scale, relative; 0: lengths are exact.
+        friction_sigma: Standard deviation of the sliding friction of each slide, relative; 0: all have the same.
         spin_sigma: rad/s, standard deviation of the spins of balls in the air that were not measured; 0: they are 0.
         camera_error: What is not known of the camera that all arcs share.
         tied: (A,) bool, balls whose spin was not measured and is tied to their velocity: they are assumed to roll.
@@ -74,6 +75,7 @@ class ArcStack:
     others: np.ndarray
     rotation: np.ndarray
     length_scale_sigma: float = 0.0
+    friction_sigma: float = 0.0
     spin_sigma: float = 0.0
     tied: np.ndarray | None = None
     camera_error: CameraError | None = None
@@ -84,7 +86,13 @@ class ArcStack:
     @property
     def own(self) -> int:
         """Parameters of each arc that positions determine."""
-        return (4 if self.grounded else 6) + (self.length_scale_sigma > 0) + 3 * (self.spin_sigma > 0)
+        nuisances = int(self.length_scale_sigma > 0) + int(self.friction_sigma > 0) + 3 * (self.spin_sigma > 0)
+        return (4 if self.grounded else 6) + nuisances
+
+    @property
+    def slides(self) -> np.ndarray:
+        """(A,) bool, bodies on the ground that do not roll."""
+        return (self.radius == 0) & self.grounded
 
     @property
     def unmeasured_spin(self) -> np.ndarray:
