@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline.motion.view import View
 from pipeline.planar.silhouette import Silhouette
+from pipeline.planar.tilt import Tilt
 
 GRAVITY = 9.81  # m/s²
 KNOWN = ("length", "size", "board")  # what a user says of the scale
@@ -26,11 +27,20 @@ class Scale:
         px_per_m: px of the picture.
         by: "gravity", "length", "size", "board" or "none", as result.json says it.
         error: Standard error, as a share.
+        ends: (2, 2) px, the two points whose distance gave it; None where it holds for the middle of the picture.
     """
 
     px_per_m: float
     by: str
     error: float
+    ends: np.ndarray | None = None
+
+    def seen_straight(self, tilt: Tilt) -> Scale:
+        """The scale in the picture of a camera that looks straight at the plane."""
+        if self.ends is None:
+            return self
+        before, after = (float(np.linalg.norm(p[1] - p[0])) for p in (self.ends, tilt.straight(self.ends)))
+        return replace(self, px_per_m=self.px_per_m * after / before)
 
 
 def find_scale(view: View, silhouettes: Sequence[Silhouette], gravity: float = GRAVITY) -> Scale:

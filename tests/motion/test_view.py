@@ -97,3 +97,11 @@ def test_upright_lines_tell_the_cameras_roll(roll_deg: float) -> None:
 def test_noise_tells_no_roll() -> None:
     rng = np.random.default_rng(0)
     assert camera_roll(rng.integers(0, 255, (240, 320, 3), dtype=np.uint8)) is None
+
+
+def test_what_goes_at_constant_speed_along_a_line_seen_from_the_side_goes_along_a_level_line() -> None:
+    tracks = [track_of(np.array([40.0, 100.0]) + TIMES[:, None] * [150.0, 150.0 * np.tan(np.radians(3.5))])]
+    arcs = [cut_arcs(t) for t in tracks]
+    assert find_view(tracks, arcs).kind == "side"
+    assert find_view(tracks, arcs).roll_deg == pytest.approx(3.5, abs=0.1)
+    assert find_view(tracks, arcs, 0.0).roll_deg == 0.0  # where the camera's roll is known
