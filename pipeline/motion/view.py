@@ -23,6 +23,7 @@ STRAIGHT_RADII = 0.15  # of the body: and of one that speeds up downhill, whose 
 STEEP_DEG = 78.0  # of a line to the horizontal, from which it counts as vertical
 LEVEL_DEG = 2.0  # of a line to the horizontal, below which it counts as level
 NEARLY_LEVEL_DEG = 6.0  # and by which a level line may be turned, with the camera
+UNKNOWN_ROLL_DEG, EDGES_ROLL_DEG = 3.0, 1.0  # standard deviation of a camera's roll; its error where edges tell it
 OFF_DOWN_DEG = 25.0  # largest angle of free fall to the picture's vertical
 LEAST_PATH, SLOW = 0.6, 0.2  # radii, and share of the body's fastest arc: what goes less far and as slow rests
 LEAST_SHARE_FREE, LEAST_SHARE_SLOPE = 0.2, 0.5  # of the way of all bodies that must fall, or speed up on a slope
@@ -192,7 +193,7 @@ def find_view(
     lines_are_level, roll_deg = roll_deg is None, roll_deg or 0.0
     motions, gravity, slope = _described(tracks, arcs, roll_deg)
     if gravity is not None:
-        roll_deg = float(np.degrees(np.arctan2(-gravity[0], gravity[1])))
+        roll_deg = fall_roll(gravity, motions, roll_deg, UNKNOWN_ROLL_DEG if lines_are_level else EDGES_ROLL_DEG)
         motions, _, slope = _described(tracks, arcs, roll_deg)
     moving = [m for m in motions if m.kind != "rest"]
     total = sum(m.path for m in moving)
@@ -261,6 +262,21 @@ def _likely_kind(
             return "table", "balls move along straight lines in several directions, and may come nearer"
         return "top", "bodies move along straight lines in several directions and grow nowhere"
     return "side", "bodies move along level lines"
+
+
+def fall_roll(gravity: np.ndarray, motions: Sequence[ArcMotion], known_deg: float, error_deg: float) -> float:
+    """The camera's roll, deg, by free fall and by what is known of it beside that.
+
+    Args:
+        gravity: (2,) px/s², of free fall.
+        motions: Of all arcs.
+        known_deg: The roll as it is known without free fall.
+        error_deg: Its standard error.
+    """
+    sigma = sum(m.arc.acceleration_sigma**-2 for m in motions if m.kind == "free") ** -0.5
+    weight, known = (np.degrees(sigma) / np.linalg.norm(gravity)) ** -2, error_deg**-2
+    fallen = np.degrees(np.arctan2(-gravity[0], gravity[1]))
+    return float((weight * fallen + known * known_deg) / (weight + known))
 
 
 def level_roll(moving: Sequence[ArcMotion]) -> float:

@@ -46,7 +46,8 @@ class Scale:
 def find_scale(view: View, silhouettes: Sequence[Silhouette], gravity: float = GRAVITY) -> Scale:
     """The scale that gravity gives where bodies fall or speed up on a slope; else lengths are relative.
 
-    On a slope a round body is taken to roll and to be solid, another to slide with a friction of SLIDING_FRICTION.
+    On a slope a round body is taken to roll and to be solid, another to slide with a friction of SLIDING_FRICTION. Round
+    ones alone count where there are some.
     """
     if view.gravity_px is not None:
         free = [m.arc for m in view.arcs if m.kind == "free"]
@@ -55,15 +56,16 @@ def find_scale(view: View, silhouettes: Sequence[Silhouette], gravity: float = G
         return Scale(size / gravity, "gravity", max(error / size, 0.02))
     if view.kind == "incline":
         arcs = [m for m in view.arcs if m.kind == "slope"] or [m for m in view.arcs if m.kind != "rest"]
+        shapes = dict(zip(dict.fromkeys(m.arc.body for m in view.arcs), (s.shape for s in silhouettes), strict=True))
+        rolling = [m for m in arcs if shapes[m.arc.body] in ROLLING]
+        arcs = rolling or arcs
         weights = [m.arc.covariance[2, 2] ** -1 for m in arcs]
+        slope = np.radians(abs(view.slope_deg))
+        least = np.sin(slope) - min(SLIDING_FRICTION, 0.5 * np.tan(slope)) * np.cos(slope)
+        pushes = [np.sin(slope) * ROLLING[shapes[m.arc.body]] if rolling else least for m in arcs]
         size = float(np.average([np.linalg.norm(m.arc.acceleration) for m in arcs], weights=weights))
         size = max(size, arcs[0].arc.acceleration_sigma)
-        slope = np.radians(abs(view.slope_deg))
-        shapes = {s.shape for s in silhouettes}
-        if shapes <= ROLLING.keys():
-            share = float(np.mean([ROLLING[s] for s in shapes]))
-            return Scale(size / (gravity * np.sin(slope) * share), "gravity", 0.15)
-        push = np.sin(slope) - min(SLIDING_FRICTION, 0.5 * np.tan(slope)) * np.cos(slope)
-        return Scale(size / (gravity * push), "gravity", 0.3)
+        push = float(np.average(pushes, weights=weights))
+        return Scale(size / (gravity * push), "gravity", 0.15 if rolling else 0.3)
     largest = max((s.width for s in silhouettes), default=1.0) / 2
     return Scale(largest / RELATIVE_RADIUS, "none", float("inf"))
