@@ -40,7 +40,10 @@ SCALE = {
     "board": "the board that was given",
 }
 TABLE_CAMERA = "at rest, at (0, -2, h) m, looking along +y; square pixels, no distortion"
-PLANAR_CAMERA = f"at rest, its picture parallel to the plane of motion, {FOV_DEG:g} degrees along its longer side"
+PLANAR_CAMERA = (
+    f"at rest, {FOV_DEG:g} degrees along its longer side; it looks straight at the plane of motion, "
+    "but for view.pitch_deg and view.yaw_deg"
+)
 
 
 def prepare() -> None:
@@ -139,6 +142,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
     assert shown is not None
     search = None if found.scenes.searched is None else found.scenes.searched.result
     motion = found.scenes.filmed.motion
+    turn = motion.plane.tilt
     return {
         "clip": found.name,
         "grade": found.grade.name,
@@ -156,6 +160,8 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "reason": motion.view.reason,
             "slope_deg": _number(motion.view.slope_deg),
             "roll_deg": _number(motion.view.roll_deg),
+            "pitch_deg": 0.0 if turn is None else _number(-np.degrees(turn.pitch)),
+            "yaw_deg": 0.0 if turn is None else _number(np.degrees(turn.yaw)),
             "gravity_px_per_s2": None
             if motion.view.gravity_px is None
             else [_number(v) for v in motion.view.gravity_px],

@@ -182,8 +182,8 @@ def find_view(
     Args:
         tracks: Of the bodies.
         arcs: Of each track.
-        roll_deg: By which the world's vertical is turned in the picture, clockwise; free fall tells it better. None: not
-            known; lines along which bodies move from the side are level then.
+        roll_deg: By which the world's vertical is turned in the picture, clockwise, where edges tell it; free fall may
+            tell it better. None: not known; lines along which bodies move from the side are level then.
         kind: Of `VIEWS`, where it is known; None: the tracks decide.
         oblique: What moves may be balls that are seen from aside.
 

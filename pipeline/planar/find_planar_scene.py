@@ -44,9 +44,9 @@ class ClipMotion:
         scale: Of the plane in which they move.
         plane: That plane.
         supports: What carries bodies, and what they bounce off.
-        flat: The tracks in the picture of the plane: of a table that is seen from aside, as if from straight above; of a
-            camera that is not level, as if it looked straight at the plane. Arcs, view, silhouettes, scale, supports and
-            blocks are in that picture, too.
+        flat: The tracks in the picture of the plane: of a table that is seen from aside, as if from straight above; of
+            a camera that is turned, as if it looked straight at the plane. Arcs, view, silhouettes, scale, supports
+            and blocks are in that picture, too.
         table: How the camera sees a table from aside; None for other views.
         solids: Of each body that turns freely in the air, its shape, orientation and spin; None of others.
         blocks: Fixed bodies that a user pointed at, in the picture of the plane.
@@ -182,7 +182,7 @@ def _turned(
     silhouettes: Sequence[Silhouette],
     plane: Plane,
 ) -> tuple[Tilt, list[ImageTrack], list[tuple[Arc, ...]], View] | None:
-    """The turn of the camera from one that looks straight at the plane, and tracks, arcs and view as that one sees them.
+    """The turn of the camera from one that looks straight at the plane; tracks, arcs and view as that one sees them.
 
     None where the tracks do not determine a turn.
     """
@@ -194,8 +194,8 @@ def _turned(
         return flat, cut, replace(find_view(flat, cut, view.roll_deg, view.kind), reason=view.reason)
 
     try:
-        # A turned camera's picture of a long flight is no parabola, and arcs are cut in it. So they are cut again in the
-        # picture of the likeliest turn.
+        # A turned camera's picture of a long flight is no parabola and is cut into several arcs. So they are cut again
+        # in the picture of the likeliest turn.
         _, longer, same = seen(find_tilt(tracks, arcs, view, silhouettes, straight, likeliest=True))
         tilt = find_tilt(tracks, longer, same, silhouettes, straight)
         return None if tilt.none else (tilt, *seen(tilt))

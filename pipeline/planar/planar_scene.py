@@ -22,7 +22,7 @@ from pipeline.scene.scene import FixedBody, Scene, SceneObject
 from pipeline.scene.time_step import STEPS_PER_SECOND
 
 FRICTION = 0.4  # of bodies whose tracks tell nothing of it
-LEAST_FRICTION, MOST_FRICTION = 0.0001, 1.0
+LEAST_FRICTION, MOST_FRICTION = 0.001, 1.0
 LEAST_BRAKED = 6  # frames of an arc whose deceleration is measured
 DAMPING = 0.6
 DEPTH = 0.5  # of a box, which cannot be seen, over its shorter side that can
@@ -145,7 +145,7 @@ def planar_object(
     elif carried and shape != "box" and kind != "free":
         spin = np.array([0.0, float(np.sign(velocity[0]) * np.linalg.norm(velocity) / half[0]), 0.0])
     elif carried and shape == "box" and kind in ("slope", "straight"):
-        friction = _sliding(first, view.slope_deg, plane, gravity)
+        friction = sliding_friction(first, view.slope_deg, plane, gravity)
     return SceneObject(
         shape,
         size,
@@ -255,7 +255,7 @@ def _braking(track: ImageTrack, arc: Arc, plane: Plane, gravity: float) -> float
     return float(np.clip(-path[2] / plane.px_per_m / gravity, LEAST_FRICTION, MOST_FRICTION))
 
 
-def _sliding(arc: Arc, slope_deg: float, plane: Plane, gravity: float) -> float:
+def sliding_friction(arc: Arc, slope_deg: float, plane: Plane, gravity: float) -> float:
     """Sliding friction from the acceleration of an arc along a slope: down it, friction brakes, up it, it helps to."""
     slope = np.radians(abs(slope_deg))
     size = float(np.linalg.norm(arc.acceleration)) / plane.px_per_m

@@ -46,8 +46,8 @@ class Scale:
 def find_scale(view: View, silhouettes: Sequence[Silhouette], gravity: float = GRAVITY) -> Scale:
     """The scale that gravity gives where bodies fall or speed up on a slope; else lengths are relative.
 
-    On a slope a round body is taken to roll and to be solid, another to slide with a friction of SLIDING_FRICTION. Round
-    ones alone count where there are some.
+    On a slope a round body is taken to roll and to be solid, another to slide with a friction of SLIDING_FRICTION.
+    Where there are round ones, only these count.
     """
     if view.gravity_px is not None:
         free = [m.arc for m in view.arcs if m.kind == "free"]

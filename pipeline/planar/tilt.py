@@ -39,8 +39,8 @@ class Tilt:
     """A turn of the camera about the x axis of its picture, then about its y axis.
 
     Attributes:
-        pitch: rad; what is lower in the picture is further away where it is positive: the camera looks up.
-        yaw: rad; what is further to the right is further away where it is positive.
+        pitch: rad; what is lower in the picture is further away where it is positive: the camera looks down.
+        yaw: rad; what is further to the right is further away where it is positive: the camera is turned to the right.
         focal: px.
         middle: (2,) px, the middle of the picture.
     """

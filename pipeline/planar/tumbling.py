@@ -44,7 +44,9 @@ class Tumbling:
     spin: np.ndarray
 
 
-def tumbling(track: ImageTrack, flat: ImageTrack, masks: np.ndarray, times: np.ndarray, plane: Plane) -> Tumbling | None:
+def tumbling(
+    track: ImageTrack, flat: ImageTrack, masks: np.ndarray, times: np.ndarray, plane: Plane
+) -> Tumbling | None:
     """The body of a track; None where too few frames show its outline.
 
     Args:
