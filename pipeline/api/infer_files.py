@@ -41,7 +41,10 @@ SCALE = {
     "board": "the board that was given",
 }
 TABLE_CAMERA = "at rest, at (0, -2, h) m, looking along +y; square pixels, no distortion"
-PLANAR_CAMERA = f"at rest, its picture parallel to the plane of motion, {FOV_DEG:g} degrees along its longer side"
+PLANAR_CAMERA = (
+    f"at rest, {FOV_DEG:g} degrees along its longer side; it looks straight at the plane of motion, "
+    "but for view.pitch_deg and view.yaw_deg"
+)
 
 
 def write_files(folder: Path, found: Inference, progress: Progress) -> None:
@@ -147,6 +150,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
     assert shown is not None
     search = None if found.scenes.searched is None else found.scenes.searched.result
     motion, ahead = found.scenes.filmed.motion, found.scenes.forecast
+    turn = motion.plane.tilt
     return {
         "clip": found.name,
         "grade": found.grade.name,
@@ -164,6 +168,8 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "reason": motion.view.reason,
             "slope_deg": _number(motion.view.slope_deg),
             "roll_deg": _number(motion.view.roll_deg),
+            "pitch_deg": 0.0 if turn is None else _number(-np.degrees(turn.pitch)),
+            "yaw_deg": 0.0 if turn is None else _number(np.degrees(turn.yaw)),
             "gravity_px_per_s2": None
             if motion.view.gravity_px is None
             else [_number(v) for v in motion.view.gravity_px],

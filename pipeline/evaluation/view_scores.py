@@ -13,10 +13,10 @@ from pipeline.inference.filmed_world import TrackedScene, World, follow, tracked
 from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, replay_overlap, ways
 from pipeline.inference.scene_search import clip_evaluator, search_clip, search_forecast
 from pipeline.inference.trust import grade
+from pipeline.motion.view import UPRIGHT
 from pipeline.scene.scene import Scene
 from pipeline.vision.rendering.camera import pinhole
 
-UPRIGHT = ("side", "incline", "flight")  # views in which the camera's roll counts
 STEEPEST_DEG = 60.0  # of a fixed body's slope that is a ramp's
 
 

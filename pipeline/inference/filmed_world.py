@@ -190,7 +190,8 @@ def _pictured(taken: UserClip, world: World, frames: np.ndarray) -> tuple[Pictur
         px, first, place = frames.shape[2] / taken.clip.source_size[0], np.zeros(2), np.zeros(2)
     scale, doubts = None, []
     if world.length is not None:
-        scale = Scale(px * world.length.px_per_m, "length", KNOWN_ERROR)
+        ends = px * (np.array(world.length.ends).reshape(2, 2) - first) + place
+        scale = Scale(px * world.length.px_per_m, "length", KNOWN_ERROR, ends)
     elif world.board is not None:
         scale, doubt = board_scale(frames, world.board)
         doubts += [] if doubt is None else [doubt]
@@ -271,7 +272,7 @@ def tracked_scene(followed: Followed, threads: int = 1) -> TrackedScene:
     if not motion.tracks or (motion.view.kind == "table" and motion.table is None):
         return TrackedScene(None, None)
     answer = find_planar_scene(motion, gravity, threads)
-    seen = fitted_frames(followed.times)
+    seen = fitted_frames(followed.times, renumbered_by_track(followed.masks, motion))
     early = followed.first(seen) if seen else None
     if early is None or not early.motion.tracks:
         return TrackedScene(answer, None)

@@ -146,7 +146,8 @@ def search_forecast(
         threads: For simulation and rasterising.
     """
     times = np.arange(len(masks)) / schedule.fps
-    seen = fitted_frames(times)
+    seen = fitted_frames(times, masks)
+    seen -= seen % round(schedule.fps * schedule.seconds / schedule.model_frames)  # the model's frames are parted there
     try:
         part = schedule.first(seen / schedule.fps)
     except ValueError:

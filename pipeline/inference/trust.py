@@ -12,7 +12,7 @@ from pipeline.metrics.extrapolation import at_constant_velocity, moved_with_repl
 from pipeline.metrics.overlap import Counts, assign, count, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
 
-FITTED_SHARE = 0.7  # of a clip, from which the rest is forecast
+FITTED_SHARE = 0.7  # of the time in which bodies are in view, from which the rest is forecast
 LEAST_FRAMES = 3  # that are forecast
 GOOD_IOU, POOR_IOU = 0.7, 0.4  # of the whole clip
 OFF_GRAVITY = 0.1  # share by which free fall may differ from gravity
@@ -53,10 +53,19 @@ class Grade:
     reason: str
 
 
-def fitted_frames(times: np.ndarray) -> int:
-    """How many of the frames at times (T,), s, are fitted before the rest is forecast; 0 where too few are left."""
-    first = int(np.searchsorted(times, times[0] + FITTED_SHARE * (times[-1] - times[0])))
-    return first if len(times) - first >= LEAST_FRAMES else 0
+def fitted_frames(times: np.ndarray, masks: np.ndarray) -> int:
+    """How many frames are fitted before the rest is forecast; 0 where too few are left.
+
+    Args:
+        times: (T,) s.
+        masks: (T, H, W) ids. What is forecast has to be in view: frames after the last one with a body do not count.
+    """
+    seen = np.flatnonzero(masks.any(axis=(1, 2)))
+    if not len(seen):
+        return 0
+    last = int(seen[-1])
+    first = int(np.searchsorted(times, times[0] + FITTED_SHARE * (times[last] - times[0])))
+    return first if last + 1 - first >= LEAST_FRAMES else 0
 
 
 def forecast(scene: Scene, masks: np.ndarray, times: np.ndarray, seen: int) -> Forecast | None:

@@ -16,11 +16,14 @@ from pipeline.motion.arcs import Arc
 from pipeline.motion.image_track import ImageTrack
 
 VIEWS = ("table", "side", "incline", "flight", "top")
+UPRIGHT = ("side", "incline", "flight")  # views in which bodies move in an upright plane
 SIGNIFICANT = 4.0  # standard errors from which an acceleration counts
 STRAIGHT = 0.012  # of its length: largest sagitta of a straight arc
 STRAIGHT_RADII = 0.15  # of the body: and of one that speeds up downhill, whose outline shading and shadows change
 STEEP_DEG = 78.0  # of a line to the horizontal, from which it counts as vertical
 LEVEL_DEG = 2.0  # of a line to the horizontal, below which it counts as level
+NEARLY_LEVEL_DEG = 6.0  # and by which a level line may be turned, with the camera
+UNKNOWN_ROLL_DEG, EDGES_ROLL_DEG = 3.0, 1.0  # standard deviation of a camera's roll; its error where edges tell it
 OFF_DOWN_DEG = 25.0  # largest angle of free fall to the picture's vertical
 LEAST_PATH, SLOW = 0.6, 0.2  # radii, and share of the body's fastest arc: what goes less far and as slow rests
 LEAST_SHARE_FREE, LEAST_SHARE_SLOPE = 0.2, 0.5  # of the way of all bodies that must fall, or speed up on a slope
@@ -169,7 +172,7 @@ def growth(tracks: Sequence[ImageTrack]) -> Growth:
 def find_view(
     tracks: Sequence[ImageTrack],
     arcs: Sequence[Sequence[Arc]],
-    roll_deg: float = 0.0,
+    roll_deg: float | None = None,
     kind: str | None = None,
     *,
     oblique: bool = False,
@@ -179,16 +182,18 @@ def find_view(
     Args:
         tracks: Of the bodies.
         arcs: Of each track.
-        roll_deg: By which the world's vertical is turned in the picture, clockwise; free fall tells it better.
+        roll_deg: By which the world's vertical is turned in the picture, clockwise, where edges tell it; free fall may
+            tell it better. None: not known; lines along which bodies move from the side are level then.
         kind: Of `VIEWS`, where it is known; None: the tracks decide.
         oblique: What moves may be balls that are seen from aside.
 
     Raises:
         ValueError: The tracks show nothing of what a view of this kind needs.
     """
+    lines_are_level, roll_deg = roll_deg is None, roll_deg or 0.0
     motions, gravity, slope = _described(tracks, arcs, roll_deg)
     if gravity is not None:
-        roll_deg = float(np.degrees(np.arctan2(-gravity[0], gravity[1])))
+        roll_deg = fall_roll(gravity, motions, roll_deg, UNKNOWN_ROLL_DEG if lines_are_level else EDGES_ROLL_DEG)
         motions, _, slope = _described(tracks, arcs, roll_deg)
     moving = [m for m in motions if m.kind != "rest"]
     total = sum(m.path for m in moving)
@@ -204,6 +209,9 @@ def find_view(
                 raise ValueError("no body moves along a line")
     if kind in ("table", "top"):
         gravity, roll_deg = None, 0.0
+    if kind == "side" and gravity is None and lines_are_level:
+        roll_deg = level_roll(moving)
+        motions, _, _ = _described(tracks, arcs, roll_deg)
     return View(kind, motions, gravity, slope or 0.0 if kind == "incline" else 0.0, roll_deg, reason)
 
 
@@ -249,11 +257,32 @@ def _likely_kind(
         return kind, f"bodies fall with {np.linalg.norm(gravity):.0f} px/s²"
     if sum(m.path for m in _of_kind(moving, "other")) > LEAST_SHARE_FREE * total:
         return "table", "paths bend, and not as free fall does"
-    if max(abs(m.slope_deg) for m in moving) > 3 * LEVEL_DEG:
+    if max(abs(m.slope_deg) for m in moving) > NEARLY_LEVEL_DEG:
         if oblique:
             return "table", "balls move along straight lines in several directions, and may come nearer"
         return "top", "bodies move along straight lines in several directions and grow nowhere"
     return "side", "bodies move along level lines"
+
+
+def fall_roll(gravity: np.ndarray, motions: Sequence[ArcMotion], known_deg: float, error_deg: float) -> float:
+    """The camera's roll, deg, by free fall and by what is known of it beside that.
+
+    Args:
+        gravity: (2,) px/s², of free fall.
+        motions: Of all arcs.
+        known_deg: The roll as it is known without free fall.
+        error_deg: Its standard error.
+    """
+    sigma = sum(m.arc.acceleration_sigma**-2 for m in motions if m.kind == "free") ** -0.5
+    weight, known = (np.degrees(sigma) / np.linalg.norm(gravity)) ** -2, error_deg**-2
+    fallen = np.degrees(np.arctan2(-gravity[0], gravity[1]))
+    return float((weight * fallen + known * known_deg) / (weight + known))
+
+
+def level_roll(moving: Sequence[ArcMotion]) -> float:
+    """The camera's roll, deg, for which lines along which bodies move are level; 0 where no line is nearly so."""
+    lines = [m for m in moving if m.kind in ("straight", "slope") and abs(m.slope_deg) <= NEARLY_LEVEL_DEG]
+    return float(np.average([m.slope_deg for m in lines], weights=[m.path for m in lines])) if lines else 0.0
 
 
 def may_fall(motion: ArcMotion, gravity: np.ndarray) -> bool:

@@ -22,26 +22,29 @@ LEAST_FACTOR = 0.75  # a smaller one is not explained by perspective
 SAME = 0.005
 
 
-def with_apparent_sizes(scene: Scene, tracks: Sequence[ImageTrack], plane: Plane, which: Sequence[bool]) -> Scene:
+def with_apparent_sizes(
+    scene: Scene, tracks: Sequence[ImageTrack], flat: Sequence[ImageTrack], plane: Plane, which: Sequence[bool]
+) -> Scene:
     """The scene with sizes of bodies times factors, so that their areas are those of their tracks.
 
     Args:
         scene: Object i is the body of track i.
         tracks: In the picture of the scene's camera.
+        flat: In the picture of the plane.
         plane: In which bodies move.
         which: Of each body, whether its size may change.
     """
     assert scene.camera is not None
     camera = pinhole(scene.camera)
     objects = list(scene.objects)
-    for i, track in enumerate(tracks):
+    for i, (track, straight) in enumerate(zip(tracks, flat, strict=True)):
         whole = np.flatnonzero(track.whole)
         if not which[i] or not len(whole):
             continue
         some = whole[np.linspace(0, len(whole) - 1, min(len(whole), FRAMES)).round().astype(int)]
         body = objects[i]
         off = float(plane.height_of(np.array(body.position)))
-        place = plane.in_space(plane.to_world(track.centre[some]), off)
+        place = plane.in_space(plane.to_world(straight.centre[some]), off)
         turn = np.repeat(np.array(body.orientation)[None, None], len(some), axis=0)
         shown = rasterise((body,), place[:, None], turn, camera, plane.width, plane.height, None, ())
         areas = (shown.mask > 0).sum((1, 2))

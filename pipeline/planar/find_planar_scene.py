@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.motion.arcs import Arc, cut_arcs
 from pipeline.motion.image_track import ImageTrack, image_tracks
 from pipeline.motion.upright import camera_roll
-from pipeline.motion.view import View, find_view, growth
+from pipeline.motion.view import UPRIGHT, View, find_view, growth
 from pipeline.planar.apparent_size import with_apparent_sizes
 from pipeline.planar.blocks import Block
 from pipeline.planar.bounces import changes_between, meeting_time
@@ -23,6 +23,7 @@ from pipeline.planar.scale import GRAVITY, KNOWN, Scale, find_scale
 from pipeline.planar.silhouette import Silhouette, silhouette
 from pipeline.planar.supports import Support, find_supports, find_walls
 from pipeline.planar.table_view import TableView, may_be_oblique, table_view
+from pipeline.planar.tilt import Tilt, find_tilt
 from pipeline.planar.tumbling import Tumbling, tumbling
 from pipeline.scene.scene import HOLLOW_SHAPES, Scene, SceneObject
 
@@ -43,7 +44,9 @@ class ClipMotion:
         scale: Of the plane in which they move.
         plane: That plane.
         supports: What carries bodies, and what they bounce off.
-        flat: The tracks in the picture of the plane: of a table that is seen from aside, as if from straight above.
+        flat: The tracks in the picture of the plane: of a table that is seen from aside, as if from straight above; of
+            a camera that is turned, as if it looked straight at the plane. Arcs, view, silhouettes, scale, supports
+            and blocks are in that picture, too.
         table: How the camera sees a table from aside; None for other views.
         solids: Of each body that turns freely in the air, its shape, orientation and spin; None of others.
         blocks: Fixed bodies that a user pointed at, in the picture of the plane.
@@ -128,8 +131,19 @@ def measure_motion(
             arcs.append(tuple(own))
     silhouettes = tuple(silhouette(t, masks, frames) for t in tracks)
     level, sizes = Plane(masks.shape[2], masks.shape[1], 1.0, level=True), growth(tracks)
-    oblique = may_be_oblique(sizes, silhouettes, level.distance)
-    found = find_view(tracks, arcs, background_roll(frames), view, oblique=oblique)
+    oblique = may_be_oblique(sizes, silhouettes, level.focal)
+    found = find_view(tracks, arcs, camera_roll(background(frames)), view, oblique=oblique)
+    flat = tracks
+    turned = _turned(tracks, arcs, found, silhouettes, level) if found.kind in UPRIGHT else None
+    if turned is not None:
+        tilt, flat, arcs, found = turned
+        level = replace(level, tilt=tilt)
+        silhouettes = tuple(
+            replace(s, width=s.width * f.radius / t.radius, height=s.height * f.radius / t.radius)
+            for s, t, f in zip(silhouettes, tracks, flat, strict=True)
+        )
+        blocks = [Block(tilt.straight(b.corners)) for b in blocks]
+        scale = None if scale is None else scale.seen_straight(tilt)
     if scale is None and size is not None:
         scale = Scale(size_px(silhouettes, size) / size.m, "size", KNOWN_ERROR)
     elif scale is None:
@@ -146,7 +160,7 @@ def measure_motion(
         scale=scale,
         plane=plane,
         supports=(),
-        flat=tuple(tracks),
+        flat=tuple(flat),
         table=None,
         solids=(None,) * len(tracks),
         blocks=tuple(blocks),
@@ -155,10 +169,38 @@ def measure_motion(
         balls = bool(tracks) and all(s.shape == "sphere" for s in silhouettes)
         return seen_from_above(motion, table_view(plane, sizes, tracks)) if balls else motion
     solids = tuple(
-        None if s.disc else tumbling(t, masks[: _in_the_air(t, own, found)], times, plane)
-        for t, own, s in zip(tracks, arcs, silhouettes, strict=True)
+        None if s.disc else tumbling(t, f, masks[: _in_the_air(f, own, found)], times, plane)
+        for t, f, own, s in zip(tracks, flat, arcs, silhouettes, strict=True)
     )
-    return replace(motion, supports=tuple(find_supports(found, tracks, masks, blocks)), solids=solids)
+    return replace(motion, supports=tuple(find_supports(found, tracks, flat, masks, blocks)), solids=solids)
+
+
+def _turned(
+    tracks: Sequence[ImageTrack],
+    arcs: Sequence[Sequence[Arc]],
+    view: View,
+    silhouettes: Sequence[Silhouette],
+    plane: Plane,
+) -> tuple[Tilt, list[ImageTrack], list[tuple[Arc, ...]], View] | None:
+    """The turn of the camera from one that looks straight at the plane; tracks, arcs and view as that one sees them.
+
+    None where the tracks do not determine a turn.
+    """
+    straight = Tilt(0.0, 0.0, plane.focal, (plane.width / 2, plane.height / 2))
+
+    def seen(tilt: Tilt) -> tuple[list[ImageTrack], list[tuple[Arc, ...]], View]:
+        flat = [tilt.straight_track(t) for t in tracks]
+        cut = [tuple(cut_arcs(t)) for t in flat]
+        return flat, cut, replace(find_view(flat, cut, view.roll_deg, view.kind), reason=view.reason)
+
+    try:
+        # A turned camera's picture of a long flight is no parabola and is cut into several arcs. So they are cut again
+        # in the picture of the likeliest turn.
+        _, longer, same = seen(find_tilt(tracks, arcs, view, silhouettes, straight, likeliest=True))
+        tilt = find_tilt(tracks, longer, same, silhouettes, straight)
+        return None if tilt.none else (tilt, *seen(tilt))
+    except ValueError:  # so seen, the tracks do not show the view
+        return None
 
 
 def _in_the_air(track: ImageTrack, arcs: Sequence[Arc], view: View) -> int:
@@ -201,11 +243,6 @@ def size_px(silhouettes: Sequence[Silhouette], size: KnownSize) -> float:
     return {"radius": own.width / 2, "width": own.width, "height": own.height}[size.key]
 
 
-def background_roll(frames: np.ndarray) -> float:
-    """deg: the camera's roll by lines of the background of frames (T, H, W, 3) uint8; 0 where they do not tell."""
-    return camera_roll(background(frames)) or 0.0
-
-
 def background(frames: np.ndarray) -> np.ndarray:
     """The picture (H, W, 3) uint8 of frames (T, H, W, 3) without what moves."""
     some = frames[np.linspace(0, len(frames) - 1, min(len(frames), BACKGROUND_FRAMES)).round().astype(int)]
@@ -228,6 +265,8 @@ def find_planar_scene(
     """
     if first is not None:
         motion = replace(motion, plane=first.motion.plane, scale=first.motion.scale, table=first.motion.table)
+        if motion.table is None:
+            motion = replace(motion, flat=tuple(motion.plane.straight_track(t) for t in motion.tracks))
     rolls = motion.view.kind == "incline" and motion.scale.by in KNOWN
     start = _start(motion, gravity, rolls) if first is None else first.fit.scene
     gravity_shows = not motion.plane.level and not rolls
@@ -257,7 +296,7 @@ def _start(motion: ClipMotion, gravity: float, rolls: bool) -> Scene:
         start=0.0,
     )
     if motion.table is None:
-        start = with_apparent_sizes(start, motion.flat, motion.plane, [s is None for s in motion.solids])
+        start = with_apparent_sizes(start, motion.tracks, motion.flat, motion.plane, [s is None for s in motion.solids])
     return replace(start, objects=tuple(_half_hollow(o) for o in start.objects)) if rolls else start
 
 

@@ -23,6 +23,7 @@ from pipeline.scene.time_step import STEPS_PER_SECOND
 
 FRICTION = 0.4  # of bodies whose tracks tell nothing of it
 LEAST_FRICTION, MOST_FRICTION = 0.001, 1.0
+LEAST_BRAKED = 6  # frames of an arc whose deceleration is measured
 DAMPING = 0.6
 DEPTH = 0.5  # of a box, which cannot be seen, over its shorter side that can
 THICKNESS, STEPS_INSIDE = 2.0, 8.0  # least thickness of supports: radii of the largest body, and steps at full speed
@@ -138,13 +139,13 @@ def planar_object(
     if plane.level and shape == "sphere":
         off = float(half[0])
         spin = np.cross([0.0, 0.0, 1.0], plane.in_space(velocity)) / half[0]
-        resistance = ROLLING_SHARE * half[0] * _braking(longest_moving(view, track, arcs), plane, gravity)
+        resistance = ROLLING_SHARE * half[0] * _braking(track, longest_moving(view, track, arcs), plane, gravity)
     elif plane.level:
-        friction = _braking(longest_moving(view, track, arcs), plane, gravity)
+        friction = _braking(track, longest_moving(view, track, arcs), plane, gravity)
     elif carried and shape != "box" and kind != "free":
         spin = np.array([0.0, float(np.sign(velocity[0]) * np.linalg.norm(velocity) / half[0]), 0.0])
     elif carried and shape == "box" and kind in ("slope", "straight"):
-        friction = _sliding(first, view.slope_deg, plane, gravity)
+        friction = sliding_friction(first, view.slope_deg, plane, gravity)
     return SceneObject(
         shape,
         size,
@@ -243,15 +244,21 @@ def damping_of(restitution: float) -> float:
     return float(-np.log(np.clip(restitution, 0.05, 0.97)) / SPRING)
 
 
-def _braking(arc: Arc, plane: Plane, gravity: float) -> float:
-    """Sliding friction from the deceleration of an arc on level ground."""
-    speed = np.linalg.norm(arc.velocity)
-    brake = -float(arc.acceleration @ arc.velocity) / max(float(speed), 1e-9) / plane.px_per_m
-    return float(np.clip(brake / gravity, LEAST_FRICTION, MOST_FRICTION))
+def _braking(track: ImageTrack, arc: Arc, plane: Plane, gravity: float) -> float:
+    """Sliding friction from the deceleration of an arc on level ground, also where that is not significant."""
+    use = np.arange(arc.start, arc.stop)
+    use = use[track.whole[use]]
+    if len(use) < LEAST_BRAKED:
+        return LEAST_FRICTION
+    along = arc.velocity / max(float(np.linalg.norm(arc.velocity)), 1e-9)
+    path = np.linalg.lstsq(design(track.times[use] - arc.time), track.centre[use] @ along, rcond=None)[0]
+    return float(np.clip(-path[2] / plane.px_per_m / gravity, LEAST_FRICTION, MOST_FRICTION))
 
 
-def _sliding(arc: Arc, slope_deg: float, plane: Plane, gravity: float) -> float:
-    """Sliding friction from the acceleration of an arc down a slope."""
+def sliding_friction(arc: Arc, slope_deg: float, plane: Plane, gravity: float) -> float:
+    """Sliding friction from the acceleration of an arc along a slope: down it, friction brakes, up it, it helps to."""
     slope = np.radians(abs(slope_deg))
     size = float(np.linalg.norm(arc.acceleration)) / plane.px_per_m
-    return float(np.clip((np.sin(slope) - size / gravity) / np.cos(slope), LEAST_FRICTION, MOST_FRICTION))
+    uphill = plane.directions(arc.velocity)[1] > 0
+    rest = np.sin(slope) - size / gravity
+    return float(np.clip((-rest if uphill else rest) / np.cos(slope), LEAST_FRICTION, MOST_FRICTION))

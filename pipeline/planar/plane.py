@@ -1,4 +1,7 @@
-"""The plane in which the bodies of a clip move, parallel to the picture: from px to metres and back, and its camera."""
+"""The plane in which the bodies of a clip move: from px of a camera that looks straight at it to metres and back.
+
+The clip's own camera may be turned from that one (`pipeline.planar.tilt`).
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from pipeline.motion.image_track import ImageTrack
+from pipeline.planar.tilt import Tilt
 from pipeline.scene.scene import Camera
 from pipeline.vision.rendering.camera import focal_px
 
 FOV_DEG = 65.0  # of the longer side of the picture: a phone's main camera
+FLIP = np.diag([1.0, -1.0, -1.0])  # between axes right, up, back and axes right, down, ahead
 
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane parallel to the picture.
+    """A plane, in the picture of a camera that looks straight at it.
 
     Attributes:
         width: px, of the picture.
@@ -24,6 +30,7 @@ class Plane:
         roll: rad, by which the world's vertical is turned from the picture's: gravity is along (sin, cos) of it, x
             right and y down. 0 where the plane is level.
         level: The plane is the ground, seen from above; else it is vertical.
+        tilt: By which the clip's own camera is turned from that one; None: not at all.
     """
 
     width: int
@@ -31,6 +38,7 @@ class Plane:
     px_per_m: float
     roll: float = 0.0
     level: bool = False
+    tilt: Tilt | None = None
 
     @property
     def axes(self) -> np.ndarray:
@@ -72,17 +80,29 @@ class Plane:
             2 * np.degrees(np.arctan(np.tan(np.radians(FOV_DEG) / 2) * self.height / max(self.width, self.height)))
         )
 
+    def straight_track(self, track: ImageTrack) -> ImageTrack:
+        """A track of the clip's own picture in that of the camera that looks straight at the plane."""
+        return track if self.tilt is None else self.tilt.straight_track(track)
+
+    @property
+    def focal(self) -> float:
+        """px."""
+        return focal_px(self.fov_y_deg, self.height)
+
     @property
     def distance(self) -> float:
         """m, of the camera from the plane."""
-        return focal_px(self.fov_y_deg, self.height) / self.px_per_m
+        return self.focal / self.px_per_m
 
     def camera(self) -> Camera:
-        """A camera that sees the plane so."""
+        """The clip's own camera."""
         right, up = (
             self.in_space(np.array([np.cos(self.roll), -np.sin(self.roll)])),
             self.in_space(np.array([np.sin(self.roll), np.cos(self.roll)])),
         )
         back = np.cross(right, up)
-        turn = Rotation.from_matrix(np.stack([right, up, back], 1)).as_quat(canonical=True, scalar_first=True)
+        rotation = np.stack([right, up, back], 1)
+        if self.tilt is not None:
+            rotation = rotation @ (FLIP @ self.tilt.rotation @ FLIP)
+        turn = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True)
         return Camera(tuple(self.distance * back), self.fov_y_deg, orientation=tuple(turn))

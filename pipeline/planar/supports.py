@@ -60,17 +60,28 @@ def reach(track: ImageTrack, masks: np.ndarray, direction: np.ndarray) -> float:
 
 
 def find_supports(
-    view: View, tracks: Sequence[ImageTrack], masks: np.ndarray, blocks: Sequence[Block] = ()
+    view: View,
+    tracks: Sequence[ImageTrack],
+    flat: Sequence[ImageTrack],
+    masks: np.ndarray,
+    blocks: Sequence[Block] = (),
 ) -> list[Support]:
     """The supports that the tracks of a side view tell of: what bodies move along, then what they bounce off.
 
     Args:
         view: Of the clip.
         tracks: Of its bodies.
+        flat: The same in the picture of the plane, where supports are sought.
         masks: (T, H, W) ids.
         blocks: Fixed bodies that are known: there is no other support where a body bounces off them.
     """
+    tracks, seen = flat, {t.body: t for t in tracks}
     by_body = {t.body: t for t in tracks}
+
+    def reaches(track: ImageTrack, into: np.ndarray) -> float:
+        own = seen[track.body]
+        return reach(own, masks, into) * track.radius / own.radius
+
     if view.kind == "top":
         return find_walls(view, tracks, blocks)
     carried = _ways(view, by_body)
@@ -85,7 +96,7 @@ def find_supports(
             track = by_body[arc.body]
             use = np.arange(arc.start, arc.stop)
             use = use[track.whole[use]]
-            offsets.append(track.centre[use] @ into + reach(track, masks, into))
+            offsets.append(track.centre[use] @ into + reaches(track, into))
             places = track.centre[use] @ along
             margin = MARGIN * track.radius
             ends = _ends(view, arc, along)
@@ -93,7 +104,7 @@ def find_supports(
             high = max(high, places.max() + (0 if ends[1] else margin))
         offset = float(np.median(np.concatenate(offsets)))
         supports.append(Support(offset * into + low * along, offset * into + high * along))
-    return _with_bounces(view, by_body, lambda track, into: reach(track, masks, into), supports, blocks)
+    return _with_bounces(view, by_body, reaches, supports, blocks)
 
 
 def find_walls(view: View, tracks: Sequence[ImageTrack], blocks: Sequence[Block] = ()) -> list[Support]:

@@ -44,11 +44,14 @@ class Tumbling:
     spin: np.ndarray
 
 
-def tumbling(track: ImageTrack, masks: np.ndarray, times: np.ndarray, plane: Plane) -> Tumbling | None:
+def tumbling(
+    track: ImageTrack, flat: ImageTrack, masks: np.ndarray, times: np.ndarray, plane: Plane
+) -> Tumbling | None:
     """The body of a track; None where too few frames show its outline.
 
     Args:
-        track: In the picture of the plane.
+        track: Of the body.
+        flat: The same in the picture of the plane.
         masks: (T, H, W) ids.
         times: (T,) s.
         plane: In which its centre moves.
@@ -60,7 +63,7 @@ def tumbling(track: ImageTrack, masks: np.ndarray, times: np.ndarray, plane: Pla
         return None
     evidence = shape_evidence(contour, np.asarray(times, float), focal, view.rotation_world.T)
     found = evidence.registrations[evidence.ranked[0]]
-    size = np.median(found.focal / np.exp(found.poses[:, 2])) * found.half
+    size = np.median(found.focal / np.exp(found.poses[:, 2])) * found.half * flat.radius / track.radius
     own = view.rotation_world @ aligned_with_sight(found, focal)
     seen = np.asarray(times, float)[found.frames]
     first, spin = free_rotation_through(found.shape, size, own, seen)

@@ -142,8 +142,16 @@ def test_tracks_of_a_cropped_picture_are_moved_into_the_clip() -> None:
 
 
 def test_the_last_third_is_forecast_and_short_clips_are_not() -> None:
-    assert fitted_frames(TIMES) == 21
-    assert fitted_frames(np.arange(5) / 30) == 0
+    shown = np.ones((30, 2, 2), np.uint8)
+    assert fitted_frames(TIMES, shown) == 21
+    assert fitted_frames(np.arange(5) / 30, shown[:5]) == 0
+
+
+def test_what_is_forecast_is_in_view() -> None:
+    left = np.ones((30, 2, 2), np.uint8)
+    left[15:] = 0  # the body has left the picture
+    assert fitted_frames(TIMES, left) == fitted_frames(TIMES[:15], left[:15]) == 10
+    assert fitted_frames(TIMES, 0 * left) == 0
 
 
 @pytest.mark.parametrize(

@@ -97,3 +97,21 @@ def test_upright_lines_tell_the_cameras_roll(roll_deg: float) -> None:
 def test_noise_tells_no_roll() -> None:
     rng = np.random.default_rng(0)
     assert camera_roll(rng.integers(0, 255, (240, 320, 3), dtype=np.uint8)) is None
+
+
+def test_what_goes_at_constant_speed_along_a_line_seen_from_the_side_goes_along_a_level_line() -> None:
+    tracks = [track_of(np.array([40.0, 100.0]) + TIMES[:, None] * [150.0, 150.0 * np.tan(np.radians(3.5))])]
+    arcs = [cut_arcs(t) for t in tracks]
+    assert find_view(tracks, arcs).kind == "side"
+    assert find_view(tracks, arcs).roll_deg == pytest.approx(3.5, abs=0.1)
+    assert find_view(tracks, arcs, 0.0).roll_deg == 0.0  # where the camera's roll is known
+
+
+def test_a_short_fall_tells_the_roll_less_than_a_long_one() -> None:
+    fallen = parabola((120.0, -200.0), (-40.0, 400.0))  # of a camera that is rolled by 5.7 degrees
+    rolls = []
+    for count in (6, 30):
+        track = track_of(fallen[:count])
+        rolls.append(find_view([track], [cut_arcs(track)], kind="side").roll_deg)
+    assert rolls[1] == pytest.approx(5.7, abs=0.5)
+    assert abs(rolls[0]) < rolls[1]

@@ -9,8 +9,10 @@ from scipy.spatial.transform import Rotation
 from pipeline.clips.replay import masks_at, replay_poses
 from pipeline.clips.schedule import Schedule
 from pipeline.metrics.overlap import overlap
+from pipeline.motion.arcs import Arc
 from pipeline.planar.collisions import find_collisions
 from pipeline.planar.find_planar_scene import PlanarAnswer, find_planar_scene, measure_motion, scaled
+from pipeline.planar.planar_scene import sliding_friction
 from pipeline.planar.plane import Plane
 from pipeline.planar.scale import Scale
 from pipeline.scene.scene import FixedBody, Scene, SceneObject
@@ -140,6 +142,15 @@ def test_a_body_that_slides_off_an_incline_is_still_on_an_incline() -> None:
     assert answer.motion.view.kind == "incline"
     assert abs(answer.motion.view.slope_deg) == pytest.approx(25, abs=1.5)
     assert iou > 0.8
+
+
+@pytest.mark.parametrize("speed", [1.6, -0.1])
+def test_friction_brakes_what_slides_up_an_incline_and_what_slides_down(speed: float) -> None:
+    slope, friction, gravity = np.radians(20.0), 0.2, 9.81
+    way = np.array([np.cos(slope), np.sin(slope)])  # down, in the picture
+    pull = gravity * (np.sin(slope) + np.sign(speed) * friction * np.cos(slope))
+    arc = Arc(1, 0, 9, 0.1, 0.2, np.zeros(2), -200 * speed * way, 200 * pull * way, np.eye(3), 0.1)
+    assert sliding_friction(arc, 20.0, SIDE, gravity) == pytest.approx(friction)
 
 
 def test_pucks_that_collide_tell_their_masses() -> None:
