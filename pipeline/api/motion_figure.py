@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from matplotlib.figure import Figure
 
-from pipeline.api.line_plot import Panel, Series, draw_panels
 from pipeline.inference.body_tracks import BodyTrack
 from pipeline.scene.scene import Scene
 from pipeline.vision.rendering.appearance import object_colour
@@ -26,20 +25,30 @@ def write_motion_figure(path: Path, tracks: list[BodyTrack], scene: Scene, metri
         scene: The answer, whose gravity gives the energy.
         metric: What fixed the scale, for the title.
     """
+    figure = Figure(figsize=(7, 9), layout="constrained")
+    axes = figure.subplots(len(PANELS), 1, sharex=True)
     names = [o.name for o in scene.objects]
-    colours = {t.name: object_colour(names.index(t.name)) for t in tracks}
-    shown: list[list[Series]] = [[] for _ in PANELS]
     for track in tracks:
-        for position, dots in ((track.replayed, False), (track.position, True)):
-            speed = speeds(track.times, position)
-            energy = 0.5 * speed**2 - position @ np.array(scene.gravity)
-            for panel, values in zip(shown, (*position.T, speed, energy), strict=True):
-                panel.append(Series(track.times, values, colours[track.name], dots))
-    ways = [np.ptp(np.concatenate([s.y for s in panel])) if panel else 0.0 for panel in shown[:3]]
-    least = [LEAST_SHARE * max(ways)] * 3 + [0.0, 0.0]
-    panels = [Panel(name, tuple(s), width) for name, s, width in zip(PANELS, shown, least, strict=True)]
-    title = f"dots: measured; lines: replay; scale by {metric}"
-    Image.fromarray(draw_panels(panels, title, list(colours.items()), "time, s")).save(path)
+        colour = tuple(c / 255 for c in object_colour(names.index(track.name)))
+        for series, style in ((track.position, {"ls": "", "marker": ".", "ms": 4}), (track.replayed, {"lw": 1.2})):
+            speed = speeds(track.times, series)
+            energy = 0.5 * speed**2 - series @ np.array(scene.gravity)
+            for axis, values in zip(axes, (*series.T, speed, energy), strict=True):
+                axis.plot(track.times, values, color=colour, **style)
+        axes[0].plot([], [], color=colour, label=track.name)
+    ways = [axis.dataLim.height for axis in axes[:3]]
+    for axis in axes[:3]:
+        low, high = axis.dataLim.intervaly
+        half = max(0.55 * (high - low), 0.5 * LEAST_SHARE * max(ways))
+        if np.isfinite(half) and half > 0:
+            axis.set_ylim(0.5 * (low + high) - half, 0.5 * (low + high) + half)
+    for axis, label in zip(axes, PANELS, strict=True):
+        axis.set_ylabel(label)
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[0].set_title(f"dots: measured; lines: replay; scale by {metric}", fontsize=10, loc="left")
+    axes[0].legend(frameon=False, ncols=max(len(tracks), 1), fontsize=9)
+    axes[-1].set_xlabel("time, s")
+    figure.savefig(path, dpi=110)
 
 
 def speeds(times: np.ndarray, position: np.ndarray) -> np.ndarray:
