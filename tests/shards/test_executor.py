@@ -43,8 +43,11 @@ def fail_strangely(_: int) -> None:
 
 
 def test_results_come_in_the_order_of_completion_from_other_processes(tmp_path: Path) -> None:
-    items = [Item("a", tmp_path, after="c"), Item("b", tmp_path), Item("c", tmp_path)]
-    done = list(LocalExecutor(workers=2, threads=1).map(leave_a_file, items))
+    items = [Item("a", tmp_path, after="go on"), Item("b", tmp_path), Item("c", tmp_path)]
+    results = LocalExecutor(workers=2, threads=1).map(leave_a_file, items)
+    done = [next(results), next(results)]
+    (tmp_path / "go on").touch()
+    done += results
     assert [name for name, _ in done] == ["b", "c", "a"]
     assert os.getpid() not in {process for _, process in done}
 
