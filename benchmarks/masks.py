@@ -122,11 +122,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     parser.add_argument("--each", action="store_true", help="print each clip")
     parser.add_argument("--no-classical", action="store_true")
-    parser.add_argument(
-        "--plain",
-        action="store_true",
-        help="also without the network for outlines (plain), and without the second network (single)",
-    )
+    parser.add_argument("--plain", action="store_true", help="also without the network for outlines")
     for family in FAMILIES:
         parser.add_argument(f"--{family}", type=Path, help="folder of its weights; its row is left out without one")
     arguments = parser.parse_args()
@@ -135,9 +131,8 @@ def main() -> None:
     networks = load_mask_networks(arguments.weights)
     finders: dict[str, Finder] = {"network": lambda clip: moving_masks(clip.frames, clip.times, networks)}
     if arguments.plain:
-        plain, single = replace(networks, outlines=None), replace(networks, second=None)
+        plain = replace(networks, outlines=None)
         finders["plain"] = lambda clip: moving_masks(clip.frames, clip.times, plain)
-        finders["single"] = lambda clip: moving_masks(clip.frames, clip.times, single)
     if not arguments.no_classical:
         finders["classical"] = classical
     for family in FAMILIES:

@@ -3,6 +3,9 @@
 Two pieces are one body if the vector between them rests while both turn back together, and if what lies between them
 differs from the background. Two balls that fall side by side turn back together, too, but between them is background.
 A piece that is seen for a while, where one of the others would be, belongs to them.
+
+Pieces that touch, whichever of them is seen, are one body, too, if together they keep their length and area while they
+go some way and turn back.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from pipeline.motion.image_track import MAD, ImageTrack, image_tracks
 
@@ -26,6 +30,9 @@ LEAST_TURN = 0.3  # of that way, that they must go back
 LEAST_BRIDGE = 0.5  # of what is between them must differ from the background
 LEAST_CONTRAST = 6.0  # grey levels, or 4 standard deviations of the noise
 BACKGROUND_FRAMES = 40
+LEAST_COMMON, MOSTLY = 3, 0.8  # frames that show two pieces; share of them in which pieces of one body touch
+TOUCH_PX = 2  # between pieces that touch
+SAME_SHAPE = 0.15  # most change of length and of the root of the area, as a share, in most of the frames
 
 
 def joined_pieces(
@@ -48,11 +55,10 @@ def joined_pieces(
     for one, other in itertools.combinations(tracks, 2):
         both_known = known[one.body - 1] and known[other.body - 1]
         if not both_known and moves_stiffly(one, other) and _bridged(masks, frames, one, other):
-            first = next(g for g in groups if one.body in g)
-            second = next(g for g in groups if other.body in g)
-            if first is not second:
-                groups.remove(second)
-                first += second
+            groups = _merged(groups, [one.body, other.body])
+    for touching in touching_sets(masks):
+        if sum(known[body - 1] for body in touching) < 2 and keeps_shape(np.isin(masks, touching), times):
+            groups = _merged(groups, touching)
     whole = {body for body, is_stiff in enumerate(stiff, 1) if is_stiff}
     if not whole and all(len(g) == 1 for g in groups):
         return masks, groups
@@ -65,6 +71,13 @@ def joined_pieces(
     return out, groups
 
 
+def _merged(groups: list[list[int]], bodies: Sequence[int]) -> list[list[int]]:
+    """The groups, of which all that have one of the bodies are one; in the order of their first bodies."""
+    hit = [g for g in groups if set(g) & set(bodies)]
+    rest = [g for g in groups if g not in hit]
+    return sorted([*rest, sorted(itertools.chain.from_iterable(hit))], key=min)
+
+
 def moves_stiffly(one: ImageTrack, other: ImageTrack) -> bool:
     """Whether the vector between two tracks rests while both go some way and turn back."""
     _, i, j = np.intersect1d(one.frames, other.frames, return_indices=True)
@@ -74,13 +87,47 @@ def moves_stiffly(one: ImageTrack, other: ImageTrack) -> bool:
     middle = np.median(apart, axis=0)
     length = float(np.linalg.norm(middle))
     spread = MAD * float(np.median(np.abs(apart - middle), axis=0).max())
-    place = 0.5 * (one.centre[i] + other.centre[j])
-    centred = place - place.mean(0)
-    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
-    way = float(np.ptp(along))
+    way, back = _way_and_back(0.5 * (one.centre[i] + other.centre[j]))
     if spread > max(STIFF_PX, STIFF_SHARE * length, STIFF_WAY * way):
         return False
-    return way > LEAST_WAY * length and _turned_back(along) > LEAST_TURN * way
+    return way > LEAST_WAY * length and back > LEAST_TURN * way
+
+
+def touching_sets(masks: np.ndarray) -> list[list[int]]:
+    """Sets of two or more bodies of masks (T, H, W), each of which mostly touches another one while both are seen."""
+    count = int(masks.max(initial=0))
+    both, touching = np.zeros((2, count, count), int)
+    near = np.ones((2 * TOUCH_PX + 1,) * 2, np.uint8)
+    for mask in masks:
+        blobs = cv2.connectedComponents(cv2.dilate((mask > 0).astype(np.uint8), near))[1]
+        blob_of = {int(body) - 1: np.bincount(blobs[mask == body]).argmax() for body in np.unique(mask[mask > 0])}
+        for one, other in itertools.combinations(blob_of, 2):
+            both[one, other] += 1
+            touching[one, other] += blob_of[one] == blob_of[other]
+    linked = (both >= LEAST_COMMON) & (touching >= MOSTLY * both)
+    number, label = connected_components(linked, directed=False)
+    sets = [[body + 1 for body in np.flatnonzero(label == k).tolist()] for k in range(number)]
+    return [bodies for bodies in sets if len(bodies) > 1]
+
+
+def keeps_shape(mask: np.ndarray, times: np.ndarray) -> bool:
+    """Whether a mask (T, H, W) bool at times (T,) s keeps its length and area while it goes some way and turns back."""
+    tracks = image_tracks(mask, times)
+    if not tracks or tracks[0].whole.sum() < LEAST_FRAMES:
+        return False
+    track = tracks[0].part(tracks[0].whole)
+    for size in (track.axes[:, 0], np.sqrt(track.area)):
+        if np.mean(np.abs(size / np.median(size) - 1) < SAME_SHAPE) < MOSTLY:
+            return False
+    way, back = _way_and_back(track.centre)
+    return way > LEAST_WAY * float(np.median(track.axes[:, 0])) and back > LEAST_TURN * way
+
+
+def _way_and_back(place: np.ndarray) -> tuple[float, float]:
+    """How far places (T, 2) reach along their main line, px, and the longest way back along it."""
+    centred = place - place.mean(0)
+    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    return float(np.ptp(along)), _turned_back(along)
 
 
 def _take_in(groups: list[list[int]], tracks: dict[int, ImageTrack], known: Sequence[bool]) -> None:

@@ -75,7 +75,7 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
         ParamsError: For prompts that are outside of the clip, or that nothing in it fits.
     """
     prompts.check(clip.source_size, clip.source_times)
-    found = find_candidates(clip.frames, networks.moving, networks.second)
+    found = find_candidates(clip.frames, networks.moving)
     like_other = figure(found, "other")
     likely = candidate_scores(found, networks.moving)
     choice = TrackChoice(

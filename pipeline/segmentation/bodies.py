@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.segmentation.cast_shadows import cast_shadows
 from pipeline.segmentation.grouping import Track, follow
-from pipeline.segmentation.inference import Prediction, mean_prediction, predict, predictions, steadied
+from pipeline.segmentation.inference import Prediction, predict, steadied
 from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exposure
 from pipeline.segmentation.joining import joined, typical_radius
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
@@ -58,9 +58,7 @@ def working_size(width: int, height: int, pixels: int = WORK_PX) -> tuple[int, i
     return w, h
 
 
-def find_candidates(
-    frames: np.ndarray, network: SegmentationNetwork, second: SegmentationNetwork | None = None
-) -> Candidates:
+def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candidates:
     """Tracks of whatever may be a moving body.
 
     The network looks twice. A body that rests for most of the clip, or is slow, is in the median picture; the second
@@ -69,7 +67,6 @@ def find_candidates(
     Args:
         frames: (T, H, W, 3) uint8.
         network: For moving bodies.
-        second: Another one; the second look is the mean of both. None: `network` alone.
 
     Raises:
         ValueError: For frames of another type or shape, or a single one.
@@ -87,8 +84,7 @@ def find_candidates(
     plate, filled = clear_plate(small, covered, features.background)
     if np.array_equal(plate, features.background):
         return first
-    both = [network] if second is None else [network, second]
-    again = mean_prediction(predictions(both, small, replace(features, background=plate)))
+    again = predict(network, small, replace(features, background=plate))
     # Where the background is not known, a body that the first look saw there stays.
     moving = np.where(covered & filled, np.maximum(again.moving, first.prediction.moving), again.moving)
     return _tracked(replace(again, moving=moving), small, plate)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -32,32 +31,14 @@ class Prediction:
     radius: np.ndarray
 
 
-def mean_prediction(looks: Sequence[Prediction]) -> Prediction:
-    """The mean of several networks' answers for one clip: of radii the geometric one."""
-
-    def mean(name: str) -> np.ndarray:
-        return np.asarray(np.mean([getattr(look, name) for look in looks], axis=0))
-
-    radius = np.exp(np.mean([np.log(look.radius) for look in looks], axis=0))
-    return Prediction(mean("moving"), mean("body"), mean("other"), mean("vote"), radius)
-
-
+@torch.inference_mode()
 def predict(network: SegmentationNetwork, frames: np.ndarray, features: ClipFeatures) -> Prediction:
     """The answers for a clip (T, H, W, 3) uint8, H and W multiples of `network.STRIDE`, and its features."""
-    return predictions([network], frames, features)[0]
-
-
-@torch.inference_mode()
-def predictions(
-    networks: Sequence[SegmentationNetwork], frames: np.ndarray, features: ClipFeatures
-) -> list[Prediction]:
-    """The answers of each of several networks, which share their input; arguments as of `predict`."""
     count, height, width = frames.shape[:3]
     pictures = torch.from_numpy(frames).permute(0, 3, 1, 2)
     background, low, high = (_picture(p) for p in (features.background, features.low, features.high))
     flicker = torch.from_numpy(features.flicker)[None, None].float() / 255
-    ready = [without_norms(n) for n in networks]
-    found = [_Answers(count, height, width) for _ in networks]
+    ready, answers = without_norms(network), _Answers(count, height, width)
     for first in range(0, count, BATCH):
         at = range(first, min(first + BATCH, count))
         others = torch.stack([pictures[list(neighbours(t, count))] for t in at]).float() / 255
@@ -66,13 +47,12 @@ def predictions(
         level = flicker.expand(len(at), -1, height, width)
         shown = network_input(frame, background, low, high, level, others, flow.permute(0, 3, 1, 2))
         full, half = (x.contiguous(memory_format=torch.channels_last) for x in shown)
-        for network, answers in zip(ready, found, strict=True):
-            answers.fill(at, *network(full, half))
-    return [answers.prediction() for answers in found]
+        answers.fill(at, *ready(full, half))
+    return answers.prediction()
 
 
 class _Answers:
-    """One network's answers for a clip, filled frame by frame."""
+    """The network's answers for a clip, filled frame by frame."""
 
     def __init__(self, count: int, height: int, width: int) -> None:
         self._probability = np.empty((3, count, height, width), np.float32)

@@ -78,6 +78,20 @@ def test_two_bodies_that_go_one_way_side_by_side_stay_two(backwards: bool) -> No
     assert joined_pieces(masks, clip_with(masks, shadow), TIMES, [False, False])[1] == [[1], [2]]
 
 
+def test_touching_parts_that_turn_back_together_are_one_body_though_their_numbers_change() -> None:
+    left, middle, right = (drawn(there_and_back(x), (w, 14)) for x, w in ((25, 10), (50, 40), (75, 10)))
+    masks = np.where(left, 1, np.where(middle, 2, np.where(right, 3, 0))).astype(np.uint8)
+    masks[18:][masks[18:] == 3] = 4
+    assert joined_pieces(masks, clip_with(masks), TIMES, [False] * 4)[1] == [[1, 2, 3, 4]]
+
+
+def test_a_body_that_is_pushed_to_another_and_back_alone_stays_a_body() -> None:
+    x = 20 + 80 * (1 - np.abs(2 * TIMES / TIMES[-1] - 1))
+    one, other = (drawn(np.stack([a, np.full(30, 30.0)], 1), (14, 14)) for a in (x, np.maximum(x[15] + 14, x + 14)))
+    masks = np.where(one, 1, np.where(other, 2, 0)).astype(np.uint8)
+    assert joined_pieces(masks, clip_with(masks), TIMES, [False] * 2)[1] == [[1], [2]]
+
+
 def test_bodies_that_the_user_named_stay_two() -> None:
     masks, bar = ends(), drawn(there_and_back(45), (50, 12))
     assert joined_pieces(masks, clip_with(masks, bar), TIMES, [True, True])[1] == [[1], [2]]

@@ -46,7 +46,7 @@ def track_iou(track: Track, mask: np.ndarray, body: int) -> float:
 
 def labelled_tracks(networks: MaskNetworks, clip: TrainingClip) -> tuple[np.ndarray, np.ndarray]:
     """Figures (N, F) of a clip's tracks, and whether they are moving bodies (N,): 1, 0, or NaN (not clear)."""
-    found = find_candidates(clip.frames, networks.moving, networks.second)
+    found = find_candidates(clip.frames, networks.moving)
     labels = np.full(len(found.tracks), np.nan)
     claimed: set[int] = set()
     for k, track in enumerate(found.tracks):
