@@ -7,14 +7,19 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.inference.asking import raw_flow, shown_flow
 from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
 from pipeline.model.model_input import ModelInput
+from pipeline.perception.free_motion import LEAST_SECONDS
 from pipeline.perception.mask_source import mask_source
 from pipeline.perception.user_clip import UserClip, with_masks
 from pipeline.perception.video_stretch import VideoStretch, read_stretch
 from pipeline.vision.recordings.video import FPS
+
+LATE = 0.15  # s: a clip in which no body is seen for longer begins where one is
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,8 @@ def measure_clip(
 ) -> MeasuredClip:
     """Read frames, find bodies and measure flow.
 
+    A stretch whose beginning the user did not choose begins where a body is first seen.
+
     Args:
         clip: A stretch of a video, or frames with masks.
         shown: How the model's input is made, which says how flow is measured.
@@ -63,6 +70,12 @@ def measure_clip(
         if isinstance(clip, VideoStretch):
             with progress.step("masks"):
                 taken = with_masks(read, clip.prompts)
+            late = seen_from(taken)
+            if clip.start is None and late > LATE and part.seconds - late >= LEAST_SECONDS:
+                progress.say("note", f"no body is seen before {part.start + late:.2f} s: the clip begins there")
+                rest = round(float(np.floor(1000 * (part.seconds - late)) / 1000), 3)
+                later = replace(clip, start=round(part.start + late, 3), seconds=rest)
+                return measure_clip(later, shown, flow, progress=progress, when_seen=when_seen)
             say_bodies(progress, name, begins, taken, [*([note] if note else []), *taken.clip.notes])
         if when_seen is not None:
             when_seen(taken)
@@ -70,6 +83,11 @@ def measure_clip(
             field = shown_flow(measuring.result(), taken, schedule, shown)
     measured = measured_clip(name, taken, schedule, field)
     return measured if note is None else replace(measured, notes=(note, *measured.notes))
+
+
+def seen_from(taken: UserClip) -> float:
+    """s after its beginning, when a clip first shows a body."""
+    return float(taken.clip.times[taken.masks.any((1, 2)).argmax()])
 
 
 def say_bodies(progress: Progress, name: str, start: float, taken: UserClip, notes: Sequence[str]) -> None:
