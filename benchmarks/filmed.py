@@ -1,10 +1,11 @@
 """Real clips, one plain command each: bodies, view, overlap with drawn outlines, and what a teacher would check.
 
-    python -m benchmarks.filmed [--search 2000] [--only NAME ...] [--out FOLDER]
+    python -m benchmarks.filmed [--search 2000] [--drawn-stretch] [--only NAME ...] [--out FOLDER]
 
 Clips: benchmarks/outlines, whose videos are in DYNAMICS_DATA or ../shared/data. Each is asked for as `dynamics infer`
-would be, over the stretch in which its bodies move freely, with the frame rate at which it was shot, and the length or
-size that its source gives. --out keeps each result's folder.
+would be, with the frame rate at which it was shot, the length or size that its source gives, and at most one click. The
+command chooses the stretch in which bodies move freely; --drawn-stretch gives it the one that has outlines, in which
+somebody saw them move so. --out keeps each result's folder.
 """
 
 from __future__ import annotations
@@ -110,10 +111,15 @@ def acceleration(found: Inference) -> float:
     return float(np.linalg.norm(longest(found).arc.acceleration)) / found.scenes.filmed.answer.scale.px_per_m
 
 
+def begins(found: Inference) -> float:
+    """s of the recording, where the stretch begins that the answer is fitted to."""
+    return float(found.clip.taken.clip.source_times[0])
+
+
 def launched(found: Inference) -> np.ndarray:
-    """(2,) m/s of a thrown body 10 frames of 1/240 s before the clip begins, where the launcher lets it go."""
+    """(2,) m/s of a thrown body LET_GO s after the recording begins, where the launcher lets it go."""
     velocity, pull = np.array(found.scene.objects[0].velocity), np.array(found.scene.gravity)
-    return np.asarray((velocity - 10 / 240 * pull)[[0, 2]])
+    return np.asarray((velocity - (begins(found) - LET_GO) * pull)[[0, 2]])
 
 
 def momentum_kept(found: Inference) -> float:
@@ -189,28 +195,34 @@ CHECKS = [
         for count, what, expected in ((1, "next bounce after the first 4 s", 4.13), (2, "bounce after the next", 5.3))
     ),
 ]
+LET_GO = 162 / 240  # s of phys_Projectile_Motion, where the launcher lets the ball go
 CLICKED_PX = 3.0
 # Tables of clicked centres, and the frame of this file that frame k of the table shows: k times the first number plus
 # the second. Those of osp_airpucks_unequal are of another file.
 CLICKED = {"osp_pucks_collide": ("osp_pucks_collide", 1, 0), "osp_BallTossOut": ("osp_balltoss_meterstick", 2, 6)}
 
 
-def asked(clip: DrawnClip, video: Path, search: int, seconds: float | None = None) -> Inference:
-    """The answer to one plain command. seconds: instead of the stretch with drawn outlines."""
-    first, last = clip.stretch_frames
+def asked(clip: DrawnClip, video: Path, search: int, stretch: tuple[float | None, float | None]) -> Inference:
+    """The answer to one plain command. stretch: begin and length, s; None: the command chooses."""
     known = CLIPS[video.stem]
     marks = clip.length_marks if known.length else None
     # Pixel centres have integer coordinates in the outlines, half integers in the library.
     length = None if marks is None else (*(marks.px + 0.5).ravel().tolist(), marks.m)
     return infer(
         video,
-        start=first / clip.fps,
-        seconds=seconds or (last - first) / clip.fps,
+        start=stretch[0],
+        seconds=stretch[1],
         fps=clip.fps if in_slow_motion(clip) else None,
         prompts=Prompts.of(objects=known.objects, ignore=() if known.ignore is None else (known.ignore,)),
         world=World.of(length=length, size=known.size),
         search=search,
     )
+
+
+def drawn_stretch(clip: DrawnClip) -> tuple[float, float]:
+    """Begin and length, s, of the stretch with drawn outlines, in which the bodies move freely."""
+    first, last = clip.stretch_frames
+    return first / clip.fps, (last - first) / clip.fps
 
 
 def in_slow_motion(clip: DrawnClip) -> bool:
@@ -219,10 +231,14 @@ def in_slow_motion(clip: DrawnClip) -> bool:
 
 
 def drawn_iou(clip: DrawnClip, found: Inference, video: Path) -> float:
-    """Sequence IoU of the answer's replay with the drawn outlines, in the video's own picture."""
+    """Sequence IoU of the answer's replay with the outlines drawn in its stretch, in the video's own picture."""
     names = [name for name, _ in clip.objects]
-    first = clip.stretch_frames[0]
-    frames = sorted(k for k in clip.frames if k >= first)
+    stamps = frame_times(video, clip.fps if in_slow_motion(clip) else None)
+    shown = found.clip.taken.clip.source_times
+    within = (stamps >= shown[0] - 0.5 / clip.fps) & (stamps <= 2 * shown[-1] - shown[-2])
+    frames = sorted(k for k in clip.frames if within[k])
+    if not frames:
+        return 0.0
     scale = min(1.0, (PX / (clip.width * clip.height)) ** 0.5)
     size = (round(clip.width * scale), round(clip.height * scale))
     masks = np.zeros((len(frames), size[1], size[0]), np.uint8)
@@ -230,8 +246,7 @@ def drawn_iou(clip: DrawnClip, found: Inference, video: Path) -> float:
         for outline in clip.frames[k]:
             whole = outline_mask([outline.polygon], clip.width, clip.height)
             mask[cv2.resize(whole, size, interpolation=cv2.INTER_NEAREST) > 0] = names.index(outline.object) + 1
-    stamps = frame_times(video, clip.fps if in_slow_motion(clip) else None)
-    times = stamps[frames] - stamps[first]
+    times = np.maximum(stamps[frames] - shown[0], 0)
     if found.best.name == TRACKS and found.scenes.filmed.answer is not None:  # its own camera sees the whole picture
         own = masks_at(found.scenes.filmed.answer.scene, times, *size)
         return overlap(own, masks, len(found.scene.objects), len(names)).sequence
@@ -249,13 +264,13 @@ def clicked_distance(clip: DrawnClip, found: Inference, clicks: pd.DataFrame) ->
         found: The answer.
         clicks: With the columns object, frame (of the file), x_px and y_px.
     """
-    filmed, first = found.scenes.filmed, clip.stretch_frames[0]
+    filmed = found.scenes.filmed
     px = clip.width / filmed.masks.shape[2]
     distances = []
     for _, rows in clicks.groupby("object"):
         each = []
         for track in filmed.motion.tracks:
-            times = (rows["frame"].to_numpy() - first) / clip.fps
+            times = rows["frame"].to_numpy() / clip.fps - begins(found)
             inside = (times >= track.times[0] - 1e-6) & (times <= track.times[-1] + 1e-6)
             place = np.stack([np.interp(times[inside], track.times, px * track.centre[:, k]) for k in (0, 1)], 1)
             each.append(np.linalg.norm(place - rows[["x_px", "y_px"]].to_numpy()[inside], axis=1))
@@ -272,12 +287,15 @@ def row(clip: DrawnClip, found: Inference, video: Path, seconds: float) -> tuple
     seen_right = view == true or {view, true} == {"side", "flight"}
     marks = f"{'' if found.scene.composition == kinds else 'not '}{kinds}", f"{'' if seen_right else 'not '}{true}"
     line = f"| {Path(clip.clip).stem} | {found.scene.composition} ({marks[0]}) | {view} ({marks[1]}) | {iou:.2f} | "
-    return line + f"{found.grade.name} | {found.best.name} | {seconds:.0f} |", iou
+    shown = found.clip.taken.clip.source_times
+    stretch = f"{shown[0]:.2f} to {2 * shown[-1] - shown[-2]:.2f}"
+    return line + f"{found.grade.name} | {found.best.name} | {stretch} | {seconds:.0f} |", iou
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--search", type=int, default=2000)
+    parser.add_argument("--drawn-stretch", action="store_true", help="give the stretch that has outlines")
     parser.add_argument("--only", nargs="*", default=[])
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args(argv)
@@ -287,7 +305,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     answers: dict[str, Inference] = {}
     ious = []
     print(
-        "| clip | bodies | view | IoU, drawn outlines | grade | by | s |\n| --- | --- | --- | --- | --- | --- | --- |"
+        "| clip | bodies | view | IoU, drawn outlines | grade | by | stretch, s | time, s |\n"
+        "| --- | --- | --- | --- | --- | --- | --- | --- |"
     )
     clips = {Path(clip.clip).stem: clip for clip in read_outlines(OUTLINES)}
     for name, clip in clips.items():
@@ -295,9 +314,10 @@ def main(argv: Sequence[str] | None = None) -> None:
             continue
         start = time.monotonic()
         try:
-            found = asked(clip, folder / clip.clip, arguments.search)
+            stretch = drawn_stretch(clip) if arguments.drawn_stretch else (None, None)
+            found = asked(clip, folder / clip.clip, arguments.search, stretch)
         except DynamicsError as error:
-            print(f"| {name} | {error} | | 0 | | | |", flush=True)
+            print(f"| {name} | {error} | | 0 | | | | |", flush=True)
             ious.append(0.0)
             continue
         line, iou = row(clip, found, folder / clip.clip, time.monotonic() - start)
@@ -316,9 +336,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         if check.seconds is not None:
             key = check.clip, check.seconds
             if key not in shorter:
-                shorter[key] = asked(
-                    clips[check.clip], folder / clips[check.clip].clip, arguments.search, check.seconds
-                )
+                start = drawn_stretch(clips[check.clip])[0]
+                video = folder / clips[check.clip].clip
+                shorter[key] = asked(clips[check.clip], video, arguments.search, (start, check.seconds))
             found = shorter[key]
         try:
             value = check.measure(found)

@@ -13,6 +13,7 @@ DISC = 1.25  # largest ratio of the axes of a disc
 LEAST_SEEN = 0.35  # of a disc's area, from which its centre is found where the border of the picture cuts it
 MAD = 1.4826  # median absolute deviation -> standard deviation of a normal distribution
 LEAST_SIGMA = 0.02  # px
+NEAR_FRAMES, SAME_SIZE = 5, 0.2  # frames before and after; most change of length, or of the root of the area, from them
 _THIRD_DIFFERENCE = 20.0**0.5  # standard deviation of a third difference of white noise of standard deviation 1
 
 
@@ -29,7 +30,7 @@ class ImageTrack:
         angle: (T,) rad, of the longer axis, from the picture's x axis towards its y axis (clockwise on the screen).
         area: (T,) px².
         whole: (T,) bool: the centre can be trusted: the mask does not touch the border of the picture, or the body is a
-            disc of which enough is seen to find its centre.
+            disc of which enough is seen to find its centre; and it is as long and as large as shortly before and after.
         sigma: px, standard deviation of each coordinate of a centre, from the centres themselves.
     """
 
@@ -97,6 +98,7 @@ def _track(body: int, own: np.ndarray, times: np.ndarray) -> ImageTrack | None:
         return None
     table = np.array(rows, float)
     frames = table[:, 0].astype(int)
+    table[~keeps_size(table[:, 3]) | ~keeps_size(np.sqrt(table[:, 6])), 7] = 0
     _complete_discs(table, own)
     return ImageTrack(
         body=body,
@@ -109,6 +111,12 @@ def _track(body: int, own: np.ndarray, times: np.ndarray) -> ImageTrack | None:
         whole=table[:, 7] > 0,
         sigma=centre_sigma(table[:, 1:3]),
     )
+
+
+def keeps_size(size: np.ndarray) -> np.ndarray:
+    """(T,) bool: where sizes (T,) are about the median of those of the NEAR_FRAMES frames before and after."""
+    near = [np.median(size[max(k - NEAR_FRAMES, 0) : k + NEAR_FRAMES + 1]) for k in range(len(size))]
+    return np.asarray(np.abs(size / near - 1) < SAME_SIZE)
 
 
 def centre_sigma(centre: np.ndarray) -> float:

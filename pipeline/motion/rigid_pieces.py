@@ -113,9 +113,9 @@ def touching_sets(masks: np.ndarray) -> list[list[int]]:
 def keeps_shape(mask: np.ndarray, times: np.ndarray) -> bool:
     """Whether a mask (T, H, W) bool at times (T,) s keeps its length and area while it goes some way and turns back."""
     tracks = image_tracks(mask, times)
-    if not tracks or tracks[0].whole.sum() < LEAST_FRAMES:
+    if not tracks or len(tracks[0]) < LEAST_FRAMES:
         return False
-    track = tracks[0].part(tracks[0].whole)
+    track = tracks[0]
     for size in (track.axes[:, 0], np.sqrt(track.area)):
         if np.mean(np.abs(size / np.median(size) - 1) < SAME_SHAPE) < MOSTLY:
             return False

@@ -15,7 +15,7 @@ from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exp
 from pipeline.segmentation.joining import joined, typical_radius
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
 from pipeline.segmentation.plate import clear_plate
-from pipeline.segmentation.resting import resting
+from pipeline.segmentation.resting import resting, without_ghosts
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge
 
@@ -77,7 +77,8 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     small = first.frames
     scores = candidate_scores(first, network)
     covered = np.zeros(small.shape[:3], bool)
-    probable = [t for t, s in zip(first.tracks, scores, strict=True) if s >= PLATE_SCORE]
+    likely = [t for t, s in zip(first.tracks, scores, strict=True) if s >= PLATE_SCORE]
+    probable = [without_ghosts(t, small, features.background) for t in likely]
     for track in resting(probable, small):
         for t, piece in track.pieces.items():
             covered[t].reshape(-1)[piece.pixels] = True

@@ -16,6 +16,7 @@ ALIKE = 14  # of 255: most change of a pixel's channels where the same thing is 
 LEAST_ALIKE = 0.85  # of a body's pixels that no other body hides
 LEAST_IN_VIEW = 0.3  # of a body's pixels: of a body that is hidden more it cannot be told whether it rests
 SLOW = 2  # px a frame: what moves faster is not looked for
+GHOST = 0.5  # share of a piece's pixels, where a body rests in the background, that differ from it in a ghost
 LEAST_REST = 3  # frames in a row that must show the body
 SHIFTS = sorted(
     ((dy, dx) for dy in range(-SLOW, SLOW + 1) for dx in range(-SLOW, SLOW + 1)), key=lambda s: s[0] ** 2 + s[1] ** 2
@@ -66,6 +67,34 @@ class Rest:
 def resting(tracks: Sequence[Track], frames: np.ndarray) -> list[Track]:
     """The tracks of a clip's bodies, each as of `with_rests` beside all others."""
     return [with_rests(k, frames, [other for other in tracks if other is not k]) for k in tracks]
+
+
+def without_ghosts(track: Track, frames: np.ndarray, background: np.ndarray) -> Track:
+    """The track without the frames in which it is a ghost.
+
+    A body that rests for most of a clip is in the background. Before it comes, its place differs from the background
+    because the body is not there yet.
+
+    Args:
+        track: As it was followed.
+        frames: (T, H, W, 3) uint8.
+        background: (H, W, 3) uint8, in which bodies that rest for long may be seen.
+    """
+    flat = background.reshape(-1, 3).astype(np.int16)
+    at_rest, change = set(), {}
+    for t, piece in track.pieces.items():
+        change[t] = np.abs(frames[t].reshape(-1, 3)[piece.pixels] - flat[piece.pixels]).max(-1) >= ALIKE
+        if change[t].mean() < GHOST:
+            at_rest.add(t)
+    if not at_rest:
+        return track
+    place = np.unique(np.concatenate([track.pieces[t].pixels for t in at_rest]))
+    pieces = {
+        t: piece
+        for t, piece in track.pieces.items()
+        if t in at_rest or (change[t] & np.isin(piece.pixels, place)).mean() < GHOST
+    }
+    return replace(track, pieces=pieces)
 
 
 def with_rests(track: Track, frames: np.ndarray, others: Sequence[Track] = ()) -> Track:
