@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.segmentation.grouping import Piece, Track
+from pipeline.segmentation.handover import with_own_places
 
 LONGEST_GAP = 10  # frames
 SHORTEST = 2  # frames; what is seen for less is noise
@@ -23,7 +24,8 @@ LEAST_BRIDGE = 0.15  # mean probability, of a moving body, between the ends
 def joined(tracks: list[Track], probability: np.ndarray) -> list[Track]:
     """The tracks with those of one body made one. probability: (T, H, W) that a pixel shows a moving body."""
     width = probability.shape[2]
-    whole = _together(_continued([t for t in tracks if len(t.pieces) >= SHORTEST]), width)
+    own = with_own_places([t for t in tracks if len(t.pieces) >= SHORTEST], len(probability))
+    whole = _together(_continued(own), width)
     return _together(_continued(_stiff(whole, probability)), width)
 
 
