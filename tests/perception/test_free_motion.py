@@ -12,7 +12,7 @@ from pipeline.errors import VideoError
 from pipeline.perception.free_motion import fitted, free_way, longest_motion, stretch_of
 from pipeline.perception.user_clip import mask_networks
 from pipeline.segmentation.grouping import Piece, Track
-from pipeline.vision.recordings.video import write_video
+from pipeline.vision.recordings.video import read_clip, write_video
 
 TIMES = np.arange(60) / 30
 
@@ -92,6 +92,14 @@ def test_short_files_and_what_the_user_says_need_no_look_at_the_motion(tmp_path:
     assert (masks.start, masks.seconds) == (0.5, pytest.approx(20 / 30))
     with pytest.raises(VideoError, match=r"is 2\.00 s long: a clip of 5 s does not fit"):
         stretch_of(tmp_path / "long.mp4", no_network, **asked | {"seconds": 5.0})
+
+
+@pytest.mark.parametrize(("frames", "fps"), [(13, 15.15), (24, 30.0), (100, 120.0), (9, 10.0)])
+def test_the_whole_of_a_short_file_can_be_read(tmp_path: Path, frames: int, fps: float) -> None:
+    write_video(tmp_path / "clip.mp4", np.zeros((frames, 32, 48, 3), np.uint8), fps)
+    part = stretch_of(tmp_path / "clip.mp4", no_network, assume_fps=None, start=None, seconds=None, masks=None)
+    assert part.seconds == pytest.approx(frames / fps, abs=0.06)
+    assert len(read_clip(tmp_path / "clip.mp4", part.start, part.seconds).frames) == round(part.seconds * 30)
 
 
 def test_a_disc_that_rests_and_then_moves_is_looked_at_while_it_moves(tmp_path: Path) -> None:

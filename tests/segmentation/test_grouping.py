@@ -5,9 +5,10 @@ import pytest
 
 from pipeline.segmentation.bodies import draw_masks
 from pipeline.segmentation.grouping import Piece, Track, follow
+from pipeline.segmentation.handover import with_own_places
 from pipeline.segmentation.inference import Prediction, steadied
 from pipeline.segmentation.joining import joined
-from pipeline.segmentation.resting import resting, with_rests
+from pipeline.segmentation.resting import resting, with_rests, without_ghosts
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge, guided_filter
 
@@ -214,3 +215,45 @@ def test_a_body_that_rests_behind_another_is_kept_while_parts_of_it_are_seen():
     whole = resting([behind, front], frames)[0]
     assert sorted(whole.pieces) == list(range(16))
     np.testing.assert_array_equal(np.sort(whole.pieces[15].pixels), np.flatnonzero(mask[15] == 1))
+
+
+def track_of(path, frames, mask, body, shown):
+    pieces = {t: piece_in(mask[t] == body, frames[t]) for t in shown}
+    return Track(np.array(path[0]), 6.0, np.zeros((1, 3)), pieces=pieces)
+
+
+def struck_pucks(shift=0):
+    """Three tracks of two pucks: the one that arrives goes on as the one that it hits at frame 8; the one that is hit;
+    the one that stops, `shift` px from where it does. And masks of the two pucks."""
+    arrives = np.concatenate([line((12, 40), (68, 40), 8), np.repeat([[70.0 + shift, 40.0]], 8, 0)])
+    leaves = np.concatenate([np.repeat([[82.0, 40.0]], 8, 0), line((84, 40), (112, 40), 8)])
+    frames, _, mask = answers([arrives, leaves], radius=6)
+    early, late = range(8), range(8, 16)
+    passing = track_of(arrives, frames, mask, 1, early)
+    passing.pieces.update(track_of(leaves, frames, mask, 2, late).pieces)
+    return [passing, track_of(leaves, frames, mask, 2, early), track_of(arrives, frames, mask, 1, late)], mask
+
+
+def test_a_puck_that_stops_and_the_one_that_goes_on_have_their_own_tracks():
+    tracks, mask = struck_pucks()
+    own = with_own_places(tracks, len(mask))
+    assert [len(k.pieces) for k in own] == [16, 16]
+    for body, track in enumerate(own, 1):
+        assert all(np.array_equal(p.pixels, np.flatnonzero(mask[t] == body)) for t, p in track.pieces.items())
+
+
+def test_a_body_that_begins_elsewhere_takes_nobodys_place():
+    tracks, mask = struck_pucks(shift=-50)
+    assert [len(k.pieces) for k in with_own_places(tracks, len(mask))] == [16, 8, 8]
+
+
+def test_a_body_that_rests_in_the_background_has_no_ghost_before_it_comes():
+    path = np.concatenate([line((20, 40), (55, 40), 5), np.repeat([[60.0, 40.0]], 11, 0)])
+    frames, _, mask = answers([path])
+    background = np.median(frames, axis=0).astype(np.uint8)
+    place = mask[-1] == 1
+    pieces = {t: piece_in(place, frames[t]) for t in range(len(frames))}  # frames 0 to 3: its empty place
+    ghost = Track(path[-1], 8.0, np.zeros((1, 3)), pieces=pieces)
+    assert sorted(without_ghosts(ghost, frames, background).pieces) == list(range(4, 16))
+    moving = Track(path[0], 8.0, np.zeros((1, 3)), pieces={t: piece_in(mask[t] == 1, frames[t]) for t in range(3)})
+    assert without_ghosts(moving, frames, background) is moving
