@@ -256,12 +256,15 @@ def drawn_iou(clip: DrawnClip, found: Inference, video: Path) -> float:
     return overlap(own, cut, len(found.scene.objects), len(names)).sequence
 
 
-def clicked_distance(clip: DrawnClip, found: Inference, clicks: pd.DataFrame) -> tuple[float, float]:
+def clicked_distance(
+    clip: DrawnClip, found: Inference, stamps: np.ndarray, clicks: pd.DataFrame
+) -> tuple[float, float]:
     """Median and largest distance, px of the video, of the tracks from clicked centres, bodies as they are nearest.
 
     Args:
-        clip: With its stretch.
+        clip: The clip.
         found: The answer.
+        stamps: (N,) s, of the file's frames.
         clicks: With the columns object, frame (of the file), x_px and y_px.
     """
     filmed = found.scenes.filmed
@@ -270,7 +273,7 @@ def clicked_distance(clip: DrawnClip, found: Inference, clicks: pd.DataFrame) ->
     for _, rows in clicks.groupby("object"):
         each = []
         for track in filmed.motion.tracks:
-            times = rows["frame"].to_numpy() / clip.fps - begins(found)
+            times = stamps[rows["frame"].to_numpy()] - begins(found)
             inside = (times >= track.times[0] - 1e-6) & (times <= track.times[-1] + 1e-6)
             place = np.stack([np.interp(times[inside], track.times, px * track.centre[:, k]) for k in (0, 1)], 1)
             each.append(np.linalg.norm(place - rows[["x_px", "y_px"]].to_numpy()[inside], axis=1))
@@ -351,7 +354,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         if name in answers:
             clicks = pd.read_csv(folder / "truth" / f"{table}.csv")
             clicks["frame"] = every * clicks["frame"] + offset
-            middle, most = clicked_distance(clips[name], answers[name], clicks)
+            stamps = frame_times(folder / clips[name].clip)
+            middle, most = clicked_distance(clips[name], answers[name], stamps, clicks)
             within = "within" if middle <= CLICKED_PX else "missed"
             what = f"clicked centres, median distance (largest {most:.1f} px)"
             print(f"| {name} | {what} | 0 px | {CLICKED_PX:g} | {middle:.2g} | {within} |")

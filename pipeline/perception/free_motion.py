@@ -1,7 +1,7 @@
 """The stretch of a recording in which bodies move freely: some body is fast, and no hand is at it.
 
 The network for masks looks at frames spread over the whole recording. A body counts as moving where it has a
-share of its own usual speed, so that a body in a hand, which is hardly moved, and one that rests do not.
+share of the fastest one's usual speed, so that a body in a hand, which is hardly moved, and one that rests do not.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ SECONDS = 1.0  # of a stretch whose start is known: what the models learned from
 SHORT_FILE = 1.2  # s: a file so long is taken from its beginning
 MOST_FRAMES = 160  # looked at
 LEAST_SECONDS, MOST_SECONDS = 0.4, 12.0  # of a stretch
-SLOW = 0.2  # share of a body's usual speed, below which it rests
-CHORD = 3  # samples before and after, over which a speed is measured
-LEAST_WAY = 1.0  # radii that a body must go in the recording
-GAP = 0.25  # s, of a rest between two motions of one stretch: at the top of a way
+SLOW = 0.2  # share of the fastest body's usual speed, below which a body rests
+CHORD, LEAST_CHORD = 0.1, 2  # s, and samples, before and after, over which a speed is measured
+LEAST_WAY = 1.0  # radii that a body must get away in the recording
+LIKE_BEST, MAY_BE = 0.4, 0.15  # probability of a body that is looked at: of the highest one, and at least
+GAP = 0.4  # s, of a rest between two motions of one stretch: at the top of a way
 HAND, TOUCHED = 0.5, 0.3  # probability of a hand; area of hands near a body, over the body's, from which they hold it
 NEAR = 0.7  # radii around a body, where a hand holds it
 
@@ -125,12 +126,11 @@ def free_stretch(
     frames, times = spread_frames(path, stamps, assume_fps)
     found = find_candidates(frames, network)
     scores = candidate_scores(found, network)
-    bodies = [t for t, s in zip(found.tracks, scores, strict=True) if s >= LEAST_SCORE]
-    way = np.zeros(len(times))
-    for body in bodies:
-        way += free_way(body, found, times)
-    low, high = longest_motion(way, times)
-    if not high:
+    # A body that is lost now and then, since few frames are looked at, has several tracks with low scores.
+    least = max(LIKE_BEST * scores.max(initial=0), MAY_BE)
+    bodies = [t for t, s in zip(found.tracks, scores, strict=True) if s >= least]
+    low, high = longest_motion(*free_way(bodies, found, times), times)
+    if not high or scores.max() < LEAST_SCORE:
         raise VideoError(
             f"{path}: no body moves freely in it, as far as {len(times)} of its frames show; give --start and --seconds"
         )
@@ -164,37 +164,61 @@ def spread_frames(path: Path, stamps: np.ndarray, assume_fps: float | None) -> t
     return np.stack(frames), np.array(times)
 
 
-def free_way(body: Track, found: Candidates, times: np.ndarray) -> np.ndarray:
-    """(T,) radii that a body goes freely up to each frame from the one before; 0 where it rests or is held.
+def free_way(bodies: Sequence[Track], found: Candidates, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far bodies go freely, and where one of them comes back into the picture.
 
-    times: (T,) s, of the frames.
+    A body does not move freely where it is slow beside the fastest one, where a hand is at it, and where the border of
+    the picture cuts it.
+
+    Args:
+        bodies: Their tracks.
+        found: All candidates of the clip.
+        times: (T,) s, of its frames.
+
+    Returns:
+        (T,) radii that all bodies go freely up to each frame from the one before, and (T,) bool: frames in which a body
+        is out of the picture, or cut by its border, that is whole before and after. What happens to it there is not
+        known.
     """
-    seen = np.array(sorted(body.pieces))
-    out = np.zeros(len(times))
-    radius = float(np.median([body.pieces[k].radius for k in seen]))
-    if len(seen) < 3:
-        return out
-    place = np.array([body.pieces[k].centre for k in seen]) / radius
-    speed = steady_speed(place, times[seen])
-    steps = speed * np.diff(times[seen], prepend=times[seen[0]])
-    if steps.sum() < LEAST_WAY:
-        return out
-    held = np.array([touched(body, found, int(k)) for k in seen])
-    free = (speed > SLOW * usual_speed(steps, speed)) & ~held
-    out[seen[free]] = steps[free]
-    return out
+    out, returns = np.zeros(len(times)), np.zeros(len(times), bool)
+    motions = []
+    for body in bodies:
+        seen = np.array(sorted(body.pieces))
+        radius = float(np.median([body.pieces[k].radius for k in seen]))
+        place = np.array([body.pieces[k].centre for k in seen])
+        if len(seen) > 2 and np.linalg.norm(np.ptp(place, axis=0)) > LEAST_WAY * radius:
+            speed = steady_speed(place, times[seen])
+            motions.append((body, seen, radius, speed, speed * np.diff(times[seen], prepend=times[seen[0]])))
+    fastest = max((usual_speed(steps, speed) for *_, speed, steps in motions), default=0.0)
+    for body, seen, radius, speed, steps in motions:
+        cut = np.array([at_border(body, found, int(k)) for k in seen])
+        held = np.array([touched(body, found, int(k)) for k in seen])
+        free = (speed > SLOW * fastest) & ~held & ~cut
+        out[seen[free]] += steps[free] / radius
+        if free.any():
+            first, last = seen[free][[0, -1]]
+            returns[seen[cut & (seen > first) & (seen < last)]] = True
+    return out, returns
+
+
+def at_border(body: Track, found: Candidates, k: int) -> bool:
+    """Whether the border of the picture cuts a body in frame k."""
+    height, width = found.frames.shape[1:3]
+    rows, cols = np.divmod(body.pieces[k].pixels, width)
+    return bool(rows.min() == 0 or cols.min() == 0 or rows.max() == height - 1 or cols.max() == width - 1)
 
 
 def steady_speed(place: np.ndarray, times: np.ndarray) -> np.ndarray:
     """(T,) speeds at times (T,) of places (T, 2): the lower of those before and after, since a hand lets go first."""
     index = np.arange(len(times))
+    span = max(LEAST_CHORD, round(CHORD / float(np.median(np.diff(times)))))
 
     def chord(other: np.ndarray) -> np.ndarray:
-        span = np.abs(times[other] - times)
+        apart = np.abs(times[other] - times)
         way = np.linalg.norm(place[other] - place, axis=1)
-        return np.where(span > 0, way / np.where(span > 0, span, 1), np.inf)
+        return np.where(apart > 0, way / np.where(apart > 0, apart, 1), np.inf)
 
-    return np.minimum(chord(np.minimum(index + CHORD, len(times) - 1)), chord(np.maximum(index - CHORD, 0)))
+    return np.minimum(chord(np.minimum(index + span, len(times) - 1)), chord(np.maximum(index - span, 0)))
 
 
 def usual_speed(steps: np.ndarray, speed: np.ndarray) -> float:
@@ -215,17 +239,19 @@ def touched(body: Track, found: Candidates, k: int) -> bool:
     return bool(((found.prediction.other[k] > HAND) & near).sum() > TOUCHED * len(piece.pixels))
 
 
-def longest_motion(way: np.ndarray, times: np.ndarray) -> tuple[float, float]:
+def longest_motion(way: np.ndarray, returns: np.ndarray, times: np.ndarray) -> tuple[float, float]:
     """Begin and end, s, of the motion without a longer rest than GAP in which bodies go furthest; (0, 0) without any.
 
     Args:
         way: (T,) radii that bodies go from the frame before.
+        returns: (T,) bool: frames at which a motion ends and another begins, in any case.
         times: (T,) s.
     """
     moving = np.flatnonzero(way > 0)
     if not len(moving):
         return 0.0, 0.0
     gap = max(GAP, 2.5 * float(np.median(np.diff(times))))
-    parts: Sequence[np.ndarray] = np.split(moving, np.flatnonzero(np.diff(times[moving]) > gap) + 1)
+    apart = (np.diff(times[moving]) > gap) | (np.diff(np.cumsum(returns)[moving]) > 0)
+    parts: Sequence[np.ndarray] = np.split(moving, np.flatnonzero(apart) + 1)
     best = max(parts, key=lambda part: way[part].sum())
     return float(times[max(best[0] - 1, 0)]), float(times[best[-1]])

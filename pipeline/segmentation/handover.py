@@ -1,7 +1,7 @@
 """Tracks that take another body's place where two bodies meet.
 
-A puck that stops where it hits another one, which goes on at the same speed, looks like one puck that goes on: its track
-takes over the other's place, the other's track ends, and a new one begins where the first puck stopped.
+A puck that stops where it hits another one, which goes on at the same speed, looks like one puck that goes on: its
+track takes over the place of the other one, whose own track ends, and a new track begins where the first puck stopped.
 """
 
 from __future__ import annotations

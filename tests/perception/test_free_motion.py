@@ -43,8 +43,7 @@ def lifted_then_thrown() -> np.ndarray:
 
 
 def test_a_body_that_is_held_is_not_free_and_one_that_flies_is() -> None:
-    way = free_way(track(lifted_then_thrown()), found(), TIMES)
-    low, high = longest_motion(way, TIMES)
+    low, high = longest_motion(*free_way([track(lifted_then_thrown())], found(), TIMES), TIMES)
     assert low == pytest.approx(24 / 30, abs=0.12)
     assert high == pytest.approx(TIMES[-1], abs=0.05)
 
@@ -55,7 +54,7 @@ def test_a_hand_at_a_body_that_moves_holds_it() -> None:
     for k in range(30):
         x = int(path[k, 0])
         hands[k, 70:90, max(x - 16, 0) : max(x - 4, 1)] = 0.9
-    low, high = longest_motion(free_way(track(path), found(hands), TIMES), TIMES)
+    low, high = longest_motion(*free_way([track(path)], found(hands), TIMES), TIMES)
     assert low == pytest.approx(1.0, abs=0.1)
     assert high == pytest.approx(TIMES[-1], abs=0.05)
 
@@ -63,8 +62,26 @@ def test_a_hand_at_a_body_that_moves_holds_it() -> None:
 def test_the_motion_in_which_bodies_go_furthest_is_chosen_and_short_rests_are_part_of_it() -> None:
     way = np.zeros(60)
     way[2:8], way[20:30], way[33:40], way[55:] = 0.2, 0.3, 0.3, 0.1
-    assert longest_motion(way, TIMES) == pytest.approx((19 / 30, 39 / 30))
-    assert longest_motion(np.zeros(60), TIMES) == (0.0, 0.0)
+    never = np.zeros(60, bool)
+    assert longest_motion(way, never, TIMES) == pytest.approx((19 / 30, 39 / 30))
+    assert longest_motion(np.zeros(60), never, TIMES) == (0.0, 0.0)
+
+
+def test_a_motion_ends_where_a_body_leaves_the_picture_and_comes_back() -> None:
+    path = np.stack([np.abs(np.linspace(180, -120, 60)) + 3, np.full(60, 80.0)], 1)  # touches the left border
+    low, high = longest_motion(*free_way([track(path)], found(), TIMES), TIMES)
+    assert low == pytest.approx(0.1, abs=0.1)
+    assert high == pytest.approx(35 / 30, abs=0.1)
+
+
+def test_a_body_that_trembles_beside_one_that_flies_rests() -> None:
+    path = np.stack([np.linspace(20, 220, 60), np.full(60, 40.0)], 1)
+    path[30:] = path[30]
+    trembling = np.array([120.0, 120.0]) + np.random.default_rng(3).normal(0, 0.4, (60, 2))
+    trembling[:3] += 9
+    low, high = longest_motion(*free_way([track(path), track(trembling)], found(), TIMES), TIMES)
+    assert high == pytest.approx(1.0, abs=0.1)
+    assert low < 0.2
 
 
 def test_a_stretch_has_the_length_that_is_asked_for_and_stays_in_the_file() -> None:
