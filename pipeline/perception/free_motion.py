@@ -18,7 +18,7 @@ from pipeline.segmentation.bodies import LEAST_SCORE, Candidates, candidate_scor
 from pipeline.segmentation.grouping import Track
 from pipeline.segmentation.network import SegmentationNetwork
 from pipeline.vision.recordings.mask_file import read_times
-from pipeline.vision.recordings.video import FPS, Decoder, check_file, frame_times
+from pipeline.vision.recordings.video import Decoder, check_file, frame_times
 
 SECONDS = 1.0  # of a stretch whose start is known: what the models learned from
 SHORT_FILE = 1.2  # s: a file so long is taken from its beginning
@@ -90,21 +90,12 @@ def stretch_of(
     if times is not None and len(times) > 1 and np.isfinite(times).all():
         begin, length = float(times[0]), float(times[-1] - times[0]) * len(times) / (len(times) - 1)
         return Stretch(begin, length if seconds is None else seconds, "masks")
-    end = last_moment(stamps)
+    end = float(stamps[-1] + np.median(np.diff(stamps)))
     if masks is not None or end <= SHORT_FILE:
         return Stretch(0.0, min(SECONDS, end) if seconds is None else seconds, "the file")
     if seconds is not None and seconds > end:
         raise VideoError(f"{video} is {end:.2f} s long: a clip of {seconds:g} s does not fit")
     return free_stretch(video, network(), stamps, assume_fps, seconds)
-
-
-def last_moment(stamps: np.ndarray) -> float:
-    """s, up to which a recording with frames at stamps (N,) s can be read as a clip of FPS frames a second.
-
-    A frame of the clip is the nearest one that was filmed, which may be half an interval away.
-    """
-    interval = float(np.median(np.diff(stamps)))
-    return float(stamps[-1]) + min(interval, 0.5 * max(interval, 1 / FPS) + 0.5 / FPS)
 
 
 def free_stretch(
@@ -122,7 +113,8 @@ def free_stretch(
     Raises:
         VideoError: The file cannot be decoded, or nothing moves in it.
     """
-    interval, end = float(np.median(np.diff(stamps))), last_moment(stamps)
+    interval = float(np.median(np.diff(stamps)))
+    end = float(stamps[-1]) + interval
     frames, times = spread_frames(path, stamps, assume_fps)
     found = find_candidates(frames, network)
     scores = candidate_scores(found, network)

@@ -116,7 +116,9 @@ def test_the_whole_of_a_short_file_can_be_read(tmp_path: Path, frames: int, fps:
     write_video(tmp_path / "clip.mp4", np.zeros((frames, 32, 48, 3), np.uint8), fps)
     part = stretch_of(tmp_path / "clip.mp4", no_network, assume_fps=None, start=None, seconds=None, masks=None)
     assert part.seconds == pytest.approx(frames / fps, abs=0.06)
-    assert len(read_clip(tmp_path / "clip.mp4", part.start, part.seconds).frames) == round(part.seconds * 30)
+    for rate in (30, 60):
+        clip = read_clip(tmp_path / "clip.mp4", part.start, part.seconds, rate)
+        assert len(clip.frames) == round(part.seconds * rate)
 
 
 def test_a_disc_that_rests_and_then_moves_is_looked_at_while_it_moves(tmp_path: Path) -> None:

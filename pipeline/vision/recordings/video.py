@@ -112,7 +112,7 @@ def read_clip(
     check_decoded(path, decoder, start)
     assert before is not None
     assert letterbox is not None
-    slack = 0.5 * max(1 / fps, decoder.interval) + 1e-6
+    slack = max(0.5 / fps, decoder.interval - 0.5 / fps) + 1e-6  # the last frame is shown up to the recording's end
     while len(frames) < count and wanted[len(frames)] <= before[0] + slack:
         frames.append(letterbox.apply(before[1]))
         recorded.append(before[0])
