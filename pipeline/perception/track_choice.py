@@ -12,6 +12,7 @@ from pipeline.segmentation.bodies import LEAST_SCORE, Candidates
 from pipeline.segmentation.grouping import Piece, Track
 from pipeline.segmentation.grown_track import grown_track, region_at_point, region_in_box
 from pipeline.segmentation.resting import resting
+from pipeline.segmentation.track_ends import with_all_ends
 
 MOST_BODIES = 255
 NEAR_RADII, NEAR_PX = 0.5, 2.0  # a point so near to a track's pixels is on its body; px of the network's picture
@@ -75,7 +76,8 @@ class TrackChoice:
         height, width = found.frames.shape[1:3]
         self._scale = np.array([width / source_size[0], height / source_size[1]])
         probable = [t for t, s in zip(found.tracks, scores, strict=True) if prompts or s >= LEAST_SCORE]
-        rested = dict(zip(map(id, probable), resting(probable, found.frames), strict=True))
+        whole = with_all_ends(resting(probable, found.frames), found.frames, found.background)
+        rested = dict(zip(map(id, probable), whole, strict=True))
         self._all = [
             ChosenTrack(rested.get(id(t), t), float(s), float(o))
             for t, s, o in zip(found.tracks, scores, like_other, strict=True)

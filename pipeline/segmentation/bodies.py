@@ -42,9 +42,10 @@ class BodyTracks:
 @dataclass(frozen=True)
 class Candidates:
     """Tracks before any is dropped. frames: (T, h, w, 3) uint8, what the network saw. probability: (T, h, w), steadied.
-    figures: (N, F) of `track_score.FIGURES`."""
+    figures: (N, F) of `track_score.FIGURES`. background: (h, w, 3) uint8, of the last look."""
 
     frames: np.ndarray
+    background: np.ndarray
     prediction: Prediction
     probability: np.ndarray
     tracks: list[Track]
@@ -103,7 +104,8 @@ def _tracked(prediction: Prediction, small: np.ndarray, background: np.ndarray) 
     probability[cast_shadows(small, background)] *= IN_SHADOW
     tracks = joined(follow(prediction, probability, small), probability)
     figures = [track_figures(t, prediction) for t in tracks]
-    return Candidates(small, prediction, probability, tracks, np.array(figures).reshape(len(tracks), len(FIGURES)))
+    table = np.array(figures).reshape(len(tracks), len(FIGURES))
+    return Candidates(small, background, prediction, probability, tracks, table)
 
 
 def candidate_scores(found: Candidates, network: SegmentationNetwork) -> np.ndarray:

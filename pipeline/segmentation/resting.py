@@ -116,7 +116,7 @@ def with_rests(track: Track, frames: np.ndarray, others: Sequence[Track] = ()) -
             found: dict[int, Piece] = {}
             rest, t = Rest(track.pieces[start], frames[start]), start + step
             while 0 <= t < len(frames) and t not in track.pieces:
-                piece = rest.advance(frames[t], _covered(others, t, frames.shape[1:3]))
+                piece = rest.advance(frames[t], covered(others, t, frames.shape[1:3]))
                 if piece is None:
                     break
                 found[t] = piece
@@ -126,7 +126,7 @@ def with_rests(track: Track, frames: np.ndarray, others: Sequence[Track] = ()) -
     return replace(track, pieces=pieces)
 
 
-def _covered(tracks: Sequence[Track], t: int, shape: tuple[int, int]) -> np.ndarray:
+def covered(tracks: Sequence[Track], t: int, shape: tuple[int, int]) -> np.ndarray:
     """(H, W) bool: where the tracks are in frame t."""
     out = np.zeros(shape, bool)
     for track in tracks:

@@ -9,6 +9,7 @@ from pipeline.segmentation.handover import with_own_places
 from pipeline.segmentation.inference import Prediction, steadied
 from pipeline.segmentation.joining import joined
 from pipeline.segmentation.resting import resting, with_rests, without_ghosts
+from pipeline.segmentation.track_ends import with_all_ends
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge, guided_filter
 
@@ -257,3 +258,41 @@ def test_a_body_that_rests_in_the_background_has_no_ghost_before_it_comes():
     assert sorted(without_ghosts(ghost, frames, background).pieces) == list(range(4, 16))
     moving = Track(path[0], 8.0, np.zeros((1, 3)), pieces={t: piece_in(mask[t] == 1, frames[t]) for t in range(3)})
     assert without_ghosts(moving, frames, background) is moving
+
+
+def test_a_body_is_followed_to_the_first_and_the_last_frame_and_out_of_the_picture():
+    path = line((30, 40), (118, 40), 12)
+    frames, _, mask = answers([path], radius=6)
+    track = track_of(path, frames, mask, 1, range(2, 9))
+    track.palette = np.array([COLOURS[0]]) / 255
+    background = np.full(frames.shape[1:], 120, np.uint8)
+    (whole,) = with_all_ends([track], frames, background)
+    assert sorted(whole.pieces) == list(range(12))
+    for t, piece in whole.pieces.items():
+        np.testing.assert_array_equal(np.sort(piece.pixels), np.flatnonzero(mask[t]))
+
+
+@pytest.mark.parametrize("what", ["nothing", "another colour", "another body"])
+def test_what_is_no_body_at_the_expected_place_ends_its_track(what):
+    path = line((30, 40), (96, 40), 12)
+    frames, _, mask = answers([path], radius=6)
+    track = track_of(path, frames, mask, 1, range(2, 12))
+    track.palette = np.array([COLOURS[0]]) / 255
+    frames[:2] = 120
+    others = []
+    if what != "nothing":
+        frames[:2][mask[:2] > 0] = COLOURS[what == "another colour"]
+    if what == "another body":
+        others = [track_of(path, frames, mask, 1, range(2))]
+    assert min(with_all_ends([track, *others], frames, np.full(frames.shape[1:], 120, np.uint8))[0].pieces) == 2
+
+
+def test_a_part_of_a_body_at_the_end_of_its_track_becomes_the_whole_body():
+    path = line((30, 40), (96, 40), 12)
+    frames, _, mask = answers([path], radius=6)
+    track = track_of(path, frames, mask, 1, range(12))
+    track.palette = np.array([COLOURS[0]]) / 255
+    for t in (10, 11):
+        track.pieces[t].pixels = track.pieces[t].pixels[:20]
+    (whole,) = with_all_ends([track], frames, np.full(frames.shape[1:], 120, np.uint8))
+    assert all(len(p.pixels) == (mask[t] > 0).sum() for t, p in whole.pieces.items())
