@@ -74,7 +74,7 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     """
     if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8 or len(frames) < 2:
         raise ValueError(f"frames are (T, H, W, 3) uint8 with T of 2 or more, not {frames.shape} {frames.dtype}")
-    first, features = _first_look(frames, network)
+    first, features = first_look(frames, network)
     small = first.frames
     scores = candidate_scores(first, network)
     covered = np.zeros(small.shape[:3], bool)
@@ -92,7 +92,8 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     return _tracked(replace(again, moving=moving), small, plate)
 
 
-def _first_look(frames: np.ndarray, network: SegmentationNetwork) -> tuple[Candidates, ClipFeatures]:
+def first_look(frames: np.ndarray, network: SegmentationNetwork) -> tuple[Candidates, ClipFeatures]:
+    """Tracks of what differs from the clip's median picture, and what they were found with; frames as above."""
     size = working_size(frames.shape[2], frames.shape[1])
     small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
     features = clip_features(small)
