@@ -87,7 +87,7 @@ def other_engine(clips: int, simulations: int, found: bool) -> Iterator[Graded]:
 
 def _of_file(place: Path, simulations: int, found: bool) -> Graded:
     try:
-        answer = infer(video_of(place) if found else place, search=simulations)
+        answer = infer(video_of(place) if found else place, start=0.0, search=simulations)
     except DynamicsError:
         return Graded(place.name, "poor", 0.0, False)
     schedule, told = answer.clip.schedule, answer.scenes.forecast
