@@ -38,15 +38,16 @@ class MeasuredClip:
 
 
 def clip_schedule(place: Path, seconds: float) -> Schedule:
-    """The frames of a clip of `seconds`. Raises VideoError where they are too few for the model."""
+    """The whole frames of a clip of `seconds`. Raises VideoError where they are too few for the model."""
     usual = Schedule()
-    if round(seconds * usual.fps) <= usual.model_frames:
+    frames = round(seconds * usual.fps)
+    if frames <= usual.model_frames:
         needed = (usual.model_frames + 1) / usual.fps
         raise VideoError(
             f"{place}: {seconds:g} s are too short: the model sees {usual.model_frames} pairs of frames at {usual.fps} "
             f"FPS, for which {needed:.2f} s are needed"
         )
-    return Schedule(seconds=seconds)
+    return Schedule(seconds=frames / usual.fps)
 
 
 def measured_clip(name: str, taken: UserClip, schedule: Schedule, flow: np.ndarray) -> MeasuredClip:

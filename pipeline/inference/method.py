@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipeline.clips.replay import masks_at
 from pipeline.errors import SimulationError
+from pipeline.inference.filmed_world import World
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.scene_search import ClipSearch
 from pipeline.metrics.overlap import Overlap, overlap
+from pipeline.motion.view import View
 from pipeline.planar.find_planar_scene import PlanarAnswer
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
 TRACKS, SEARCH = "tracks", "search"  # ways to a scene: a planar scene that is fitted to tracks, and the search
 EXPLAINS_IOU = 0.6  # sequence IoU from which a scene explains a clip
+ONE_DIRECTION_DEG = 10.0
+UNSURE = 0.05  # of merit, by which a scene of a view that is hardly told must be better than one on a table
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,7 @@ class Method:
         epe_frame: px of 480x320 per frame interval, over the whole frame.
         overlap: At the clip's own size.
         simulations: That it took, those of the methods before it included.
+        unsure: Whether it relies on a view that the tracks hardly tell.
     """
 
     name: str
@@ -49,14 +54,16 @@ class Method:
     epe_frame: float
     overlap: Overlap
     simulations: int
+    unsure: bool = False
 
     @property
     def merit(self) -> float:
         """By which methods are compared: as the reward, but with the overlap at the clip's own size.
 
-        A body of a few pixels hardly shows at the size of the search's reward.
+        A body of a few pixels hardly shows at the size of the search's reward. A view that the tracks hardly tell has
+        to show much more than a table, the commonest one.
         """
-        return self.overlap.sequence - self.epe_frame
+        return self.overlap.sequence - self.epe_frame - (UNSURE if self.unsure else 0.0)
 
 
 def best_of(methods: Sequence[Method]) -> Method:
@@ -79,7 +86,16 @@ def ways(view: str, simulations: int, measured: bool) -> tuple[str, ...]:
 
 def settled(methods: Sequence[Method]) -> bool:
     """Whether no other way need be tried: the last method explains the clip, and none before it is better."""
-    return best_of(methods) is methods[-1] and methods[-1].overlap.sequence >= EXPLAINS_IOU
+    last = methods[-1]
+    return best_of(methods) is last and last.overlap.sequence >= EXPLAINS_IOU and not last.unsure
+
+
+def hardly_told(view: View, world: World) -> bool:
+    """Whether a view is taken from motion along one straight direction alone, which a table shows, too."""
+    if world.view is not None or world.measured or view.kind not in ("top", "incline"):
+        return False
+    slopes = np.array([m.slope_deg for m in view.arcs if m.kind != "rest"])
+    return len(slopes) > 0 and float(np.ptp(slopes)) < ONE_DIRECTION_DEG
 
 
 def answer_method(
@@ -106,10 +122,10 @@ def search_method(searched: ClipSearch, answers: list[Answer], ranking: Ranking,
     )
 
 
-def tracks_method(answer: PlanarAnswer, scene: Scene, evaluator: Evaluator, clip: MeasuredClip) -> Method:
-    """The scene that was fitted to tracks."""
+def tracks_method(answer: PlanarAnswer, scene: Scene, evaluator: Evaluator, clip: MeasuredClip, unsure: bool) -> Method:
+    """The scene that was fitted to tracks; unsure: as of a `Method`."""
     rewards = rank(evaluator, [scene]).rewards
-    return _rewarded(TRACKS, scene, None, rewards, 0, clip, answer.fit.simulations)
+    return replace(_rewarded(TRACKS, scene, None, rewards, 0, clip, answer.fit.simulations), unsure=unsure)
 
 
 def _rewarded(

@@ -260,7 +260,7 @@ def _likely_kind(
     if max(abs(m.slope_deg) for m in moving) > NEARLY_LEVEL_DEG:
         if oblique:
             return "table", "balls move along straight lines in several directions, and may come nearer"
-        return "top", "bodies move along straight lines in several directions and grow nowhere"
+        return "top", "bodies move along straight lines that are not level, and grow nowhere"
     return "side", "bodies move along level lines"
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from pipeline.inference import measure_clip as measuring
 from pipeline.inference.measure_clip import FlowSource, measure_clip
+from pipeline.inference.measured_clip import clip_schedule
 from pipeline.inference.progress import Progress
 from pipeline.model.model_input import ModelInput
 from pipeline.perception.user_clip import ReadClip, UserClip
@@ -41,6 +42,13 @@ def test_a_clip_begins_where_a_body_is_first_seen_if_enough_is_left(
     measured = measure_clip(VideoStretch(VIDEO), SHOWN, FlowSource("dis", Path()), progress=Progress())
     assert measured.taken.clip.source_times[0] == pytest.approx(begins, abs=0.02)
     assert len(measured.taken.masks) == len(measured.taken.clip.frames)
+
+
+@pytest.mark.parametrize("seconds", [0.5166, 0.517, 0.55, 0.866, 0.9833, 1.0])
+def test_the_schedule_of_a_clip_has_as_many_frames_as_are_simulated(seconds: float) -> None:
+    schedule = clip_schedule(VIDEO, seconds)
+    assert schedule.frames == round(seconds * schedule.fps)
+    assert schedule.frames == len(schedule.frame_steps) <= 1 + schedule.steps / 8
 
 
 def test_a_beginning_that_the_user_chose_stays(appears: dict[str, float]) -> None:

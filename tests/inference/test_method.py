@@ -1,10 +1,15 @@
-"""When a search for scenes may stop."""
+"""When a search for scenes may stop, and which of several is taken."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, Method, settled
+from pipeline.inference.filmed_world import World
+from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, Method, best_of, hardly_told, settled
 from pipeline.metrics.overlap import Overlap
+from pipeline.motion.arcs import Arc
+from pipeline.motion.view import ArcMotion, View
 from pipeline.scene.scene import Scene
 
 
@@ -30,3 +35,26 @@ def test_a_scene_that_explains_the_clip_and_is_the_best_ends_the_search(name: st
 
 def test_a_scene_that_is_worse_than_the_model_s_answer_does_not_end_the_search() -> None:
     assert not settled([method("best of K", 0.75), method(TRACKS, 0.65)])
+
+
+def test_a_view_that_is_hardly_told_has_to_be_clearly_better_than_a_table() -> None:
+    tracks = replace(method(TRACKS, 0.9), unsure=True)
+    assert not settled([tracks])
+    assert best_of([tracks, method(SEARCH, 0.88)]).name == SEARCH
+    assert best_of([tracks, method(SEARCH, 0.8)]).name == TRACKS
+
+
+def view(kind: str, *slopes: float) -> View:
+    """A view of straight motions with these slopes, deg, and a body at rest."""
+    arc = Arc(1, 0, 30, 0.5, 1.0, np.zeros(2), np.zeros(2), np.zeros(2), np.eye(3), 1.0)
+    motions = (*(ArcMotion(arc, "straight", 50.0, s) for s in slopes), ArcMotion(arc, "rest", 0.0, 80.0))
+    return View(kind, motions, None, 0.0, 0.0, "")
+
+
+def test_motion_in_one_direction_hardly_tells_the_view_and_in_several_does() -> None:
+    assert hardly_told(view("top", 30.0, 33.0), World())
+    assert hardly_told(view("incline", 13.0), World())
+    assert not hardly_told(view("top", 30.0, -20.0), World())
+    assert not hardly_told(view("flight", 30.0), World())
+    assert not hardly_told(view("top", 30.0), World(view="top"))
+    assert not hardly_told(view("top", 30.0), World.of(length=(0, 0, 10, 0, 1.0)))
