@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.view_tables import ViewScore
 from pipeline.inference.filmed_world import TrackedScene, World, follow, tracked_scene
-from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, replay_overlap, ways
+from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, UNSURE, hardly_told, replay_overlap, ways
 from pipeline.inference.scene_search import clip_evaluator, search_clip, search_forecast
 from pipeline.inference.trust import grade
 from pipeline.motion.view import UPRIGHT
@@ -68,7 +68,8 @@ def view_score(
     fps = seen.schedule.fps
     followed = follow(seen.masks, seen.frames, np.arange(len(seen.masks)) / fps, World())
     view = followed.motion.view
-    scene, iou, by, told = None, 0.0, TRACKS, TrackedScene(None, None)
+    scene, iou, merit, by, told = None, 0.0, 0.0, TRACKS, TrackedScene(None, None)
+    unsure = simulations > 0 and hardly_told(view, World())
     for way in ways(view.kind, simulations, World().measured):
         if way == TRACKS:
             told = tracked_scene(followed)
@@ -77,9 +78,10 @@ def view_score(
             evaluator = clip_evaluator(seen.masks, seen.flow, seen.schedule, size, 1, seen.frames)
             found = search_clip(evaluator, [], simulations, np.random.default_rng(clip)).result.scene
         reached = 0.0 if found is None else replay_overlap(found, seen.masks, fps).sequence
-        if reached > iou:
-            scene, iou, by = found, reached, way
-        if reached >= EXPLAINS_IOU:
+        less = UNSURE if way == TRACKS and unsure else 0.0
+        if reached - less > merit:
+            scene, iou, merit, by = found, reached, reached - less, way
+        if reached >= EXPLAINS_IOU and not less:
             break
     ahead = told.forecast
     if by == SEARCH:

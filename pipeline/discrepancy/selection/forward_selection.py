@@ -58,7 +58,7 @@ def forward_selection(
         return ForwardSelection(chosen, ())
     for _ in range(MOST_EFFECTS - 1):
         if excess(calibration, chosen)[0] < ENOUGH_Z and not (
-            _excess_is_blind(calibration, chosen) and has_promising_extension(calibration, chosen, kinds, CLAIM_MORE)
+            _floor_seems_high(calibration, chosen) and has_promising_extension(calibration, chosen, kinds, CLAIM_MORE)
         ):
             break
         longer = [c for base in leaders for c in extend(calibration, base, kinds, progress, MOST_FITTED_MORE)]
@@ -78,7 +78,7 @@ def forward_selection(
     return ForwardSelection(chosen, tuple(tried))
 
 
-def _excess_is_blind(calibration: Calibration, chosen: Candidate) -> bool:
+def _floor_seems_high(calibration: Calibration, chosen: Candidate) -> bool:
     """Whether a model may leave no excess although an effect is missing, because the noise floor is too high.
 
     Polynomials fit a blow or a quick turn badly: their residuals are then correlated, or larger than the model's.
