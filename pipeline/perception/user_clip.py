@@ -107,8 +107,9 @@ def read_frames(
         )
     if source.given is not None:
         return ReadClip(place, read_clip(video, start, seconds, fps, assume_fps=assume_fps), source, None, assume_fps)
-    every = max(math.ceil(LEAST_FRAMES / max(round(seconds * fps), 1)), 1)
-    own = read_clip(video, start, seconds, fps * every, size=None, assume_fps=assume_fps)
+    count = max(round(seconds * fps), 1)
+    every = max(math.ceil(LEAST_FRAMES / count), 1)
+    own = read_clip(video, start, count / fps, fps * every, size=None, assume_fps=assume_fps)
     if correction:
         with naming(str(place)):
             frames, notes = correction.apply(own.frames)

@@ -51,6 +51,13 @@ def test_the_schedule_of_a_clip_has_as_many_frames_as_are_simulated(seconds: flo
     assert schedule.frames == len(schedule.frame_steps) <= 1 + schedule.steps / 8
 
 
+@pytest.mark.parametrize("seconds", [0.5166, 0.55, 0.6499])
+def test_a_clip_has_as_many_frames_as_its_schedule(appears: dict[str, float], seconds: float) -> None:
+    asked = replace(VideoStretch(VIDEO), start=0.0, seconds=seconds)
+    measured = measure_clip(asked, SHOWN, FlowSource("dis", Path()), progress=Progress())
+    assert len(measured.taken.clip.frames) == measured.schedule.frames
+
+
 def test_a_beginning_that_the_user_chose_stays(appears: dict[str, float]) -> None:
     appears["s"] = 0.5
     chosen = replace(VideoStretch(VIDEO), start=0.0)
