@@ -4,8 +4,9 @@ Two pieces are one body if the vector between them rests while both turn back to
 differs from the background. Two balls that fall side by side turn back together, too, but between them is background.
 A piece that is seen for a while, where one of the others would be, belongs to them.
 
-Pieces that touch, whichever of them is seen, are one body, too, if together they keep their length and area while they
-go some way and turn back.
+Pieces that touch, or have something between them, whichever of them is seen, are one body, too, if their common hull
+keeps its length and area while they go some way and turn back. Frames that show a small part of such a body are left
+out: their centre is not the body's.
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ LEAST_CONTRAST = 6.0  # grey levels, or 4 standard deviations of the noise
 BACKGROUND_FRAMES = 40
 LEAST_COMMON, MOSTLY = 3, 0.8  # frames that show two pieces; share of them in which pieces of one body touch
 TOUCH_PX = 2  # between pieces that touch
-SAME_SHAPE = 0.15  # most change of length and of the root of the area, as a share, in most of the frames
+SAME_SHAPE = 0.15  # most change of length and of the root of the area, as a share, in frames that show a body whole
+LEAST_WHOLE = 0.6  # share of the frames that show it whole
+LEAST_PART = 0.6  # of a body's length: what shows less is left out
+LONGEST = 95  # percentile of the lengths, that is the body's: masks may gain parts, too
 
 
 def joined_pieces(
@@ -56,19 +60,37 @@ def joined_pieces(
         both_known = known[one.body - 1] and known[other.body - 1]
         if not both_known and moves_stiffly(one, other) and _bridged(masks, frames, one, other):
             groups = _merged(groups, [one.body, other.body])
-    for touching in touching_sets(masks):
-        if sum(known[body - 1] for body in touching) < 2 and keeps_shape(np.isin(masks, touching), times):
-            groups = _merged(groups, touching)
+    for pieces in linked_sets(masks, frames, tracks):
+        if sum(known[body - 1] for body in pieces) < 2 and keeps_shape(hulls_of(masks, pieces), times):
+            groups = _merged(groups, pieces)
     whole = {body for body, is_stiff in enumerate(stiff, 1) if is_stiff}
     if not whole and all(len(g) == 1 for g in groups):
         return masks, groups
     _take_in(groups, {t.body: t for t in tracks}, known)
     out = np.zeros_like(masks)
     for number, group in enumerate(groups, 1):
-        filled = len(group) > 1 or bool(whole & set(group))
-        for k, own in enumerate(np.isin(masks, group)):
-            out[k][_hull(own) & (masks[k] == 0) | own if filled else own] = number
+        own = np.isin(masks, group)
+        if len(group) > 1 or whole & set(group):
+            hulls = hulls_of(masks, group)
+            own |= hulls & (masks == 0)
+            if len(group) > 1:
+                own[_small_parts(hulls, times)] = False
+        out[own] = number
     return out, groups
+
+
+def hulls_of(masks: np.ndarray, bodies: Sequence[int]) -> np.ndarray:
+    """(T, H, W) bool: the common convex hull of bodies of masks (T, H, W)."""
+    return np.stack([_hull(own) for own in np.isin(masks, bodies)])
+
+
+def _small_parts(hulls: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Indices of the frames that show only a small part of a body. hulls: (T, H, W) bool, its convex hull."""
+    tracks = image_tracks(hulls, times)
+    if not tracks:
+        return np.zeros(0, int)
+    lengths = tracks[0].axes[:, 0]
+    return np.asarray(tracks[0].frames[lengths < LEAST_PART * np.percentile(lengths, LONGEST)])
 
 
 def _merged(groups: list[list[int]], bodies: Sequence[int]) -> list[list[int]]:
@@ -93,8 +115,34 @@ def moves_stiffly(one: ImageTrack, other: ImageTrack) -> bool:
     return way > LEAST_WAY * length and back > LEAST_TURN * way
 
 
-def touching_sets(masks: np.ndarray) -> list[list[int]]:
-    """Sets of two or more bodies of masks (T, H, W), each of which mostly touches another one while both are seen."""
+def linked_sets(masks: np.ndarray, frames: np.ndarray, tracks: Sequence[ImageTrack]) -> list[list[int]]:
+    """Sets of two or more bodies, each of which mostly touches another one, or has no background between them.
+
+    Args:
+        masks: (T, H, W) ids from 1.
+        frames: (T, H, W, 3) uint8 RGB.
+        tracks: Of the bodies.
+    """
+    linked = _touching(masks)
+    for one, other in itertools.combinations(tracks, 2):
+        pair = one.body - 1, other.body - 1
+        common = len(np.intersect1d(one.frames, other.frames))
+        if not linked[pair] and common >= LEAST_FRAMES and _turn_back_near(one, other):
+            linked[pair] = _bridged(masks, frames, one, other)
+    number, label = connected_components(linked, directed=False)
+    sets = [[body + 1 for body in np.flatnonzero(label == k).tolist()] for k in range(number)]
+    return [bodies for bodies in sets if len(bodies) > 1]
+
+
+def _turn_back_near(one: ImageTrack, other: ImageTrack) -> bool:
+    """Whether two tracks go further than they are ever apart, and turn back."""
+    _, i, j = np.intersect1d(one.frames, other.frames, return_indices=True)
+    way, back = _way_and_back(0.5 * (one.centre[i] + other.centre[j]))
+    return way > LEAST_WAY * float(np.linalg.norm(_vectors(one, other), axis=1).max()) and back > LEAST_TURN * way
+
+
+def _touching(masks: np.ndarray) -> np.ndarray:
+    """(N, N) bool: pairs of bodies of masks (T, H, W) that mostly touch while both are seen; the first one's row."""
     count = int(masks.max(initial=0))
     both, touching = np.zeros((2, count, count), int)
     near = np.ones((2 * TOUCH_PX + 1,) * 2, np.uint8)
@@ -104,23 +152,21 @@ def touching_sets(masks: np.ndarray) -> list[list[int]]:
         for one, other in itertools.combinations(blob_of, 2):
             both[one, other] += 1
             touching[one, other] += blob_of[one] == blob_of[other]
-    linked = (both >= LEAST_COMMON) & (touching >= MOSTLY * both)
-    number, label = connected_components(linked, directed=False)
-    sets = [[body + 1 for body in np.flatnonzero(label == k).tolist()] for k in range(number)]
-    return [bodies for bodies in sets if len(bodies) > 1]
+    return np.asarray((both >= LEAST_COMMON) & (touching >= MOSTLY * both))
 
 
-def keeps_shape(mask: np.ndarray, times: np.ndarray) -> bool:
-    """Whether a mask (T, H, W) bool at times (T,) s keeps its length and area while it goes some way and turns back."""
-    tracks = image_tracks(mask, times)
+def keeps_shape(hulls: np.ndarray, times: np.ndarray) -> bool:
+    """Whether hulls (T, H, W) bool at times (T,) s mostly show one shape, which goes some way and turns back."""
+    tracks = image_tracks(hulls, times)
     if not tracks or len(tracks[0]) < LEAST_FRAMES:
         return False
-    track = tracks[0]
+    track, whole = tracks[0], np.ones(len(tracks[0]), bool)
     for size in (track.axes[:, 0], np.sqrt(track.area)):
-        if np.mean(np.abs(size / np.median(size) - 1) < SAME_SHAPE) < MOSTLY:
-            return False
-    way, back = _way_and_back(track.centre)
-    return way > LEAST_WAY * float(np.median(track.axes[:, 0])) and back > LEAST_TURN * way
+        whole &= np.abs(size / np.percentile(size, LONGEST) - 1) < SAME_SHAPE
+    if whole.mean() < LEAST_WHOLE:
+        return False
+    way, back = _way_and_back(track.centre[whole])
+    return way > LEAST_WAY * float(np.median(track.axes[whole, 0])) and back > LEAST_TURN * way
 
 
 def _way_and_back(place: np.ndarray) -> tuple[float, float]:
