@@ -92,6 +92,26 @@ def test_a_body_that_is_pushed_to_another_and_back_alone_stays_a_body() -> None:
     assert joined_pieces(masks, clip_with(masks), TIMES, [False] * 2)[1] == [[1], [2]]
 
 
+@pytest.mark.parametrize("same_number", [True, False])
+def test_a_body_of_which_only_an_end_is_found_is_completed(same_number: bool) -> None:
+    masks, bar = ends(), drawn(there_and_back(45), (50, 12))
+    masks[:4][masks[:4] == 2] = 0
+    if not same_number:  # the end that is found has the number that the other end has later
+        masks[:4][masks[:4] == 1] = 2
+    joined, groups = joined_pieces(masks, clip_with(ends(), bar), TIMES, [False, False])
+    assert groups == [[1, 2]]
+    whole = joined_pieces(ends(), clip_with(ends(), bar), TIMES, [False, False])[0]
+    assert ((joined > 0) != (whole > 0)).sum() < 0.02 * (whole > 0).sum()
+
+
+def test_a_part_without_the_rest_of_its_body_is_left_out() -> None:
+    masks, bar = ends(), drawn(there_and_back(45), (50, 12))
+    masks[:4][masks[:4] == 2] = 0
+    seen = clip_with(ends(), bar)
+    seen[:4] = clip_with(masks)[:4]
+    assert not joined_pieces(masks, seen, TIMES, [False, False])[0][:4].any()
+
+
 def test_bodies_that_the_user_named_stay_two() -> None:
     masks, bar = ends(), drawn(there_and_back(45), (50, 12))
     assert joined_pieces(masks, clip_with(masks, bar), TIMES, [True, True])[1] == [[1], [2]]
