@@ -18,8 +18,9 @@ from pipeline.segmentation.resting import covered
 
 MOST_FRAMES = 3  # at each end
 CHANGED = 14  # of 255: least difference of a pixel's channels from the background
+PART = 0.5  # of the track's median area: less is a part of the body
 REACH = 1.25  # radii about the expected centre, within which the body is looked for
-LEAST_AREA, MOST_AREA = 0.5, 1.6  # of the track's median area, while the picture's border does not cut the body
+LEAST_AREA, MOST_AREA = 0.75, 1.6  # of the track's median area, while the picture's border does not cut the body
 NEAR_COLOUR = 0.06  # most difference of a pixel's colour from one that the track has had, in [0, 1]
 CLOSE = 1.0  # radii: most distance of what is found from where it was expected
 
@@ -47,7 +48,7 @@ def with_ends(track: Track, frames: np.ndarray, changed: np.ndarray, others: Seq
         others: Tracks of other bodies, whose pixels are not its own.
     """
     pieces = dict(track.pieces)
-    least = LEAST_AREA * np.median([len(p.pixels) for p in pieces.values()])
+    least = PART * np.median([len(p.pixels) for p in pieces.values()])
     for step in (-1, 1):
         parts: dict[int, Piece] = {}  # in which only a part of the body was seen
         while len(pieces) > 2 and len(pieces[end := (min if step < 0 else max)(pieces)].pixels) < least:
