@@ -7,13 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from pipeline.inference.asking import raw_flow, shown_flow
 from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
 from pipeline.model.model_input import ModelInput
-from pipeline.perception.free_motion import LEAST_SECONDS
+from pipeline.perception.free_motion import LEAST_SECONDS, whole_frames
 from pipeline.perception.mask_source import mask_source
 from pipeline.perception.user_clip import UserClip, with_masks
 from pipeline.perception.video_stretch import VideoStretch, read_stretch
@@ -73,8 +71,7 @@ def measure_clip(
             late = seen_from(taken)
             if clip.start is None and late > LATE and part.seconds - late >= LEAST_SECONDS:
                 progress.say("note", f"no body is seen before {part.start + late:.2f} s: the clip begins there")
-                rest = round(float(np.floor(1000 * (part.seconds - late)) / 1000), 3)
-                later = replace(clip, start=round(part.start + late, 3), seconds=rest)
+                later = replace(clip, start=round(part.start + late, 3), seconds=whole_frames(part.seconds - late))
                 return measure_clip(later, shown, flow, progress=progress, when_seen=when_seen)
             say_bodies(progress, name, begins, taken, [*([note] if note else []), *taken.clip.notes])
         if when_seen is not None:

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
+from pipeline.motion.completed_body import LONGEST, SAME_SHAPE, completed, differing
 from pipeline.motion.image_track import MAD, ImageTrack, image_tracks
 
 LEAST_FRAMES = 10  # that show both
@@ -29,17 +30,9 @@ SAME_PLACE = 0.15  # of the vector between two pieces: most median distance of a
 LEAST_WAY = 0.5  # of the vector's length: what both must move
 LEAST_TURN = 0.3  # of that way, that they must go back
 LEAST_BRIDGE = 0.5  # of what is between them must differ from the background
-LEAST_CONTRAST = 6.0  # grey levels, or 4 standard deviations of the noise
-BACKGROUND_FRAMES = 40
 LEAST_COMMON, MOSTLY = 3, 0.8  # frames that show two pieces; share of them in which pieces of one body touch
 TOUCH_PX = 2  # between pieces that touch
-SAME_SHAPE = 0.15  # most change of length and of the root of the area, as a share, in frames that show a body whole
 LEAST_WHOLE = 0.6  # share of the frames that show it whole
-LEAST_PART = 0.6  # of a body's length: what shows less is completed
-SAME_PART = 0.3  # most difference of a part's area, as a share, in the frame that completes it
-NEAREST = 5  # whole frames that may complete a part
-LEAST_CHANGED = 0.6  # of the completed body must differ from the background
-LONGEST = 95  # percentile of the lengths, that is the body's: masks may gain parts, too
 
 
 def joined_pieces(
@@ -77,7 +70,7 @@ def joined_pieces(
             hulls = hulls_of(masks, group)
             own |= hulls & (masks == 0)
             if len(group) > 1:
-                own = _completed(np.where(np.isin(masks, group), masks, 0), frames, hulls, times)
+                own = completed(np.where(np.isin(masks, group), masks, 0), frames, hulls, times)
                 own &= np.isin(masks, [0, *group])
         out[own] = number
     return out, groups
@@ -86,48 +79,6 @@ def joined_pieces(
 def hulls_of(masks: np.ndarray, bodies: Sequence[int]) -> np.ndarray:
     """(T, H, W) bool: the common convex hull of bodies of masks (T, H, W)."""
     return np.stack([_hull(own) for own in np.isin(masks, bodies)])
-
-
-def _completed(pieces: np.ndarray, frames: np.ndarray, hulls: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """(T, H, W) bool: a rigid body's mask, completed where only a small part of it is found.
-
-    Args:
-        pieces: (T, H, W) ids of its pieces, else 0.
-        frames: (T, H, W, 3) uint8 RGB.
-        hulls: (T, H, W) bool, its convex hull.
-        times: (T,) s.
-    """
-    out = hulls.copy()
-    tracks = image_tracks(hulls, times)
-    if not tracks:
-        return out
-    lengths = tracks[0].axes[:, 0] / np.percentile(tracks[0].axes[:, 0], LONGEST)
-    whole, parts = tracks[0].frames[np.abs(lengths - 1) < SAME_SHAPE], tracks[0].frames[lengths < LEAST_PART]
-    if not len(parts):
-        return out
-    for k, differs in zip(parts, differing(frames, hulls, parts)[0], strict=True):
-        out[k], best, size = False, LEAST_CHANGED, (hulls.shape[2], hulls.shape[1])
-        for j in whole[np.argsort(np.abs(whole - k), kind="stable")][:NEAREST]:
-            for shift in _shifts(pieces[k], pieces[j]):
-                moved = np.array([[1, 0, shift[0]], [0, 1, shift[1]]], np.float64)
-                placed = cv2.warpAffine(hulls[j].astype(np.uint8), moved, size, flags=cv2.INTER_NEAREST) > 0
-                share = float(differs[placed].mean()) if placed.any() else 0.0
-                if share > best:
-                    out[k], best = placed, share
-    return out
-
-
-def _shifts(part: np.ndarray, whole: np.ndarray) -> list[np.ndarray]:
-    """(2,) px each, by which a piece of one frame (H, W) is away from one of about its area in another frame."""
-    now, then = (
-        [np.stack(np.nonzero(frame == piece)[::-1], 1) for piece in np.unique(frame[frame > 0])]
-        for frame in (part, whole)
-    )
-    return [
-        one.mean(0) - other.mean(0)
-        for one, other in itertools.product(now, then)
-        if abs(len(one) / len(other) - 1) < SAME_PART
-    ]
 
 
 def _merged(groups: list[list[int]], bodies: Sequence[int]) -> list[list[int]]:
@@ -266,27 +217,6 @@ def _bridged(masks: np.ndarray, frames: np.ndarray, one: ImageTrack, other: Imag
     between = [hulls[k] & (masks[k] == 0) & known for k in common]
     shares = [float(d[b].mean()) for d, b in zip(differs, between, strict=True) if b.any()]
     return bool(shares) and float(np.median(shares)) > LEAST_BRIDGE
-
-
-def differing(frames: np.ndarray, hulls: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where some frames differ from what is behind a body.
-
-    Args:
-        frames: (T, H, W, 3) uint8 RGB.
-        hulls: (T, H, W) bool, that hide the background.
-        which: (N,) indices of the frames.
-
-    Returns:
-        (N, H, W) bool, and where the background is known, (H, W) bool.
-    """
-    some = np.linspace(0, len(frames) - 1, min(len(frames), BACKGROUND_FRAMES)).round().astype(int)
-    grey = {k: cv2.cvtColor(frames[k], cv2.COLOR_RGB2GRAY).astype(np.float32) for k in {*some, *which}}
-    shown = np.stack([grey[k] for k in some])
-    known = ~hulls[some].all(0)
-    background = np.ma.median(np.ma.array(shown, mask=hulls[some]), axis=0).filled(np.nan)
-    noise = MAD * float(np.median(np.abs(np.diff(shown, axis=0)))) / np.sqrt(2)
-    least = max(LEAST_CONTRAST, 4 * noise)
-    return np.stack([np.abs(grey[k] - background) > least for k in which]), known
 
 
 def _hull(mask: np.ndarray) -> np.ndarray:
