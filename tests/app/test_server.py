@@ -120,8 +120,10 @@ def test_runs_wait_for_each_other_and_a_cancelled_run_leaves_nothing(server: App
     waiting = other.post("/api/sample", {"name": "cross_engine_02"})
     assert (waiting["state"], waiting["before"]) == ("waiting", 1)
     (running,) = (v for v in server.visitors._all.values() if v.job is not None and v.job.state == "running")
-    assert running.job is not None and running.job._process is not None
-    pid = running.job._process.pid
+    assert running.job is not None
+    with running.job._lock:  # held until its process has begun
+        assert running.job._process is not None
+        pid = running.job._process.pid
     assert one.post("/api/cancel")["state"] == "cancelled"
     assert not alive(pid)
     assert other.post("/api/cancel")["state"] == "cancelled"

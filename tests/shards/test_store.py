@@ -2,6 +2,7 @@
 
 import errno
 import os
+import stat
 import subprocess
 import sys
 import tempfile
@@ -156,6 +157,8 @@ def test_a_folder_one_may_not_write_to_is_one_error_with_exit_code_2(everyones_f
     (root / place).mkdir(mode=0o555)
     become_nobody = ""
     if os.geteuid() == 0:  # who may write everywhere
+        if not all(folder.stat().st_mode & stat.S_IXOTH for folder in ROOT.parents):
+            pytest.skip(f"root runs this test as another user, who may not read {ROOT}")
         nobody = 65534
         os.chown(root, nobody, nobody)
         become_nobody = f"os.setegid({nobody}); os.seteuid({nobody})"
