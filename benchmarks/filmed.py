@@ -111,15 +111,16 @@ def acceleration(found: Inference) -> float:
     return float(np.linalg.norm(longest(found).arc.acceleration)) / found.scenes.filmed.answer.scale.px_per_m
 
 
-def begins(found: Inference) -> float:
-    """s of the recording, where the stretch begins that the answer is fitted to."""
-    return float(found.clip.taken.clip.source_times[0])
+def fitted_stretch(found: Inference) -> tuple[float, float]:
+    """s of the recording, from where to where the stretch goes that the answer is fitted to."""
+    times = found.clip.taken.clip.source_times
+    return float(times[0]), float(2 * times[-1] - times[-2])
 
 
 def launched(found: Inference) -> np.ndarray:
     """(2,) m/s of a thrown body LET_GO s after the recording begins, where the launcher lets it go."""
     velocity, pull = np.array(found.scene.objects[0].velocity), np.array(found.scene.gravity)
-    return np.asarray((velocity - (begins(found) - LET_GO) * pull)[[0, 2]])
+    return np.asarray((velocity - (fitted_stretch(found)[0] - LET_GO) * pull)[[0, 2]])
 
 
 def momentum_kept(found: Inference) -> float:
@@ -234,8 +235,8 @@ def drawn_iou(clip: DrawnClip, found: Inference, video: Path) -> float:
     """Sequence IoU of the answer's replay with the outlines drawn in its stretch, in the video's own picture."""
     names = [name for name, _ in clip.objects]
     stamps = frame_times(video, clip.fps if in_slow_motion(clip) else None)
-    shown = found.clip.taken.clip.source_times
-    within = (stamps >= shown[0] - 0.5 / clip.fps) & (stamps <= 2 * shown[-1] - shown[-2])
+    begin, end = fitted_stretch(found)
+    within = (stamps >= begin - 0.5 / clip.fps) & (stamps <= end)
     frames = sorted(k for k in clip.frames if within[k])
     if not frames:
         return 0.0
@@ -246,7 +247,7 @@ def drawn_iou(clip: DrawnClip, found: Inference, video: Path) -> float:
         for outline in clip.frames[k]:
             whole = outline_mask([outline.polygon], clip.width, clip.height)
             mask[cv2.resize(whole, size, interpolation=cv2.INTER_NEAREST) > 0] = names.index(outline.object) + 1
-    times = np.maximum(stamps[frames] - shown[0], 0)
+    times = np.maximum(stamps[frames] - begin, 0)
     if found.best.name == TRACKS and found.scenes.filmed.answer is not None:  # its own camera sees the whole picture
         own = masks_at(found.scenes.filmed.answer.scene, times, *size)
         return overlap(own, masks, len(found.scene.objects), len(names)).sequence
@@ -273,7 +274,7 @@ def clicked_distance(
     for _, rows in clicks.groupby("object"):
         each = []
         for track in filmed.motion.tracks:
-            times = stamps[rows["frame"].to_numpy()] - begins(found)
+            times = stamps[rows["frame"].to_numpy()] - fitted_stretch(found)[0]
             inside = (times >= track.times[0] - 1e-6) & (times <= track.times[-1] + 1e-6)
             place = np.stack([np.interp(times[inside], track.times, px * track.centre[:, k]) for k in (0, 1)], 1)
             each.append(np.linalg.norm(place - rows[["x_px", "y_px"]].to_numpy()[inside], axis=1))
@@ -290,9 +291,8 @@ def row(clip: DrawnClip, found: Inference, video: Path, seconds: float) -> tuple
     seen_right = view == true or {view, true} == {"side", "flight"}
     marks = f"{'' if found.scene.composition == kinds else 'not '}{kinds}", f"{'' if seen_right else 'not '}{true}"
     line = f"| {Path(clip.clip).stem} | {found.scene.composition} ({marks[0]}) | {view} ({marks[1]}) | {iou:.2f} | "
-    shown = found.clip.taken.clip.source_times
-    stretch = f"{shown[0]:.2f} to {2 * shown[-1] - shown[-2]:.2f}"
-    return line + f"{found.grade.name} | {found.best.name} | {stretch} | {seconds:.0f} |", iou
+    begin, end = fitted_stretch(found)
+    return line + f"{found.grade.name} | {found.best.name} | {begin:.2f} to {end:.2f} | {seconds:.0f} |", iou
 
 
 def main(argv: Sequence[str] | None = None) -> None:

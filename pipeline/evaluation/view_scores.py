@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.view_tables import ViewScore
 from pipeline.inference.filmed_world import TrackedScene, World, follow, tracked_scene
-from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, UNSURE, hardly_told, replay_overlap, ways
+from pipeline.inference.method import AMBIGUITY_MARGIN, EXPLAINS_IOU, SEARCH, TRACKS, is_ambiguous, replay_overlap, ways
 from pipeline.inference.scene_search import clip_evaluator, search_clip, search_forecast
 from pipeline.inference.trust import grade
 from pipeline.motion.view import UPRIGHT
@@ -69,7 +69,7 @@ def view_score(
     followed = follow(seen.masks, seen.frames, np.arange(len(seen.masks)) / fps, World())
     view = followed.motion.view
     scene, iou, merit, by, told = None, 0.0, 0.0, TRACKS, TrackedScene(None, None)
-    unsure = simulations > 0 and hardly_told(view, World())
+    ambiguous = simulations > 0 and is_ambiguous(view, World())
     for way in ways(view.kind, simulations, World().measured):
         if way == TRACKS:
             told = tracked_scene(followed)
@@ -78,7 +78,7 @@ def view_score(
             evaluator = clip_evaluator(seen.masks, seen.flow, seen.schedule, size, 1, seen.frames)
             found = search_clip(evaluator, [], simulations, np.random.default_rng(clip)).result.scene
         reached = 0.0 if found is None else replay_overlap(found, seen.masks, fps).sequence
-        less = UNSURE if way == TRACKS and unsure else 0.0
+        less = AMBIGUITY_MARGIN if way == TRACKS and ambiguous else 0.0
         if reached - less > merit:
             scene, iou, merit, by = found, reached, reached - less, way
         if reached >= EXPLAINS_IOU and not less:

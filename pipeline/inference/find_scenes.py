@@ -26,7 +26,7 @@ from pipeline.inference.method import (
     Method,
     answer_method,
     best_of,
-    hardly_told,
+    is_ambiguous,
     search_method,
     settled,
     tracks_method,
@@ -166,8 +166,8 @@ def find_scenes(
                 filmed = with_scene(filmed, taken, cores())
                 if filmed.answer is None or filmed.scene is None:
                     continue
-                unsure = budget.simulations > 0 and hardly_told(view, world)
-                methods.append(tracks_method(filmed.answer, filmed.scene, evaluator, clip, unsure))
+                ambiguous = budget.simulations > 0 and is_ambiguous(view, world)
+                methods.append(tracks_method(filmed.answer, filmed.scene, evaluator, clip, ambiguous))
             else:
                 searched = search_clip(
                     evaluator,

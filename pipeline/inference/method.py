@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 TRACKS, SEARCH = "tracks", "search"  # ways to a scene: a planar scene that is fitted to tracks, and the search
 EXPLAINS_IOU = 0.6  # sequence IoU from which a scene explains a clip
-ONE_DIRECTION_DEG = 10.0
-UNSURE = 0.05  # of merit, by which a scene of a view that is hardly told must be better than one on a table
+ONE_DIRECTION_DEG = 10.0  # most spread of the slopes of motion along one direction
+AMBIGUITY_MARGIN = 0.05  # of merit, by which a scene in an ambiguous view must be better than one on a table
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Method:
         epe_frame: px of 480x320 per frame interval, over the whole frame.
         overlap: At the clip's own size.
         simulations: That it took, those of the methods before it included.
-        unsure: Whether it relies on a view that the tracks hardly tell.
+        ambiguous: Whether it relies on a view that the tracks alone do not settle.
     """
 
     name: str
@@ -54,16 +54,16 @@ class Method:
     epe_frame: float
     overlap: Overlap
     simulations: int
-    unsure: bool = False
+    ambiguous: bool = False
 
     @property
     def merit(self) -> float:
         """By which methods are compared: as the reward, but with the overlap at the clip's own size.
 
-        A body of a few pixels hardly shows at the size of the search's reward. A view that the tracks hardly tell has
-        to show much more than a table, the commonest one.
+        A body of a few pixels hardly shows at the size of the search's reward. A scene in an ambiguous view
+        has to be better by AMBIGUITY_MARGIN than one on a table, the commonest view.
         """
-        return self.overlap.sequence - self.epe_frame - (UNSURE if self.unsure else 0.0)
+        return self.overlap.sequence - self.epe_frame - (AMBIGUITY_MARGIN if self.ambiguous else 0.0)
 
 
 def best_of(methods: Sequence[Method]) -> Method:
@@ -87,11 +87,11 @@ def ways(view: str, simulations: int, measured: bool) -> tuple[str, ...]:
 def settled(methods: Sequence[Method]) -> bool:
     """Whether no other way need be tried: the last method explains the clip, and none before it is better."""
     last = methods[-1]
-    return best_of(methods) is last and last.overlap.sequence >= EXPLAINS_IOU and not last.unsure
+    return best_of(methods) is last and last.overlap.sequence >= EXPLAINS_IOU and not last.ambiguous
 
 
-def hardly_told(view: View, world: World) -> bool:
-    """Whether a view is taken from motion along one straight direction alone, which a table shows, too."""
+def is_ambiguous(view: View, world: World) -> bool:
+    """Whether the tracks fit another view as well: all motion is along one direction, as it may be on a table, too."""
     if world.view is not None or world.measured or view.kind not in ("top", "incline"):
         return False
     slopes = np.array([m.slope_deg for m in view.arcs if m.kind != "rest"])
@@ -122,10 +122,12 @@ def search_method(searched: ClipSearch, answers: list[Answer], ranking: Ranking,
     )
 
 
-def tracks_method(answer: PlanarAnswer, scene: Scene, evaluator: Evaluator, clip: MeasuredClip, unsure: bool) -> Method:
-    """The scene that was fitted to tracks; unsure: as of a `Method`."""
+def tracks_method(
+    answer: PlanarAnswer, scene: Scene, evaluator: Evaluator, clip: MeasuredClip, ambiguous: bool
+) -> Method:
+    """The scene that was fitted to tracks. ambiguous: whether its view is."""
     rewards = rank(evaluator, [scene]).rewards
-    return replace(_rewarded(TRACKS, scene, None, rewards, 0, clip, answer.fit.simulations), unsure=unsure)
+    return replace(_rewarded(TRACKS, scene, None, rewards, 0, clip, answer.fit.simulations), ambiguous=ambiguous)
 
 
 def _rewarded(

@@ -27,7 +27,7 @@ STIFF_PX, STIFF_SHARE = 0.8, 0.01  # most deviation of the vector between them; 
 STIFF_WAY = 0.03  # the same as a share of the way that both move: masks of pieces may gain and lose parts
 MOST_BESIDE = 0.3  # of a piece's frames, that show the one whose place it takes, too
 SAME_PLACE = 0.15  # of the vector between two pieces: most median distance of a third one from one of them
-LEAST_WAY = 0.5  # of the vector's length: what both must move
+LEAST_WAY = 0.5  # of a length: what both must move
 LEAST_TURN = 0.3  # of that way, that they must go back
 LEAST_BRIDGE = 0.5  # of what is between them must differ from the background
 LEAST_COMMON, MOSTLY = 3, 0.8  # frames that show two pieces; share of them in which pieces of one body touch
@@ -66,13 +66,11 @@ def joined_pieces(
     out = np.zeros_like(masks)
     for number, group in enumerate(groups, 1):
         own = np.isin(masks, group)
-        if len(group) > 1 or whole & set(group):
-            hulls = hulls_of(masks, group)
-            own |= hulls & (masks == 0)
-            if len(group) > 1:
-                own = completed(np.where(np.isin(masks, group), masks, 0), frames, hulls, times)
-                own &= np.isin(masks, [0, *group])
-        out[own] = number
+        if len(group) > 1:
+            own = completed(np.where(own, masks, 0), frames, hulls_of(masks, group), times)
+        elif group[0] in whole:
+            own = hulls_of(masks, group)
+        out[own & np.isin(masks, [0, *group])] = number
     return out, groups
 
 
@@ -100,7 +98,7 @@ def moves_stiffly(one: ImageTrack, other: ImageTrack) -> bool:
     way, back = _way_and_back(0.5 * (one.centre[i] + other.centre[j]))
     if spread > max(STIFF_PX, STIFF_SHARE * length, STIFF_WAY * way):
         return False
-    return way > LEAST_WAY * length and back > LEAST_TURN * way
+    return _goes_and_returns(way, back, length)
 
 
 def linked_sets(masks: np.ndarray, frames: np.ndarray, tracks: Sequence[ImageTrack]) -> list[list[int]]:
@@ -126,7 +124,7 @@ def _turn_back_near(one: ImageTrack, other: ImageTrack) -> bool:
     """Whether two tracks go further than they are ever apart, and turn back."""
     _, i, j = np.intersect1d(one.frames, other.frames, return_indices=True)
     way, back = _way_and_back(0.5 * (one.centre[i] + other.centre[j]))
-    return way > LEAST_WAY * float(np.linalg.norm(_vectors(one, other), axis=1).max()) and back > LEAST_TURN * way
+    return _goes_and_returns(way, back, float(np.linalg.norm(_vectors(one, other), axis=1).max()))
 
 
 def _touching(masks: np.ndarray) -> np.ndarray:
@@ -154,7 +152,12 @@ def keeps_shape(hulls: np.ndarray, times: np.ndarray) -> bool:
     if whole.mean() < LEAST_WHOLE:
         return False
     way, back = _way_and_back(track.centre[whole])
-    return way > LEAST_WAY * float(np.median(track.axes[whole, 0])) and back > LEAST_TURN * way
+    return _goes_and_returns(way, back, float(np.median(track.axes[whole, 0])))
+
+
+def _goes_and_returns(way: float, back: float, length: float) -> bool:
+    """Whether a way and the way back, of `_way_and_back`, are long beside a length, px."""
+    return way > LEAST_WAY * length and back > LEAST_TURN * way
 
 
 def _way_and_back(place: np.ndarray) -> tuple[float, float]:

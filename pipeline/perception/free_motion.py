@@ -182,7 +182,7 @@ def free_way(bodies: Sequence[Track], found: Candidates, times: np.ndarray) -> t
     motions = []
     for body in bodies:
         seen = np.array(sorted(body.pieces))
-        radius = float(np.median([body.pieces[k].radius for k in seen]))
+        radius = body.typical_radius
         place = np.array([body.pieces[k].centre for k in seen])
         if len(seen) > 2 and np.linalg.norm(np.ptp(place, axis=0)) > LEAST_WAY * radius:
             speed = steady_speed(place, times[seen])

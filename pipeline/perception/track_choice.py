@@ -76,7 +76,7 @@ class TrackChoice:
         height, width = found.frames.shape[1:3]
         self._scale = np.array([width / source_size[0], height / source_size[1]])
         probable = [t for t, s in zip(found.tracks, scores, strict=True) if prompts or s >= LEAST_SCORE]
-        whole = with_all_ends(resting(probable, found.frames), found.frames, found.background)
+        whole = with_all_ends(resting(probable, found.frames), found.frames, found.changed)
         rested = dict(zip(map(id, probable), whole, strict=True))
         self._all = [
             ChosenTrack(rested.get(id(t), t), float(s), float(o))

@@ -75,15 +75,14 @@ def find_supports(
         masks: (T, H, W) ids.
         blocks: Fixed bodies that are known: there is no other support where a body bounces off them.
     """
-    tracks, seen = flat, {t.body: t for t in tracks}
-    by_body = {t.body: t for t in tracks}
+    seen, by_body = ({t.body: t for t in some} for some in (tracks, flat))
 
     def reaches(track: ImageTrack, into: np.ndarray) -> float:
         own = seen[track.body]
         return reach(own, masks, into) * track.radius / own.radius
 
     if view.kind == "top":
-        return find_walls(view, tracks, blocks)
+        return find_walls(view, flat, blocks)
     carried = _ways(view, by_body)
     supports = []
     for group in carried:

@@ -59,18 +59,21 @@ class Tilt:
         """(3, 3), from the camera's frame (x right, y down, z ahead) to that of a camera that looks straight."""
         return Rotation.from_euler("xy", [-self.pitch, self.yaw]).as_matrix()
 
+    def rays(self, px: np.ndarray) -> np.ndarray:
+        """(..., 3) rays through (..., 2) px, whose depth is 1 in the camera's frame, in that of a camera that looks
+        straight."""
+        off = (np.asarray(px, float) - self.middle) / self.focal
+        return np.asarray(np.concatenate([off, np.ones((*off.shape[:-1], 1))], -1) @ self.rotation.T)
+
     def straight(self, px: np.ndarray) -> np.ndarray:
         """(..., 2) px, where a camera that looks straight sees what this one sees at (..., 2) px."""
-        off = (np.asarray(px, float) - self.middle) / self.focal
-        ways = np.concatenate([off, np.ones((*off.shape[:-1], 1))], -1) @ self.rotation.T
-        return self.focal * ways[..., :2] / ways[..., 2:] + self.middle
+        rays = self.rays(px)
+        return self.focal * rays[..., :2] / rays[..., 2:] + self.middle
 
     def growth(self, px: np.ndarray) -> np.ndarray:
         """(...) factor by which lengths near (..., 2) px are larger to a camera that looks straight: the root of the
         homography's determinant."""
-        off = (np.asarray(px, float) - self.middle) / self.focal
-        ways = np.concatenate([off, np.ones((*off.shape[:-1], 1))], -1) @ self.rotation.T
-        return np.asarray(ways[..., 2] ** -1.5)
+        return np.asarray(self.rays(px)[..., 2] ** -1.5)
 
     def straight_track(self, track: ImageTrack) -> ImageTrack:
         """The track as a camera that looks straight sees it."""
@@ -169,8 +172,7 @@ def _size_errors(tilt: Tilt, centre: np.ndarray, log_size: np.ndarray, error: fl
     away = (centre - tilt.middle) / tilt.focal
     # A ball looks larger by this where it is seen from aside, whichever way the camera is turned.
     aside = 0.25 * np.log1p((away**2).sum(1))
-    ways = np.concatenate([away, np.ones((len(away), 1))], 1) @ tilt.rotation.T
-    nearer = np.log(ways[:, 2])  # the inverse of the depth at which a ray meets the plane
+    nearer = np.log(tilt.rays(centre)[:, 2])  # the inverse of the depth at which a ray meets the plane
     rest = log_size - aside - nearer
     out = []
     for along in (off @ axes.T).T:

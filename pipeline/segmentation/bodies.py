@@ -12,10 +12,10 @@ from pipeline.segmentation.cast_shadows import cast_shadows
 from pipeline.segmentation.grouping import Track, follow
 from pipeline.segmentation.inference import Prediction, predict, steadied
 from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exposure
-from pipeline.segmentation.joining import joined, typical_radius
+from pipeline.segmentation.joining import joined
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
 from pipeline.segmentation.plate import clear_plate
-from pipeline.segmentation.resting import resting, without_ghosts
+from pipeline.segmentation.resting import ALIKE, resting, without_ghosts
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge
 
@@ -42,10 +42,11 @@ class BodyTracks:
 @dataclass(frozen=True)
 class Candidates:
     """Tracks before any is dropped. frames: (T, h, w, 3) uint8, what the network saw. probability: (T, h, w), steadied.
-    figures: (N, F) of `track_score.FIGURES`. background: (h, w, 3) uint8, of the last look."""
+    figures: (N, F) of `track_score.FIGURES`. changed: (T, h, w) bool, where a frame differs from the background by more
+    than a shadow."""
 
     frames: np.ndarray
-    background: np.ndarray
+    changed: np.ndarray
     prediction: Prediction
     probability: np.ndarray
     tracks: list[Track]
@@ -101,12 +102,13 @@ def first_look(frames: np.ndarray, network: SegmentationNetwork) -> tuple[Candid
 
 
 def _tracked(prediction: Prediction, small: np.ndarray, background: np.ndarray) -> Candidates:
-    probability = steadied(prediction.moving, small)
-    probability[cast_shadows(small, background)] *= IN_SHADOW
+    probability, shadows = steadied(prediction.moving, small), cast_shadows(small, background)
+    probability[shadows] *= IN_SHADOW
+    changed = np.stack([cv2.absdiff(frame, background).max(-1) >= ALIKE for frame in small]) & ~shadows
     tracks = joined(follow(prediction, probability, small), probability)
     figures = [track_figures(t, prediction) for t in tracks]
     table = np.array(figures).reshape(len(tracks), len(FIGURES))
-    return Candidates(small, background, prediction, probability, tracks, table)
+    return Candidates(small, changed, prediction, probability, tracks, table)
 
 
 def candidate_scores(found: Candidates, network: SegmentationNetwork) -> np.ndarray:
@@ -134,7 +136,7 @@ def bodies_of(tracks: list[Track], scores: np.ndarray, found: Candidates, frames
     for k, track in enumerate(tracks):
         for t, piece in track.pieces.items():
             centres[t, k] = piece.centre * scale
-    radii = np.array([typical_radius(t) for t in tracks]) * scale.mean()
+    radii = np.array([t.typical_radius for t in tracks]) * scale.mean()
     return BodyTracks(draw_masks(tracks, found.probability, frames), scores, centres, radii)
 
 

@@ -56,6 +56,16 @@ class Track:
     def first(self) -> int:
         return min(self.pieces)
 
+    @property
+    def typical_radius(self) -> float:
+        """px: the median over its pieces."""
+        return float(np.median([p.radius for p in self.pieces.values()]))
+
+    @property
+    def typical_area(self) -> float:
+        """px²: the median over its pieces."""
+        return float(np.median([len(p.pixels) for p in self.pieces.values()]))
+
 
 @dataclass(frozen=True)
 class Pixels:

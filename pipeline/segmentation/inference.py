@@ -38,7 +38,11 @@ def predict(network: SegmentationNetwork, frames: np.ndarray, features: ClipFeat
     pictures = torch.from_numpy(frames).permute(0, 3, 1, 2)
     background, low, high = (_picture(p) for p in (features.background, features.low, features.high))
     flicker = torch.from_numpy(features.flicker)[None, None].float() / 255
-    ready, answers = without_norms(network), _Answers(count, height, width)
+    ready = without_norms(network)
+    probability = np.empty((3, count, height, width), np.float32)
+    vote = np.empty((count, height, width, 2), np.float32)
+    radius = np.empty((count, height, width), np.float32)
+    rows, cols = np.mgrid[:height, :width].astype(np.float32) + 0.5
     for first in range(0, count, BATCH):
         at = range(first, min(first + BATCH, count))
         others = torch.stack([pictures[list(neighbours(t, count))] for t in at]).float() / 255
@@ -46,33 +50,14 @@ def predict(network: SegmentationNetwork, frames: np.ndarray, features: ClipFeat
         frame = pictures[first : at.stop].float() / 255
         level = flicker.expand(len(at), -1, height, width)
         shown = network_input(frame, background, low, high, level, others, flow.permute(0, 3, 1, 2))
-        full, half = (x.contiguous(memory_format=torch.channels_last) for x in shown)
-        answers.fill(at, *ready(full, half))
-    return answers.prediction()
-
-
-class _Answers:
-    """The network's answers for a clip, filled frame by frame."""
-
-    def __init__(self, count: int, height: int, width: int) -> None:
-        self._probability = np.empty((3, count, height, width), np.float32)
-        self._vote = np.empty((count, height, width, 2), np.float32)
-        self._radius = np.empty((count, height, width), np.float32)
-        self._rows, self._cols = np.mgrid[:height, :width].astype(np.float32) + 0.5
-
-    def fill(self, at: range, logits: Tensor, votes: Tensor) -> None:
-        """Keep what the network says of the frames `at`."""
-        self._probability[:, at.start : at.stop] = torch.sigmoid(logits).permute(1, 0, 2, 3).numpy()
-        height, width = self._rows.shape
+        logits, votes = ready(*(x.contiguous(memory_format=torch.channels_last) for x in shown))
+        probability[:, first : at.stop] = torch.sigmoid(logits).permute(1, 0, 2, 3).numpy()
         for t, answer in zip(at, votes.permute(0, 2, 3, 1).numpy(), strict=True):
             large = cv2.resize(answer, (width, height), interpolation=cv2.INTER_LINEAR)
-            self._vote[t, ..., 0] = self._cols + VOTE_SCALE_PX * large[..., 0]
-            self._vote[t, ..., 1] = self._rows + VOTE_SCALE_PX * large[..., 1]
-            self._radius[t] = np.exp(np.clip(large[..., 2], *LOG_RADIUS))
-
-    def prediction(self) -> Prediction:
-        p = self._probability
-        return Prediction(p[MOVING], p[BODY], p[OTHER], self._vote, self._radius)
+            vote[t, ..., 0] = cols + VOTE_SCALE_PX * large[..., 0]
+            vote[t, ..., 1] = rows + VOTE_SCALE_PX * large[..., 1]
+            radius[t] = np.exp(np.clip(large[..., 2], *LOG_RADIUS))
+    return Prediction(probability[MOVING], probability[BODY], probability[OTHER], vote, radius)
 
 
 def _picture(picture: np.ndarray) -> Tensor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.segmentation.grouping import Piece, Track
-from pipeline.segmentation.handover import with_own_places
+from pipeline.segmentation.identity_switches import without_switches
 
 LONGEST_GAP = 10  # frames
 SHORTEST = 2  # frames; what is seen for less is noise
@@ -24,7 +24,7 @@ LEAST_BRIDGE = 0.15  # mean probability, of a moving body, between the ends
 def joined(tracks: list[Track], probability: np.ndarray) -> list[Track]:
     """The tracks with those of one body made one. probability: (T, H, W) that a pixel shows a moving body."""
     width = probability.shape[2]
-    own = with_own_places([t for t in tracks if len(t.pieces) >= SHORTEST], len(probability))
+    own = without_switches([t for t in tracks if len(t.pieces) >= SHORTEST], len(probability))
     whole = _together(_continued(own), width)
     return _together(_continued(_stiff(whole, probability)), width)
 
@@ -37,10 +37,6 @@ def _end(track: Track, late: bool) -> tuple[int, np.ndarray, np.ndarray]:
     velocity = np.polyfit(np.array(times, float), centres, 1)[0] if len(times) > 2 else np.zeros(2)
     k = -1 if late else 0
     return times[k], centres[k], velocity
-
-
-def typical_radius(track: Track) -> float:
-    return float(np.median([p.radius for p in track.pieces.values()]))
 
 
 def typical_colour(track: Track) -> np.ndarray:
@@ -58,7 +54,7 @@ def continuation_cost(before: Track, after: Track) -> float:
     gap = start - end
     if not 0 < gap <= LONGEST_GAP:
         return np.inf
-    radii = typical_radius(before), typical_radius(after)
+    radii = before.typical_radius, after.typical_radius
     missed = min(np.linalg.norm(last + gap * leaving - first), np.linalg.norm(first - gap * coming - last))
     apart = float(missed) / (max(radii) + 2)
     if apart >= MOST_APART:
@@ -176,7 +172,7 @@ def stiff_offset(one: Track, other: Track, probability: np.ndarray) -> np.ndarra
     first = np.array([one.pieces[t].centre for t in common])
     vectors = np.array([other.pieces[t].centre for t in common]) - first
     offset = np.median(vectors, axis=0)
-    radii = typical_radius(one) + typical_radius(other)
+    radii = one.typical_radius + other.typical_radius
     travel = np.linalg.norm(first - first[0], axis=1).max()
     steps = np.linalg.norm(np.gradient(first, axis=0), axis=1)
     deviation = np.average(np.linalg.norm(vectors - offset, axis=1), weights=steps + 1e-6)

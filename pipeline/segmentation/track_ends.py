@@ -12,12 +12,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from pipeline.segmentation.cast_shadows import cast_shadows
 from pipeline.segmentation.grouping import Piece, Track
 from pipeline.segmentation.resting import covered
 
 MOST_FRAMES = 3  # at each end
-CHANGED = 14  # of 255: least difference of a pixel's channels from the background
 PART = 0.5  # of the track's median area: less is a part of the body
 REACH = 1.25  # radii about the expected centre, within which the body is looked for
 LEAST_AREA, MOST_AREA = 0.75, 1.6  # of the track's median area, while the picture's border does not cut the body
@@ -25,16 +23,8 @@ NEAR_COLOUR = 0.06  # most difference of a pixel's colour from one that the trac
 CLOSE = 1.0  # radii: most distance of what is found from where it was expected
 
 
-def with_all_ends(tracks: Sequence[Track], frames: np.ndarray, background: np.ndarray) -> list[Track]:
-    """The tracks of a clip's bodies, each as of `with_ends` beside all others.
-
-    Args:
-        tracks: As they were followed.
-        frames: (T, H, W, 3) uint8.
-        background: (H, W, 3) uint8.
-    """
-    changed = np.stack([cv2.absdiff(frame, background).max(-1) >= CHANGED for frame in frames])
-    changed &= ~cast_shadows(frames, background)
+def with_all_ends(tracks: Sequence[Track], frames: np.ndarray, changed: np.ndarray) -> list[Track]:
+    """The tracks of a clip's bodies, each as of `with_ends` beside all others."""
     return [with_ends(k, frames, changed, [other for other in tracks if other is not k]) for k in tracks]
 
 
@@ -48,7 +38,7 @@ def with_ends(track: Track, frames: np.ndarray, changed: np.ndarray, others: Seq
         others: Tracks of other bodies, whose pixels are not its own.
     """
     pieces = dict(track.pieces)
-    least = PART * np.median([len(p.pixels) for p in pieces.values()])
+    least = PART * track.typical_area
     for step in (-1, 1):
         parts: dict[int, Piece] = {}  # in which only a part of the body was seen
         while len(pieces) > 2 and len(pieces[end := (min if step < 0 else max)(pieces)].pixels) < least:
@@ -73,7 +63,7 @@ def _seen_at(expected: np.ndarray, track: Track, frame: np.ndarray, free: np.nda
     free: (H, W) bool, where the frame differs from the background and shows no other body.
     """
     height, width = frame.shape[:2]
-    radius = float(np.median([p.radius for p in track.pieces.values()]))
+    radius, area = track.typical_radius, track.typical_area
     y, x = np.mgrid[:height, :width] + 0.5
     near = np.hypot(x - expected[0], y - expected[1]) < REACH * max(radius, 2.0)
     rows, cols = np.nonzero(near & free)
@@ -87,7 +77,6 @@ def _seen_at(expected: np.ndarray, track: Track, frame: np.ndarray, free: np.nda
     own = labels == k
     centre = centres[k] + 0.5
     colour = frame[own].mean(0) / 255
-    area = float(np.median([len(p.pixels) for p in track.pieces.values()]))
     cut = own[0].any() or own[-1].any() or own[:, 0].any() or own[:, -1].any()
     least = 0.0 if cut else LEAST_AREA * area
     if not least < own.sum() < MOST_AREA * area:

@@ -8,7 +8,6 @@ import numpy as np
 
 from pipeline.segmentation.grouping import Track
 from pipeline.segmentation.inference import Prediction
-from pipeline.segmentation.joining import typical_radius
 
 #: Names of the figures, in the order in which `track_figures` gives them.
 FIGURES = (
@@ -51,7 +50,7 @@ def track_figures(track: Track, prediction: Prediction) -> np.ndarray:
     moving, strongest, body, other = np.mean(means, axis=0)
     centres = np.array([track.pieces[t].centre for t in sorted(track.pieces)])
     shift = float(np.percentile(np.linalg.norm(centres - np.median(centres[:3], axis=0), axis=1), 90))
-    radius = max(typical_radius(track), 1.0)
+    radius = max(track.typical_radius, 1.0)
     area = np.mean([len(p.pixels) for p in track.pieces.values()])
     return np.array(
         [

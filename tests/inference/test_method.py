@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.inference.filmed_world import World
-from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, Method, best_of, hardly_told, settled
+from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, Method, best_of, is_ambiguous, settled
 from pipeline.metrics.overlap import Overlap
 from pipeline.motion.arcs import Arc
 from pipeline.motion.view import ArcMotion, View
@@ -37,8 +37,8 @@ def test_a_scene_that_is_worse_than_the_model_s_answer_does_not_end_the_search()
     assert not settled([method("best of K", 0.75), method(TRACKS, 0.65)])
 
 
-def test_a_view_that_is_hardly_told_has_to_be_clearly_better_than_a_table() -> None:
-    tracks = replace(method(TRACKS, 0.9), unsure=True)
+def test_a_scene_in_an_ambiguous_view_has_to_be_clearly_better_than_one_on_a_table() -> None:
+    tracks = replace(method(TRACKS, 0.9), ambiguous=True)
     assert not settled([tracks])
     assert best_of([tracks, method(SEARCH, 0.88)]).name == SEARCH
     assert best_of([tracks, method(SEARCH, 0.8)]).name == TRACKS
@@ -51,10 +51,10 @@ def view(kind: str, *slopes: float) -> View:
     return View(kind, motions, None, 0.0, 0.0, "")
 
 
-def test_motion_in_one_direction_hardly_tells_the_view_and_in_several_does() -> None:
-    assert hardly_told(view("top", 30.0, 33.0), World())
-    assert hardly_told(view("incline", 13.0), World())
-    assert not hardly_told(view("top", 30.0, -20.0), World())
-    assert not hardly_told(view("flight", 30.0), World())
-    assert not hardly_told(view("top", 30.0), World(view="top"))
-    assert not hardly_told(view("top", 30.0), World.of(length=(0, 0, 10, 0, 1.0)))
+def test_motion_in_one_direction_leaves_the_view_open_and_in_several_does_not() -> None:
+    assert is_ambiguous(view("top", 30.0, 33.0), World())
+    assert is_ambiguous(view("incline", 13.0), World())
+    assert not is_ambiguous(view("top", 30.0, -20.0), World())
+    assert not is_ambiguous(view("flight", 30.0), World())
+    assert not is_ambiguous(view("top", 30.0), World(view="top"))
+    assert not is_ambiguous(view("top", 30.0), World.of(length=(0, 0, 10, 0, 1.0)))

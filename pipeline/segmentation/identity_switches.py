@@ -1,4 +1,4 @@
-"""Tracks that take another body's place where two bodies meet.
+"""Identity switches: tracks that go on as another body where two bodies meet.
 
 A puck that stops where it hits another one, which goes on at the same speed, looks like one puck that goes on: its
 track takes over the place of the other one, whose own track ends, and a new track begins where the first puck stopped.
@@ -6,6 +6,7 @@ track takes over the place of the other one, whose own track ends, and a new tra
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -19,36 +20,34 @@ SAME_SIZE = 1.5  # most ratio of their radii
 LEAST_AREA, LEAST_RUN = 0.5, 3  # of the median: smaller pieces, and fewer in a row, before a track begins are flecks
 
 
-def with_own_places(tracks: Sequence[Track], frames: int) -> list[Track]:
-    """The tracks, of which each that took over another one's place has its own body's pieces.
+def without_switches(tracks: Sequence[Track], frames: int) -> list[Track]:
+    """The tracks, of which each that went on as another body has its own body's pieces.
 
     Args:
         tracks: Of a clip.
         frames: Their number.
     """
-    tracks = list(tracks)
-    for struck in list(tracks):
+    for struck, passing in itertools.permutations(tracks, 2):
         met = struck.last
-        if met + LATEST >= frames:
+        if met + LATEST >= frames or not _takes_over(passing, struck, met):
             continue
-        for passing in tracks:
-            began = next((k for k in tracks if _left_behind(k, passing, struck, met)), None)
-            if began is None or not _takes_over(passing, struck, met):
-                continue
-            start = _begin(began)
-            own = {t: p for t, p in passing.pieces.items() if t <= met and t < start}
-            rest = {t: p for t, p in began.pieces.items() if t >= start}
-            onward = {t: p for t, p in passing.pieces.items() if t > met}
-            tracks = [k for k in tracks if not any(k is other for other in (struck, passing, began))]
-            tracks += [replace(passing, pieces=own | rest), replace(struck, pieces=struck.pieces | onward)]
-            break
-    return tracks
+        others = [k for k in tracks if k is not struck and k is not passing]
+        began = next((k for k in others if _left_behind(k, passing, struck, met)), None)
+        if began is None:
+            continue
+        start = _begin(began)
+        own = {t: p for t, p in passing.pieces.items() if t <= met and t < start}
+        rest = {t: p for t, p in began.pieces.items() if t >= start}
+        onward = {t: p for t, p in passing.pieces.items() if t > met}
+        mended = replace(passing, pieces=own | rest), replace(struck, pieces=struck.pieces | onward)
+        return without_switches([*(k for k in others if k is not began), *mended], frames)
+    return list(tracks)
 
 
 def _takes_over(passing: Track, struck: Track, met: int) -> bool:
     """Whether a track that is seen before is where another one was last seen, in frame `met`, right after."""
     after = [t for t in passing.pieces if met < t <= met + LATEST]
-    if passing is struck or not after or passing.first >= met or passing.last <= met + LATEST:
+    if not after or passing.first >= met or passing.last <= met + LATEST:
         return False
     return _apart(passing, min(after), struck, met) < TAKEN * (1 + min(after) - met)
 
@@ -57,7 +56,7 @@ def _left_behind(began: Track, passing: Track, struck: Track, met: int) -> bool:
     """Whether a track begins, at about frame `met`, where the passing one was last."""
     start = _begin(began)
     before = [t for t in passing.pieces if t <= min(met, start)]
-    if any(k is began for k in (passing, struck)) or abs(start - met) > LATEST or not before:
+    if abs(start - met) > LATEST or not before:
         return False
     sizes = [_radius(k) for k in (began, passing, struck)]
     return max(sizes) < SAME_SIZE * min(sizes) and _apart(began, start, passing, max(before)) < LEFT
@@ -65,13 +64,14 @@ def _left_behind(began: Track, passing: Track, struck: Track, met: int) -> bool:
 
 def _begin(track: Track) -> int:
     """The first of LEAST_RUN frames in a row in which a track is no fleck; its last frame without any."""
-    least = LEAST_AREA * np.median([len(p.pixels) for p in track.pieces.values()])
+    least = LEAST_AREA * track.typical_area
     large = {t for t, p in track.pieces.items() if len(p.pixels) >= least}
     return min((t for t in large if large.issuperset(range(t, t + LEAST_RUN))), default=track.last)
 
 
 def _radius(track: Track) -> float:
-    return max(float(np.median([p.radius for p in track.pieces.values()])), 1.0)
+    """px, of which there is at least one."""
+    return max(track.typical_radius, 1.0)
 
 
 def _apart(one: Track, when: int, other: Track, then: int) -> float:
