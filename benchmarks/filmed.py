@@ -299,7 +299,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--search", type=int, default=2000)
     parser.add_argument("--drawn-stretch", action="store_true", help="give the stretch that has outlines")
-    parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--only", nargs="*", default=[], choices=sorted(CLIPS), metavar="NAME")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args(argv)
     folder = data_folder() / "real_video"

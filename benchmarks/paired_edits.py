@@ -250,7 +250,12 @@ def main() -> None:
     parser.add_argument("--scenes", choices=tuple(SCENES), default="true")
     parser.add_argument("--simulations", type=int, default=2000, help="of the search, without the true scenes")
     parser.add_argument(
-        "--size", type=int, nargs=2, default=SIZE, metavar=("W", "H"), help="of the clips, px (480 320)"
+        "--size",
+        type=int,
+        nargs=2,
+        default=SIZE,
+        metavar=("W", "H"),
+        help="of the clips, px (480 320); another with true scenes only",
     )
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--minutes", type=float, help="stop after so long; run again to continue")
@@ -258,6 +263,8 @@ def main() -> None:
     parser.add_argument("--again", action="store_true", help="forget the answers that it has, not the scenes")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER")
     a = parser.parse_args()
+    if a.scenes != "true" and tuple(a.size) != SIZE:
+        parser.error(f"--size: `infer` answers at {SIZE[0]} {SIZE[1]}; another size needs --scenes true")
     with kept_folder(a.kept) as kept:
         path, budget = kept / f"{a.scenes}.jsonl", 0 if a.scenes == "true" else a.simulations
         if a.again:

@@ -135,7 +135,14 @@ def find_scenes(
     with ThreadPoolExecutor(2, "tracks") as beside:
         viewing = beside.submit(filmed_world, taken, world)
         evaluating = beside.submit(
-            clip_evaluator, taken.masks, clip.flow, clip.schedule, SEARCH_SIZE, cores(), taken.clip.frames
+            clip_evaluator,
+            taken.masks,
+            clip.flow,
+            clip.schedule,
+            SEARCH_SIZE,
+            cores(),
+            taken.clip.frames,
+            clip.looks,
         )
         with progress.step("answers"):
             answers, sampling = ask_model(loading, taken, clip.schedule, clip.flow, question)
@@ -205,6 +212,7 @@ def find_scenes(
             seed=budget.seed,
             incline=budget.incline,
             threads=cores(),
+            looks=clip.looks,
         ),
         certainties=certain,
     )

@@ -10,7 +10,8 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import VideoError
 from pipeline.language.completion import MAX_OBJECTS
-from pipeline.perception.user_clip import UserClip
+from pipeline.perception.user_clip import UserClip, shape_network
+from pipeline.segmentation.body_shapes import shape_probabilities
 
 STILL_PX = 0.3  # px of 480x320 per frame interval: a slower body does not move
 
@@ -23,12 +24,14 @@ class MeasuredClip:
         taken: Frames and masks.
         schedule: Which moments are frames, and which pairs of them the model sees.
         flow: (P, H, W, 2), px of the frames, of these pairs.
+        looks: (N, 3) probability of each of `BASIC_SHAPES` by what the instances look like.
         notes: What was assumed or may be wrong, a sentence each.
     """
 
     taken: UserClip
     schedule: Schedule
     flow: np.ndarray
+    looks: np.ndarray
     notes: tuple[str, ...]
 
     @property
@@ -54,7 +57,8 @@ def measured_clip(name: str, taken: UserClip, schedule: Schedule, flow: np.ndarr
     """The clip of that name with its flow (P, H, W, 2). Raises VideoError where nothing moves in its masks."""
     check_motion(name, np.linalg.norm(flow, axis=-1), taken.masks[schedule.pairs[:, 0]])
     notes = [*taken.clip.notes, *(taken.found.notes if taken.found else ())]
-    return MeasuredClip(taken, schedule, flow, (*notes, *limits(taken.masks, schedule.seconds)))
+    looks = shape_probabilities(taken.clip.frames, taken.masks, taken.objects, shape_network())
+    return MeasuredClip(taken, schedule, flow, looks, (*notes, *limits(taken.masks, schedule.seconds)))
 
 
 def check_motion(name: str, speed: np.ndarray, masks: np.ndarray) -> None:

@@ -29,6 +29,7 @@ def clip_evaluator(
     size: tuple[int, int],
     threads: int,
     pictures: np.ndarray | None = None,
+    looks: np.ndarray | None = None,
 ) -> Evaluator:
     """The rewards of scenes for a clip.
 
@@ -40,6 +41,7 @@ def clip_evaluator(
         size: px, width and height, of masks and flow in the reward.
         threads: For simulation and rasterising.
         pictures: (F, h, w, 3) uint8 of every frame, of any size; None where they are not known.
+        looks: (M, 3) probability of each of `BASIC_SHAPES` by what the instances look like; None: not known.
     """
     seen = schedule.frames
     outlines = ClipOutlines(
@@ -47,6 +49,7 @@ def clip_evaluator(
         np.arange(seen) / schedule.fps,
         int(masks.max(initial=0)),
         None if pictures is None else pictures[:seen],
+        looks,
     )
     rigid = outlines.rigid_flow(flow[: schedule.model_frames], schedule.pairs)
     target = make_target(masks[schedule.pairs[:, 0]], rigid, *size, outlines.flow_errors)
@@ -131,6 +134,7 @@ def search_forecast(
     seed: int,
     incline: bool,
     threads: int,
+    looks: np.ndarray | None = None,
 ) -> Forecast | None:
     """How well a search on the first part of a clip forecasts the rest; None where the clip cannot be parted.
 
@@ -144,6 +148,7 @@ def search_forecast(
         seed: Of the search.
         incline: Whether the ground may slope in the picture.
         threads: For simulation and rasterising.
+        looks: (M, 3) probability of each of `BASIC_SHAPES` by what the instances look like; None: not known.
     """
     times = np.arange(len(masks)) / schedule.fps
     seen = fitted_frames(times, masks)
@@ -152,7 +157,7 @@ def search_forecast(
         part = schedule.first(seen / schedule.fps)
     except ValueError:
         return None
-    evaluator = clip_evaluator(masks, flow, part, size, threads)
+    evaluator = clip_evaluator(masks, flow, part, size, threads, looks=looks)
     budget = max(LEAST_SEARCH, round(FORECAST_SHARE * simulations))
     found = search_clip(evaluator, starts, budget, np.random.default_rng(seed), incline=incline).result.scene
     return forecast(found, masks, times, seen)

@@ -55,7 +55,15 @@ def count_frame(
 
 
 def count(masks: np.ndarray, targets: np.ndarray, objects: int, target_objects: int) -> Counts:
-    """Counts of predicted masks (F, H, W) against true ones of the same size."""
+    """Counts of predicted masks (F, H, W) against true ones of the same size.
+
+    Raises:
+        ValueError: The masks differ in size, or have more instances than said.
+    """
+    if masks.shape != targets.shape:
+        raise ValueError(f"masks of the sizes {masks.shape} and {targets.shape} cannot be compared")
+    if masks.max(initial=0) > objects or targets.max(initial=0) > target_objects:
+        raise ValueError(f"masks have more than the {objects} and {target_objects} instances that were said")
     frames = len(masks)
     out = Counts(
         np.zeros((frames, objects, target_objects), np.int64),

@@ -175,10 +175,10 @@ def free_way(bodies: Sequence[Track], found: Candidates, times: np.ndarray) -> t
 
     Returns:
         (T,) radii that all bodies go freely up to each frame from the one before, and (T,) bool: frames in which a body
-        is out of the picture, or cut by its border, that is whole before and after. What happens to it there is not
-        known.
+        is out of the picture, or cut by its border, that is whole before and after, or in which none is seen. What
+        happens there is not known.
     """
-    out, returns = np.zeros(len(times)), np.zeros(len(times), bool)
+    out, returns, followed = np.zeros(len(times)), np.zeros(len(times), bool), np.zeros(len(times), bool)
     motions = []
     for body in bodies:
         seen = np.array(sorted(body.pieces))
@@ -193,10 +193,11 @@ def free_way(bodies: Sequence[Track], found: Candidates, times: np.ndarray) -> t
         held = np.array([touched(body, found, int(k)) for k in seen])
         free = (speed > SLOW * fastest) & ~held & ~cut
         out[seen[free]] += steps[free] / radius
+        followed[seen[0] : seen[-1] + 1] = True
         if free.any():
             first, last = seen[free][[0, -1]]
             returns[seen[cut & (seen > first) & (seen < last)]] = True
-    return out, returns
+    return out, returns | ~followed
 
 
 def at_border(body: Track, found: Candidates, k: int) -> bool:

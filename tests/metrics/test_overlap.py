@@ -112,3 +112,11 @@ def test_the_assignment_maximises_the_summed_overlap(rng: np.random.Generator) -
     best = iou.sum(0)[pairs[:, 0], pairs[:, 1]].sum()
     for order in ([0, 1, 2], [1, 0, 2], [2, 1, 0], [0, 2, 1], [1, 2, 0], [2, 0, 1]):
         assert iou.sum(0)[range(3), order].sum() <= best + 1e-12
+
+
+def test_masks_of_another_size_or_with_more_bodies_are_refused() -> None:
+    one = np.ones((2, 4, 6), np.uint8)
+    with pytest.raises(ValueError, match=r"\(2, 4, 6\) and \(2, 4, 3\)"):
+        count(one, one[..., :3], 1, 1)
+    with pytest.raises(ValueError, match="more than the 1 and 1"):
+        count(one * 2, one, 1, 1)

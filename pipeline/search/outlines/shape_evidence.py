@@ -16,6 +16,7 @@ PARAMETERS = {"sphere": 1, "cylinder": 6, "box": 9}
 CORRELATED = 16.0  # points of an outline that count as one independent observation: masks that were found err alike
 LEAST_PROBABILITY = 0.05  # of a shape that is tried, relative to the most probable
 FLOOR = 0.05  # least mean square of the residuals: finer differences than outlines between pixels can tell
+ANY = np.full(len(BASIC_SHAPES), 1 / len(BASIC_SHAPES))
 assert PARAMETERS.keys() == set(BASIC_SHAPES)
 
 
@@ -37,7 +38,9 @@ class ShapeEvidence:
         return sorted(self.probability, key=lambda shape: -self.probability[shape])
 
 
-def shape_evidence(contour: Contour, times: np.ndarray, focal: float, upright: np.ndarray) -> ShapeEvidence:
+def shape_evidence(
+    contour: Contour, times: np.ndarray, focal: float, upright: np.ndarray, looks: np.ndarray = ANY
+) -> ShapeEvidence:
     """Fit every basic shape to the outlines of an instance.
 
     Args:
@@ -45,14 +48,16 @@ def shape_evidence(contour: Contour, times: np.ndarray, focal: float, upright: n
         times: (F,) of the clip's frames, s.
         focal: Usual focal length, px.
         upright: (3, 3) from the world frame (z up) to the camera frame, as far as it is known.
+        looks: (3,) probabilities of `BASIC_SHAPES` by what the instance looks like in pictures.
     """
     if not len(contour.frames):
-        return ShapeEvidence({}, dict.fromkeys(BASIC_SHAPES, 1 / len(BASIC_SHAPES)))
+        return ShapeEvidence({}, dict(zip(BASIC_SHAPES, map(float, looks), strict=True)))
     fits = {shape: register(contour, shape, times, focal, upright) for shape in BASIC_SHAPES}
     costs = np.array([fits[shape].cost for shape in BASIC_SHAPES])
     points = max(fits[BASIC_SHAPES[0]].points, 1)
     free = np.array([PARAMETERS[shape] for shape in BASIC_SHAPES])
-    return ShapeEvidence(fits, dict(zip(BASIC_SHAPES, probabilities(costs, points, free), strict=True)))
+    both = np.array(probabilities(costs, points, free)) * looks
+    return ShapeEvidence(fits, dict(zip(BASIC_SHAPES, (both / both.sum()).tolist(), strict=True)))
 
 
 def probabilities(costs: np.ndarray, points: int, parameters: np.ndarray) -> list[float]:
