@@ -17,9 +17,11 @@ from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import frame_masks
 from pipeline.objects.instances import Instances, instances_of
 from pipeline.perception.found_bodies import moving_masks
+from pipeline.perception.user_clip import shape_network
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
 from pipeline.segmentation import MaskNetworks, load_mask_networks
+from pipeline.segmentation.body_shapes import shape_probabilities
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.flow.measured_flow import measured_flow
 from pipeline.vision.flow.raft import RAFT, load_raft
@@ -49,11 +51,12 @@ class Measured:
     flow_true: np.ndarray
     flow_found: np.ndarray
 
-    def instances(self, masks: str) -> Instances:
-        """What the model sees; masks: "true" or "found"."""
-        if masks == "true":
-            return instances_of(self.true, self.flow_true)
-        return instances_of(self.found, self.flow_found)
+    def instances(self, masks: str, frames: np.ndarray | None = None) -> Instances:
+        """What the model sees; masks: "true" or "found". frames: (P, H, W, 3) uint8, that tell what the bodies look
+        like; None: it is not told."""
+        ids, flow = (self.true, self.flow_true) if masks == "true" else (self.found, self.flow_found)
+        looks = None if frames is None else shape_probabilities(frames, ids, int(ids.max()), shape_network())
+        return instances_of(ids, flow, looks)
 
 
 @lru_cache(maxsize=1)

@@ -19,6 +19,7 @@ from pipeline.model.model_input import ModelInput, missing_input, read_input
 if TYPE_CHECKING:
     from pipeline.clips.schedule import Schedule
     from pipeline.inference.answers import Answer
+    from pipeline.inference.measured_clip import MeasuredClip
     from pipeline.model.base import Base
     from pipeline.model.sampling import Sampling
     from pipeline.objects.answering import ObjectsModel
@@ -69,16 +70,12 @@ class LoadingModel:
         return self.input or input_of(self.base.result())
 
 
-def ask_model(
-    loading: LoadingModel, taken: UserClip, schedule: Schedule, flow: np.ndarray, question: Question
-) -> tuple[list[Answer], Sampling]:
+def ask_model(loading: LoadingModel, clip: MeasuredClip, question: Question) -> tuple[list[Answer], Sampling]:
     """Wait for the model and ask it.
 
     Args:
         loading: The model.
-        taken: Frames and masks.
-        schedule: Which pairs of frames the model sees.
-        flow: (P, H, W, 2), px per frame interval, of these pairs.
+        clip: Frames, masks, flow, and what the bodies look like.
         question: How it is asked.
 
     Returns:
@@ -93,10 +90,12 @@ def ask_model(
 
     base = loading.base.result()
     shown, q = input_of(base), question
+    taken, schedule = clip.taken, clip.schedule
     sampling = Sampling(q.samples, q.temperature, q.top_p, shown.reasoning, schedule.seconds, middle=q.middle)
     first = schedule.pairs[:, 0]
-    clip = shown_clip(base, shown, flow, taken.clip.frames[first], taken.masks[first], 1 / schedule.fps)
-    (answers,) = ask(base, lambda _: clip, [answer_seed(q.seed, 0)], sampling, DECODE_BATCH_SIZE)
+    frames, masks = taken.clip.frames[first], taken.masks[first]
+    seen = shown_clip(base, shown, clip.flow, frames, masks, 1 / schedule.fps, clip.looks)
+    (answers,) = ask(base, lambda _: seen, [answer_seed(q.seed, 0)], sampling, DECODE_BATCH_SIZE)
     return answers, sampling
 
 

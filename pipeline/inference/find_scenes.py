@@ -145,7 +145,7 @@ def find_scenes(
             clip.looks,
         )
         with progress.step("answers"):
-            answers, sampling = ask_model(loading, taken, clip.schedule, clip.flow, question)
+            answers, sampling = ask_model(loading, clip, question)
         progress.say(
             "answers", f"{_tally([a.scene.composition for a in answers])}; greedy first: {answers[0].scene.composition}"
         )
