@@ -16,7 +16,6 @@ from pipeline.segmentation.joining import joined
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
 from pipeline.segmentation.plate import clear_plate
 from pipeline.segmentation.resting import ALIKE, resting, without_ghosts
-from pipeline.segmentation.shadow_tracks import without_shadows
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge
 
@@ -107,7 +106,6 @@ def _tracked(prediction: Prediction, small: np.ndarray, background: np.ndarray) 
     probability[shadows] *= IN_SHADOW
     changed = np.stack([cv2.absdiff(frame, background).max(-1) >= ALIKE for frame in small]) & ~shadows
     tracks = joined(follow(prediction, probability, small), probability)
-    tracks = without_shadows(tracks, small, background)
     figures = [track_figures(t, prediction) for t in tracks]
     table = np.array(figures).reshape(len(tracks), len(FIGURES))
     return Candidates(small, changed, prediction, probability, tracks, table)

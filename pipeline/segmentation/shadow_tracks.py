@@ -16,26 +16,25 @@ DARKER = 0.04  # least drop of the logarithm in a shadow, its soft rim included
 SHADED = 0.85  # share of a shadow's pixels that are so
 
 
-def without_shadows(tracks: Sequence[Track], frames: np.ndarray, background: np.ndarray) -> list[Track]:
-    """The tracks without those that move beside another one as its shadow does.
+def shadows_among(tracks: Sequence[Track], frames: np.ndarray) -> set[int]:
+    """Which of some tracks move beside another one as its shadow does: their indices.
 
     A shadow is the background, darker, without another tint. Where both of a pair are so, as a grey ball in front of
     a white wall, the shadow is the one with less contrast inside.
 
     Args:
         tracks: Of a clip.
-        frames: (T, H, W, 3) uint8.
-        background: (H, W, 3) uint8.
+        frames: (T, H, W, 3) uint8. Their median is the background.
     """
-    behind = np.log(background.reshape(-1, 3).astype(np.float32) + DARKEST)
+    behind = np.log(np.median(frames, axis=0).reshape(-1, 3).astype(np.float32) + DARKEST)
     looks = [shade_of(track, frames, behind) for track in tracks]
-    shadows = set()
+    shadows: set[int] = set()
     for i, one in enumerate(tracks):
         for j in range(i):
             pair = [k for k in (i, j) if looks[k][0] >= SHADED]
             if pair and go_side_by_side(one, tracks[j]):
                 shadows.add(min(pair, key=lambda k: looks[k][1]))
-    return [track for k, track in enumerate(tracks) if k not in shadows]
+    return shadows
 
 
 def shade_of(track: Track, frames: np.ndarray, behind: np.ndarray) -> tuple[float, float]:

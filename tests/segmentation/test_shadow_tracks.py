@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.segmentation.grouping import Piece, Track
-from pipeline.segmentation.shadow_tracks import without_shadows
+from pipeline.segmentation.shadow_tracks import shadows_among
 
 HEIGHT, WIDTH, FRAMES, RADIUS = 90, 160, 12, 5
 WALL = np.full((HEIGHT, WIDTH, 3), (190, 200, 185), np.uint8)
@@ -39,8 +39,7 @@ BALL[:, ::2] = 60  # grey too, with contrast inside
 def test_of_a_body_and_its_shadow_the_body_stays(body: np.ndarray, first: bool) -> None:
     both = [(PATH, body), (PATH + BESIDE, GREY)]
     frames, tracks = clip_of(both if first else both[::-1])
-    left = without_shadows(tracks, frames, WALL)
-    assert left == [tracks[0 if first else 1]]
+    assert shadows_among(tracks, frames) == {1 if first else 0}
 
 
 @pytest.mark.parametrize(
@@ -55,4 +54,4 @@ def test_of_a_body_and_its_shadow_the_body_stays(body: np.ndarray, first: bool) 
 )
 def test_what_is_no_shadow_stays(other: tuple[np.ndarray, np.ndarray]) -> None:
     frames, tracks = clip_of([(PATH, RED), other])
-    assert len(without_shadows(tracks, frames, WALL)) == 2
+    assert not shadows_among(tracks, frames)
