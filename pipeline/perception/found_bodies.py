@@ -99,9 +99,9 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
     shadows = {alone[i] for i in shadows_among([kept[groups[k][0] - 1].track for k in alone], found.frames)}
     if shadows:
         left = [k for k in range(len(groups)) if k not in shadows]
-        number = np.zeros(MOST_BODIES + 1, np.uint8)
-        number[[k + 1 for k in left]] = np.arange(1, len(left) + 1)
-        masks, groups = number[masks], [groups[k] for k in left]
+        renumbered = np.zeros(MOST_BODIES + 1, np.uint8)
+        renumbered[[k + 1 for k in left]] = np.arange(1, len(left) + 1)
+        masks, groups = renumbered[masks], [groups[k] for k in left]
     if networks.outlines is not None:
         hulls = [k for k, g in enumerate(groups, 1) if len(g) > 1 or stiff[g[0] - 1]]
         masks = sharpen(clip.frames, masks, networks.outlines, hulls)

@@ -36,7 +36,7 @@ from pipeline.objects.instances import LEAST_PX, SIDE, instances_of
 from pipeline.objects.network import ObjectsNetwork, ObjectsSize
 from pipeline.objects.number_chain import NumberChain, at_quantile, greedy
 from pipeline.physics.simulate import simulate
-from pipeline.scene.scene import Scene
+from pipeline.scene.scene import BASIC_SHAPES, Scene
 from tests.sampled_scenes import clips as sampled_clips
 
 SCHEDULE = Schedule()
@@ -193,6 +193,17 @@ def test_an_instance_that_is_no_body_is_left_out(clip: tuple[Scene, Example]) ->
     empty = instances_of(np.zeros((10, 160, 240), np.uint8), np.zeros((10, 160, 240, 2), np.float32))
     with pytest.raises(ModelError, match="masks of this clip have none"):
         write_answers(own, empty, Sampling(), 0)
+
+
+@pytest.mark.parametrize("shape", BASIC_SHAPES)
+def test_a_body_that_surely_looks_like_a_shape_gets_it(clip: tuple[Scene, Example], shape: str) -> None:
+    seen = clip[1].instances
+    sure = np.eye(len(BASIC_SHAPES))[[BASIC_SHAPES.index(shape)] * len(seen)]
+    (answer,) = write_answers(model(), replace(seen, looks=sure), Sampling(), 0)
+    assert set(read_completion(answer.text).scene.shapes) == {shape}
+    (plain,) = write_answers(model(), seen, Sampling(), 0)
+    (same,) = write_answers(model(), replace(seen, looks=np.full((len(seen), 3), 1 / 3)), Sampling(), 0)
+    assert same.text == plain.text
 
 
 def test_a_checkpoint_is_read_as_it_was_written(tmp_path: Path, clip: tuple[Scene, Example]) -> None:
