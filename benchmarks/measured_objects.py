@@ -15,9 +15,9 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import frame_masks
+from pipeline.inference.measured_clip import shape_network
 from pipeline.objects.instances import Instances, instances_of
 from pipeline.perception.found_bodies import moving_masks
-from pipeline.perception.user_clip import shape_network
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
 from pipeline.segmentation import MaskNetworks, load_mask_networks

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,17 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import VideoError
 from pipeline.language.completion import MAX_OBJECTS
-from pipeline.perception.user_clip import UserClip, shape_network
+from pipeline.perception.user_clip import WEIGHTS, UserClip
 from pipeline.segmentation.body_shapes import shape_probabilities
+from pipeline.segmentation.shape_network import ShapeNetwork, load_shape_network
 
 STILL_PX = 0.3  # px of 480x320 per frame interval: a slower body does not move
+
+
+@lru_cache(maxsize=1)
+def shape_network() -> ShapeNetwork:
+    """The network for shapes that ships, loaded once."""
+    return load_shape_network(WEIGHTS)
 
 
 @dataclass(frozen=True)
@@ -24,14 +32,15 @@ class MeasuredClip:
         taken: Frames and masks.
         schedule: Which moments are frames, and which pairs of them the model sees.
         flow: (P, H, W, 2), px of the frames, of these pairs.
-        looks: (N, 3) probability of each of `BASIC_SHAPES` by what the instances look like.
+        looks: (N, 3) probability of each of `BASIC_SHAPES` by what the instances look like; None with masks that were
+            given, whose outlines tell it.
         notes: What was assumed or may be wrong, a sentence each.
     """
 
     taken: UserClip
     schedule: Schedule
     flow: np.ndarray
-    looks: np.ndarray
+    looks: np.ndarray | None
     notes: tuple[str, ...]
 
     @property
@@ -57,7 +66,9 @@ def measured_clip(name: str, taken: UserClip, schedule: Schedule, flow: np.ndarr
     """The clip of that name with its flow (P, H, W, 2). Raises VideoError where nothing moves in its masks."""
     check_motion(name, np.linalg.norm(flow, axis=-1), taken.masks[schedule.pairs[:, 0]])
     notes = [*taken.clip.notes, *(taken.found.notes if taken.found else ())]
-    looks = shape_probabilities(taken.clip.frames, taken.masks, taken.objects, shape_network())
+    looks = None
+    if taken.found is not None:
+        looks = shape_probabilities(taken.clip.frames, taken.masks, taken.objects, shape_network())
     return MeasuredClip(taken, schedule, flow, looks, (*notes, *limits(taken.masks, schedule.seconds)))
 
 

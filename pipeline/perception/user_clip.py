@@ -16,7 +16,6 @@ from pipeline.perception.free_motion import Stretch, stretch_of
 from pipeline.perception.mask_source import WEIGHTS, MaskSource
 from pipeline.perception.prompts import Prompts
 from pipeline.segmentation import MaskNetworks, load_mask_networks
-from pipeline.segmentation.shape_network import ShapeNetwork, load_shape_network
 from pipeline.vision.recordings.clip_folder import video_of
 from pipeline.vision.recordings.corrections import Correction
 from pipeline.vision.recordings.given_masks import given_masks
@@ -201,9 +200,3 @@ def _finder(source: MaskSource) -> str:
 def mask_networks() -> MaskNetworks:
     """The networks that ship, loaded once."""
     return load_mask_networks(WEIGHTS)
-
-
-@lru_cache(maxsize=1)
-def shape_network() -> ShapeNetwork:
-    """The network for shapes that ships, loaded once."""
-    return load_shape_network(WEIGHTS)
