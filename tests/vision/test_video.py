@@ -53,7 +53,10 @@ def test_what_is_written_is_read_back_frame_by_frame(tmp_path, rng):
     write_video(tmp_path / "clip.mp4", frames, 30)
     clip = read_clip(tmp_path / "clip.mp4", size=(96, 64))
     assert clip.frames.shape == frames.shape
-    assert np.abs(clip.frames.astype(int) - frames).mean() < 3
+    read = clip.frames.astype(int)
+    own = np.abs(read - frames).mean((1, 2, 3))  # the codec keeps less of colours than of lightness
+    for step in (-1, 1):
+        assert (own < 0.6 * np.abs(read - np.roll(frames, step, axis=0)).mean((1, 2, 3))).all()
     assert np.allclose(clip.times, np.arange(30) / 30)
     assert np.allclose(clip.source_times, clip.times, atol=1e-3)
     assert clip.source_fps == pytest.approx(30, rel=1e-3)
