@@ -3,6 +3,7 @@
 import os
 import shutil
 import signal
+import threading
 import time
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from campaign import rounds
 from toy_stage import make, make_weights
+from tqdm import tqdm
 
 from pipeline.shards.content_hash import hash_files
 from pipeline.shards.keep_folder import keep_folder
@@ -48,6 +50,7 @@ def in_a_child(root: Path, killed_after_s: float | None) -> int:
     """Run in a forked process, which has everything imported; its exit code, -9 where it was killed."""
     child = os.fork()
     if child == 0:
+        tqdm.set_lock(threading.RLock())  # the usual one is shared: a killed process would leave it locked for all
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         try:
             run(root)
@@ -98,6 +101,7 @@ def test_pruning_beside_a_run_changes_nothing_but_its_time(tmp_path: Path) -> No
         root = tmp_path / "pruned"
         child = os.fork()
         if child == 0:
+            tqdm.set_lock(threading.RLock())
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             try:
                 for _ in range(3):
