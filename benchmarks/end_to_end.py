@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +34,7 @@ from pipeline.perception.user_clip import read_frames, with_masks
 from pipeline.scene.text import write_scene
 from pipeline.search.target import resize_masks
 from pipeline.vision.recordings.clip_folder import find_clips, masks_beside, video_of
+from pipeline.vision.recordings.mask_file import only
 
 METRICS = {
     "composition": "composition",
@@ -53,13 +53,6 @@ def overlap_with(masks: np.ndarray, truth: np.ndarray) -> float:
     both = resize_masks(masks, WIDTH, HEIGHT), resize_masks(truth, WIDTH, HEIGHT)
     counts = count(*both, int(masks.max(initial=0)), int(truth.max(initial=0)))
     return float(sequence_iou(counts, assign(pair_iou(counts))))
-
-
-def renumbered(masks: np.ndarray, kept: Sequence[int]) -> np.ndarray:
-    """Masks of some of the ids, numbered from 1."""
-    table = np.zeros(256, np.uint8)
-    table[list(kept)] = np.arange(1, len(kept) + 1)
-    return np.asarray(table[masks])
 
 
 def answer(job: Job) -> dict[str, Any]:
@@ -87,7 +80,7 @@ def answer(job: Job) -> dict[str, Any]:
         "composition": float(scene.composition == row["true"]),
         "iou": overlap_with(shown, truth),
         "moving_composition": float(scene.composition == "+".join(sorted(shapes[i] for i in moving))),
-        "moving_iou": overlap_with(shown, renumbered(truth, moving)),
+        "moving_iou": overlap_with(shown, only(truth, moving)),
         "masks": overlap_with(taken.masks, truth),
         "seconds": time.perf_counter() - start,
         "scene": write_scene(scene),

@@ -10,8 +10,8 @@ The name is that of a row in the tables; the pairs of rows in COMPARED are compa
 chooses numbers token by token, `--without-reasoning` asks for the scene only, `--input noisy` shows exact flow with the
 noise of the training instead of RAFT's flow, `--input rgb` the frames. A model of objects (`--model
 models/objects`) sees RAFT's flow with masks that the network for masks finds in the frames, with `--input true` the
-true ones, and which shape each body looks like to the network for shapes, unless `--without-looks`. Each answer is
-appended to benchmarks/results/learned/answers.jsonl, so that a stopped run can be continued; learned.csv,
+true ones, and the probability of each body's shape by the network for shapes, unless `--without-shape-prior`. Each
+answer is appended to benchmarks/results/learned/answers.jsonl, so that a stopped run can be continued; learned.csv,
 differences.csv and learned.md beside it sum them up, and the report shows them. Without a name it only sums up.
 """
 
@@ -74,7 +74,7 @@ ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
 COMPARED = (  # first minus second, by clip
     ("objects", "tiny"),
-    ("objects", "objects without looks"),
+    ("objects", "objects without shape prior"),
     ("objects", "objects with true masks"),
     ("tiny", "tokens"),
     ("tiny", "noisy"),
@@ -104,10 +104,10 @@ def answers(
 
 
 def shown_of_clip(
-    suite: Suite, label: str, clip: int, kind: str, params: Params, base: Base | ObjectsModel, looks: bool
+    suite: Suite, label: str, clip: int, kind: str, params: Params, base: Base | ObjectsModel, shape_prior: bool
 ) -> np.ndarray | Instances:
     """What the model sees of a clip: pictures (T, H, W, 3) uint8, or instances; kind: flow, noisy or rgb; of objects,
-    `found` or `true` masks, with or without what the bodies look like."""
+    `found` or `true` masks, with or without the shapes that the network for shapes sees."""
     schedule = params.clip.schedule
     if isinstance(base, ObjectsModel):
         rendered = suite["render"][clip]
@@ -115,7 +115,7 @@ def shown_of_clip(
         frames, masks = rendered.array("rgb"), rendered.array("mask")
         file = MEASURED / f"{params.seed}" / label / f"{clip:04d}.npz"
         measured = kept(file, lambda: measure(frames, masks, np.asarray(times), schedule, params))
-        seen = frames[schedule.pairs[:, 0]] if looks else None
+        seen = frames[schedule.pairs[:, 0]] if shape_prior else None
         return measured.instances("true" if kind == "true" else "found", seen)
     if kind == "noisy":
         view, rng = suite["render"][clip], clip_rng(params.seed, label, clip, "flow noise")
@@ -132,7 +132,7 @@ def rows_of(
 ) -> Iterator[dict[str, Any]]:
     """The scores of the greedy answer to a clip, and of the best of the samples."""
     schedule = Schedule(**params.clip.model_dump())
-    shown = shown_of_clip(suite, label, clip, asked.input, params, base, not asked.without_looks)
+    shown = shown_of_clip(suite, label, clip, asked.input, params, base, not asked.without_shape_prior)
     truth, shapes = reference(suite, clip, schedule), shapes_of(suite, clip, params)
 
     def scored(scene: Scene) -> dict[str, float]:
@@ -244,7 +244,7 @@ def main() -> None:
     parser.add_argument("--without-reasoning", action="store_true", help="without reasoning")
     parser.add_argument("--numbers", default="quantiles", choices=("quantiles", "tokens"), help="how they are chosen")
     parser.add_argument("--input", default="flow", choices=("flow", "noisy", "rgb", "found", "true"))
-    parser.add_argument("--without-looks", action="store_true", help="without the network for shapes, of objects")
+    parser.add_argument("--without-shape-prior", action="store_true", help="without the network for shapes, of objects")
     parser.add_argument("--threads", type=int, default=2)
     asked = parser.parse_args()
     logging.set_verbosity_error()

@@ -52,11 +52,11 @@ class Measured:
     flow_found: np.ndarray
 
     def instances(self, masks: str, frames: np.ndarray | None = None) -> Instances:
-        """What the model sees; masks: "true" or "found". frames: (P, H, W, 3) uint8, that tell what the bodies look
-        like; None: it is not told."""
+        """What the model sees; masks: "true" or "found". frames: (P, H, W, 3) uint8, in which the network for shapes
+        sees the bodies; None: it is not asked."""
         ids, flow = (self.true, self.flow_true) if masks == "true" else (self.found, self.flow_found)
-        looks = None if frames is None else shape_probabilities(frames, ids, int(ids.max()), shape_network())
-        return instances_of(ids, flow, looks)
+        prior = None if frames is None else shape_probabilities(frames, ids, int(ids.max()), shape_network())
+        return instances_of(ids, flow, prior)
 
 
 @lru_cache(maxsize=1)

@@ -75,7 +75,7 @@ def ask_model(loading: LoadingModel, clip: MeasuredClip, question: Question) -> 
 
     Args:
         loading: The model.
-        clip: Frames, masks, flow, and what the bodies look like.
+        clip: Frames, masks, flow and shape prior.
         question: How it is asked.
 
     Returns:
@@ -94,7 +94,7 @@ def ask_model(loading: LoadingModel, clip: MeasuredClip, question: Question) -> 
     sampling = Sampling(q.samples, q.temperature, q.top_p, shown.reasoning, schedule.seconds, middle=q.middle)
     first = schedule.pairs[:, 0]
     frames, masks = taken.clip.frames[first], taken.masks[first]
-    seen = shown_clip(base, shown, clip.flow, frames, masks, 1 / schedule.fps, clip.looks)
+    seen = shown_clip(base, shown, clip.flow, frames, masks, 1 / schedule.fps, clip.shape_prior)
     (answers,) = ask(base, lambda _: seen, [answer_seed(q.seed, 0)], sampling, DECODE_BATCH_SIZE)
     return answers, sampling
 

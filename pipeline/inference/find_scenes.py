@@ -142,7 +142,7 @@ def find_scenes(
             SEARCH_SIZE,
             cores(),
             taken.clip.frames,
-            clip.looks,
+            clip.shape_prior,
         )
         with progress.step("answers"):
             answers, sampling = ask_model(loading, clip, question)
@@ -212,7 +212,7 @@ def find_scenes(
             seed=budget.seed,
             incline=budget.incline,
             threads=cores(),
-            looks=clip.looks,
+            shape_prior=clip.shape_prior,
         ),
         certainties=certain,
     )

@@ -32,15 +32,15 @@ class MeasuredClip:
         taken: Frames and masks.
         schedule: Which moments are frames, and which pairs of them the model sees.
         flow: (P, H, W, 2), px of the frames, of these pairs.
-        looks: (N, 3) probability of each of `BASIC_SHAPES` by what the instances look like; None with masks that were
-            given, whose outlines tell it.
+        shape_prior: (N, 3) probability of each of `BASIC_SHAPES` by the network for shapes; None with given masks,
+            whose outlines tell the shapes.
         notes: What was assumed or may be wrong, a sentence each.
     """
 
     taken: UserClip
     schedule: Schedule
     flow: np.ndarray
-    looks: np.ndarray | None
+    shape_prior: np.ndarray | None
     notes: tuple[str, ...]
 
     @property
@@ -66,10 +66,10 @@ def measured_clip(name: str, taken: UserClip, schedule: Schedule, flow: np.ndarr
     """The clip of that name with its flow (P, H, W, 2). Raises VideoError where nothing moves in its masks."""
     check_motion(name, np.linalg.norm(flow, axis=-1), taken.masks[schedule.pairs[:, 0]])
     notes = [*taken.clip.notes, *(taken.found.notes if taken.found else ())]
-    looks = None
+    shape_prior = None
     if taken.found is not None:
-        looks = shape_probabilities(taken.clip.frames, taken.masks, taken.objects, shape_network())
-    return MeasuredClip(taken, schedule, flow, looks, (*notes, *limits(taken.masks, schedule.seconds)))
+        shape_prior = shape_probabilities(taken.clip.frames, taken.masks, taken.objects, shape_network())
+    return MeasuredClip(taken, schedule, flow, shape_prior, (*notes, *limits(taken.masks, schedule.seconds)))
 
 
 def check_motion(name: str, speed: np.ndarray, masks: np.ndarray) -> None:

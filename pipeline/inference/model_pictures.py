@@ -45,7 +45,7 @@ def shown_clip(
     frames: np.ndarray,
     masks: np.ndarray,
     interval: float,
-    looks: np.ndarray | None = None,
+    shape_prior: np.ndarray | None = None,
 ) -> np.ndarray | Instances:
     """What a model takes of a clip.
 
@@ -56,8 +56,8 @@ def shown_clip(
         frames: (P, h, w, 3) uint8, the first frame of each pair.
         masks: (P, h, w) uint8, its masks.
         interval: s between the two frames of a pair.
-        looks: (N, 3) probability of each of `BASIC_SHAPES` for the masks' bodies, for a model of objects.
+        shape_prior: (N, 3) probability of each of `BASIC_SHAPES` for the masks' bodies, for a model of objects.
     """
     if isinstance(base, ObjectsModel):
-        return instances_of(masks, flow, looks)
+        return instances_of(masks, flow, shape_prior)
     return model_pictures(model_input, base.layout, flow, frames, interval)

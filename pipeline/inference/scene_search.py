@@ -29,7 +29,7 @@ def clip_evaluator(
     size: tuple[int, int],
     threads: int,
     pictures: np.ndarray | None = None,
-    looks: np.ndarray | None = None,
+    shape_prior: np.ndarray | None = None,
 ) -> Evaluator:
     """The rewards of scenes for a clip.
 
@@ -41,7 +41,7 @@ def clip_evaluator(
         size: px, width and height, of masks and flow in the reward.
         threads: For simulation and rasterising.
         pictures: (F, h, w, 3) uint8 of every frame, of any size; None where they are not known.
-        looks: (M, 3) probability of each of `BASIC_SHAPES` by what the instances look like; None: not known.
+        shape_prior: (M, 3) probability of each of `BASIC_SHAPES` by the network for shapes; None: not known.
     """
     seen = schedule.frames
     outlines = ClipOutlines(
@@ -49,7 +49,7 @@ def clip_evaluator(
         np.arange(seen) / schedule.fps,
         int(masks.max(initial=0)),
         None if pictures is None else pictures[:seen],
-        looks,
+        shape_prior,
     )
     rigid = outlines.rigid_flow(flow[: schedule.model_frames], schedule.pairs)
     target = make_target(masks[schedule.pairs[:, 0]], rigid, *size, outlines.flow_errors)
@@ -134,7 +134,7 @@ def search_forecast(
     seed: int,
     incline: bool,
     threads: int,
-    looks: np.ndarray | None = None,
+    shape_prior: np.ndarray | None = None,
 ) -> Forecast | None:
     """How well a search on the first part of a clip forecasts the rest; None where the clip cannot be parted.
 
@@ -148,7 +148,7 @@ def search_forecast(
         seed: Of the search.
         incline: Whether the ground may slope in the picture.
         threads: For simulation and rasterising.
-        looks: (M, 3) probability of each of `BASIC_SHAPES` by what the instances look like; None: not known.
+        shape_prior: (M, 3) probability of each of `BASIC_SHAPES` by the network for shapes; None: not known.
     """
     times = np.arange(len(masks)) / schedule.fps
     seen = fitted_frames(times, masks)
@@ -157,7 +157,7 @@ def search_forecast(
         part = schedule.first(seen / schedule.fps)
     except ValueError:
         return None
-    evaluator = clip_evaluator(masks, flow, part, size, threads, looks=looks)
+    evaluator = clip_evaluator(masks, flow, part, size, threads, shape_prior=shape_prior)
     budget = max(LEAST_SEARCH, round(FORECAST_SHARE * simulations))
     found = search_clip(evaluator, starts, budget, np.random.default_rng(seed), incline=incline).result.scene
     return forecast(found, masks, times, seen)

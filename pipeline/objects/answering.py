@@ -93,8 +93,8 @@ def write_scenes(
     numbers, total = network.write_scene(read, draw)
     known = network.known(read, numbers).flatten(0, 1)
     chances = network.bodies.choose(known).softmax(-1)
-    if shown.looks is not None:
-        chances = _seen_too(chances.view(each, bodies, -1), shown.looks).flatten(0, 1)
+    if shown.shape_prior is not None:
+        chances = _with_prior(chances.view(each, bodies, -1), shown.shape_prior).flatten(0, 1)
     shapes = _shapes(chances, sampling, generator).view(each, bodies)
     likely = chances[:, :NOTHING].view(each, bodies, NOTHING).max(-1)
     nobody = (shapes == NOTHING).all(1)  # an answer has a body
@@ -117,14 +117,14 @@ def _most_seen(instances: Instances) -> Instances:
     """At most MAX_OBJECTS instances, in their order."""
     seen = instances.places[..., 0].sum(1)
     kept = np.sort(np.argsort(-seen, kind="stable")[:MAX_OBJECTS])
-    looks = None if instances.looks is None else instances.looks[kept]
-    return Instances(instances.crops[kept], instances.places[kept], instances.ids[kept], looks)
+    shape_prior = None if instances.shape_prior is None else instances.shape_prior[kept]
+    return Instances(instances.crops[kept], instances.places[kept], instances.ids[kept], shape_prior)
 
 
-def _seen_too(chances: Tensor, looks: np.ndarray) -> Tensor:
-    """Chances (K, N, 4) of shapes and of NOTHING, those of shapes times what pictures say: looks (N, 3)."""
+def _with_prior(chances: Tensor, shape_prior: np.ndarray) -> Tensor:
+    """Chances (K, N, 4) of shapes and of NOTHING, those of shapes weighted by shape_prior (N, 3); NOTHING's stays."""
     real = chances[..., :NOTHING]
-    both = real * torch.from_numpy(looks).to(real)
+    both = real * torch.from_numpy(shape_prior).to(real)
     both = both * (real.sum(-1, keepdim=True) / both.sum(-1, keepdim=True))
     return torch.cat([both, chances[..., NOTHING:]], -1)
 

@@ -45,25 +45,25 @@ class Instances:
             flow inside of the body less its mean.
         places: (N, T, 14) float32, `PLACES`; all 0 where the body is not seen.
         ids: (N,) in the masks, of the bodies that are seen in some frame.
-        looks: (N, 3) probability of each of `BASIC_SHAPES` by what the bodies look like in pictures; None: not known.
+        shape_prior: (N, 3) probability of each of `BASIC_SHAPES` by the network for shapes; None: not known.
     """
 
     crops: np.ndarray
     places: np.ndarray
     ids: np.ndarray
-    looks: np.ndarray | None = None
+    shape_prior: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.ids)
 
 
-def instances_of(masks: np.ndarray, flow: np.ndarray, looks: np.ndarray | None = None) -> Instances:
+def instances_of(masks: np.ndarray, flow: np.ndarray, shape_prior: np.ndarray | None = None) -> Instances:
     """The bodies of a clip.
 
     Args:
         masks: (T, H, W) uint8 of the first frames of the model's pairs, 0 background, else the body's id.
         flow: (T, h, w, 2), px of its own size per frame interval.
-        looks: (M, 3) probability of each of `BASIC_SHAPES` for ids 1 to M, by what they look like; None: not known.
+        shape_prior: (M, 3) probability of each of `BASIC_SHAPES` for ids 1 to M; None: not known.
 
     Returns:
         The bodies with at least LEAST_PX in some frame.
@@ -75,7 +75,7 @@ def instances_of(masks: np.ndarray, flow: np.ndarray, looks: np.ndarray | None =
     _measure(masks, flow, places)
     seen = np.flatnonzero(places[..., 0].any(1))
     _crop(masks, flow, places, crops)
-    return Instances(crops[seen], places[seen], seen + 1, None if looks is None else looks[seen])
+    return Instances(crops[seen], places[seen], seen + 1, None if shape_prior is None else shape_prior[seen])
 
 
 def _sized(masks: np.ndarray, flow: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

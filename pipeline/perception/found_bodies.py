@@ -11,12 +11,13 @@ from pipeline.motion.exchanged_bodies import without_exchanges
 from pipeline.motion.rigid_pieces import joined_pieces
 from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.prompts import Prompts
-from pipeline.perception.track_choice import MOST_BODIES, TrackChoice
+from pipeline.perception.track_choice import TrackChoice
 from pipeline.segmentation.bodies import Candidates, bodies_of, candidate_scores, figure, find_candidates
 from pipeline.segmentation.mask_networks import MaskNetworks
 from pipeline.segmentation.outlines import sharpen
 from pipeline.segmentation.shadow_tracks import shadows_among
 from pipeline.vision.recordings.letterbox import letterbox_for
+from pipeline.vision.recordings.mask_file import only
 from pipeline.vision.recordings.video import Clip
 
 LIKE_OTHER = 0.5  # probability from which a body is doubted
@@ -99,9 +100,7 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
     shadows = {alone[i] for i in shadows_among([kept[groups[k][0] - 1].track for k in alone], found.frames)}
     if shadows:
         left = [k for k in range(len(groups)) if k not in shadows]
-        renumbered = np.zeros(MOST_BODIES + 1, np.uint8)
-        renumbered[[k + 1 for k in left]] = np.arange(1, len(left) + 1)
-        masks, groups = renumbered[masks], [groups[k] for k in left]
+        masks, groups = only(masks, [k + 1 for k in left]), [groups[k] for k in left]
     if networks.outlines is not None:
         hulls = [k for k, g in enumerate(groups, 1) if len(g) > 1 or stiff[g[0] - 1]]
         masks = sharpen(clip.frames, masks, networks.outlines, hulls)

@@ -178,7 +178,7 @@ def free_way(bodies: Sequence[Track], found: Candidates, times: np.ndarray) -> t
         is out of the picture, or cut by its border, that is whole before and after, or in which none is seen. What
         happens there is not known.
     """
-    out, returns, followed = np.zeros(len(times)), np.zeros(len(times), bool), np.zeros(len(times), bool)
+    out, breaks, followed = np.zeros(len(times)), np.zeros(len(times), bool), np.zeros(len(times), bool)
     motions = []
     for body in bodies:
         seen = np.array(sorted(body.pieces))
@@ -196,8 +196,8 @@ def free_way(bodies: Sequence[Track], found: Candidates, times: np.ndarray) -> t
         followed[seen[0] : seen[-1] + 1] = True
         if free.any():
             first, last = seen[free][[0, -1]]
-            returns[seen[cut & (seen > first) & (seen < last)]] = True
-    return out, returns | ~followed
+            breaks[seen[cut & (seen > first) & (seen < last)]] = True
+    return out, breaks | ~followed
 
 
 def at_border(body: Track, found: Candidates, k: int) -> bool:
@@ -238,19 +238,19 @@ def touched(body: Track, found: Candidates, k: int) -> bool:
     return bool(((found.prediction.other[k] > HAND) & near).sum() > TOUCHED * len(piece.pixels))
 
 
-def longest_motion(way: np.ndarray, returns: np.ndarray, times: np.ndarray) -> tuple[float, float]:
+def longest_motion(way: np.ndarray, breaks: np.ndarray, times: np.ndarray) -> tuple[float, float]:
     """Begin and end, s, of the motion without a longer rest than GAP in which bodies go furthest; (0, 0) without any.
 
     Args:
         way: (T,) radii that bodies go from the frame before.
-        returns: (T,) bool: frames at which a motion ends and another begins, in any case.
+        breaks: (T,) bool: frames at which a motion ends and another begins, in any case.
         times: (T,) s.
     """
     moving = np.flatnonzero(way > 0)
     if not len(moving):
         return 0.0, 0.0
     gap = max(GAP, 2.5 * float(np.median(np.diff(times))))
-    apart = (np.diff(times[moving]) > gap) | (np.diff(np.cumsum(returns)[moving]) > 0)
+    apart = (np.diff(times[moving]) > gap) | (np.diff(np.cumsum(breaks)[moving]) > 0)
     parts: Sequence[np.ndarray] = np.split(moving, np.flatnonzero(apart) + 1)
     best = max(parts, key=lambda part: way[part].sum())
     return float(times[max(best[0] - 1, 0)]), float(times[best[-1]])

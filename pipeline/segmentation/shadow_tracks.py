@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -26,15 +27,13 @@ def shadows_among(tracks: Sequence[Track], frames: np.ndarray) -> set[int]:
         tracks: Of a clip.
         frames: (T, H, W, 3) uint8. Their median is the background.
     """
+    pairs = [p for p in itertools.combinations(range(len(tracks)), 2) if go_side_by_side(*(tracks[k] for k in p))]
+    if not pairs:
+        return set()
     behind = np.log(np.median(frames, axis=0).reshape(-1, 3).astype(np.float32) + DARKEST)
-    looks = [shade_of(track, frames, behind) for track in tracks]
-    shadows: set[int] = set()
-    for i, one in enumerate(tracks):
-        for j in range(i):
-            pair = [k for k in (i, j) if looks[k][0] >= SHADED]
-            if pair and go_side_by_side(one, tracks[j]):
-                shadows.add(min(pair, key=lambda k: looks[k][1]))
-    return shadows
+    shades = {k: shade_of(tracks[k], frames, behind) for k in {k for pair in pairs for k in pair}}
+    shaded = [[k for k in pair if shades[k][0] >= SHADED] for pair in pairs]
+    return {min(some, key=lambda k: shades[k][1]) for some in shaded if some}
 
 
 def shade_of(track: Track, frames: np.ndarray, behind: np.ndarray) -> tuple[float, float]:

@@ -196,13 +196,13 @@ def test_an_instance_that_is_no_body_is_left_out(clip: tuple[Scene, Example]) ->
 
 
 @pytest.mark.parametrize("shape", BASIC_SHAPES)
-def test_a_body_that_surely_looks_like_a_shape_gets_it(clip: tuple[Scene, Example], shape: str) -> None:
+def test_a_body_with_a_sure_shape_prior_gets_that_shape(clip: tuple[Scene, Example], shape: str) -> None:
     seen = clip[1].instances
     sure = np.eye(len(BASIC_SHAPES))[[BASIC_SHAPES.index(shape)] * len(seen)]
-    (answer,) = write_answers(model(), replace(seen, looks=sure), Sampling(), 0)
+    (answer,) = write_answers(model(), replace(seen, shape_prior=sure), Sampling(), 0)
     assert set(read_completion(answer.text).scene.shapes) == {shape}
     (plain,) = write_answers(model(), seen, Sampling(), 0)
-    (same,) = write_answers(model(), replace(seen, looks=np.full((len(seen), 3), 1 / 3)), Sampling(), 0)
+    (same,) = write_answers(model(), replace(seen, shape_prior=np.full((len(seen), 3), 1 / 3)), Sampling(), 0)
     assert same.text == plain.text
 
 

@@ -168,15 +168,15 @@ def test_outlines_tell_the_truth_from_a_small_shift() -> None:
     assert pooled.cost[0, 0] < residuals.cost[0, 0] < residuals.cost[1, 0]
 
 
-def test_what_a_body_looks_like_decides_where_outlines_do_not() -> None:
+def test_the_prior_decides_where_outlines_do_not() -> None:
     """A cylinder that is seen end on has the outline of a sphere."""
     rows, cols = np.mgrid[:160, :240]
     masks = np.repeat((np.hypot(cols - 120, rows - 80) < 20).astype(np.uint8)[None], 6, 0)
     times = np.arange(6) / SCHEDULE.fps
     (plain,) = ClipOutlines(masks, times, 1).evidence
-    (told,) = ClipOutlines(masks, times, 1, looks=np.array([[0.001, 0.998, 0.001]])).evidence
+    (told,) = ClipOutlines(masks, times, 1, shape_prior=np.array([[0.001, 0.998, 0.001]])).evidence
     assert plain.ranked[0] == "sphere"
     assert told.probability[BASIC_SHAPES[1]] > plain.probability[BASIC_SHAPES[1]]
     np.testing.assert_allclose(sum(told.probability.values()), 1)
-    (unseen,) = ClipOutlines(np.zeros_like(masks), times, 1, looks=np.array([[0.2, 0.3, 0.5]])).evidence
+    (unseen,) = ClipOutlines(np.zeros_like(masks), times, 1, shape_prior=np.array([[0.2, 0.3, 0.5]])).evidence
     assert unseen.ranked[0] == BASIC_SHAPES[2]

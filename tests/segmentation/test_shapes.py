@@ -1,4 +1,4 @@
-"""Shapes of bodies by their looks: what the network is shown, and what the one that ships says."""
+"""The network for shapes: what it is shown, and what the one that ships says."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -92,7 +92,7 @@ like those of models/masks, flow with noise like RAFT's): {clips:,} clips in {mi
 (`log.csv`); examples that were kept in files are seen more than once.
 
 **Scores** before any search, on fresh clips (`python -m benchmarks.learned objects`): masks by models/masks, RAFT's
-flow, the shapes that bodies look like (greedy; best of 32 without them); means with 95 % bootstrap intervals:
+flow, and for greedy answers the shape prior of the network for shapes; means with 95 % bootstrap intervals:
 
 {scores}
 {suites}.

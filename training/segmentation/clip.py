@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -97,16 +96,3 @@ def faint(frames: np.ndarray, mask: np.ndarray, bodies: int) -> np.ndarray:
             contrasts.append(apart + textured)
         out[i - 1] = bool(contrasts) and float(np.median(contrasts)) < FAINT
     return out
-
-
-def save_clip(path: Path, clip: TrainingClip) -> None:
-    """Write a clip as npz, renamed when complete."""
-    temporary = path.with_name(path.name + ".part")
-    with temporary.open("wb") as file:
-        np.savez(file, **{f.name: getattr(clip, f.name) for f in fields(clip)})
-    temporary.replace(path)
-
-
-def load_clip(path: Path) -> TrainingClip:
-    with np.load(path) as archive:
-        return TrainingClip(**{f.name: archive[f.name] for f in fields(TrainingClip)})

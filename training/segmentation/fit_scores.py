@@ -23,7 +23,8 @@ from pipeline.segmentation.grouping import Track
 from pipeline.segmentation.mask_networks import MaskNetworks, load_mask_networks
 from pipeline.segmentation.network import CONFIG
 from pipeline.segmentation.track_score import FIGURES
-from training.segmentation.clip import MOVES, TrainingClip, load_clip
+from training.segmentation.clip import MOVES, TrainingClip
+from training.segmentation.kept_arrays import load_arrays
 
 IS_BODY, IS_NONE = 0.4, 0.15  # video IoU with a moving body, from which and up to which a track is one and is none
 PENALTY = 0.02  # of the squared weights of standardised figures
@@ -88,7 +89,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     networks = load_mask_networks(arguments.weights)
     paths = sorted(arguments.clips.glob("*.npz"))
-    rows = [labelled_tracks(networks, load_clip(p)) for p in tqdm(paths, unit="clip", disable=None)]
+    rows = [labelled_tracks(networks, load_arrays(p, TrainingClip)) for p in tqdm(paths, unit="clip", disable=None)]
     figures, labels = np.concatenate([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
     clear = ~np.isnan(labels)
     regression = fit(figures[clear], labels[clear])

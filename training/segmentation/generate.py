@@ -18,8 +18,9 @@ import numpy as np
 
 from pipeline.segmentation.inputs import clip_features, steady_exposure
 from pipeline.vision.rendering.render_backend import choose_backend
-from training.segmentation.clip import UNSEEN, DrawnClip, TrainingClip, faint, save_clip
+from training.segmentation.clip import UNSEEN, DrawnClip, TrainingClip, faint
 from training.segmentation.flat_clip import draw_flat_clip
+from training.segmentation.kept_arrays import save_arrays
 from training.segmentation.recording import letterboxed, recorded
 from training.segmentation.sampled_clip import draw_sampled_clip
 from training.segmentation.solid_clip import draw_solid_clip
@@ -94,7 +95,7 @@ def main() -> None:
         path = arguments.out / f"{index:06d}.npz"
         if path.exists():
             continue
-        save_clip(path, make_clip(arguments.seed, index, arguments.kind))
+        save_arrays(path, make_clip(arguments.seed, index, arguments.kind))
         made += 1
         spent = time.monotonic() - start
         if made % 20 == 0:

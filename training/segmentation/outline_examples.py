@@ -17,7 +17,8 @@ from tqdm import tqdm
 
 from pipeline.segmentation.outline_network import SIDE
 from pipeline.segmentation.outlines import LEAST_AREA_PX, Square, background, square_around
-from training.segmentation.clip import UNSEEN, TrainingClip, load_clip
+from training.segmentation.clip import UNSEEN, TrainingClip
+from training.segmentation.kept_arrays import load_arrays
 
 SHIFT, SCALE = 0.12, (0.8, 1.3)  # of a square's side: its place and size differ from those of the exact mask
 
@@ -75,7 +76,7 @@ def main() -> None:
     rows: list[tuple[np.ndarray, ...]] = []
     for index, path in enumerate(tqdm(sorted(arguments.clips.glob("*.npz")), disable=None)):
         rng = np.random.default_rng([arguments.seed, index])
-        rows += examples_of(rng, load_clip(path), arguments.each)
+        rows += examples_of(rng, load_arrays(path, TrainingClip), arguments.each)
     frame, plate, known, others, mask = (np.stack(column) for column in zip(*rows, strict=True))
     assert frame.shape[1:3] == (SIDE, SIDE)
     examples = OutlineExamples(frame=frame, plate=plate, known=known, others=others, mask=mask)

@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import DynamicsError
 from pipeline.physics.simulate import simulate
-from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
+from pipeline.vision.rendering.appearance import Appearance, apply_sensor, sample_appearance, sample_sensor
 from pipeline.vision.rendering.camera import pinhole, project
 from pipeline.vision.rendering.rasteriser import rasterise
 from pipeline.vision.rendering.render import render_rgb
@@ -27,6 +27,17 @@ OBJECTS = {1: 0.2, 2: 0.3, 3: 0.3, 4: 0.2}
 OWN_LOOK = 0.75  # share of clips with the project's appearance; the others look as the other training clips do
 
 
+def sample_either_look(rng: np.random.Generator, bodies: int) -> Appearance:
+    """The project's appearance of a scene, or that of the other training clips."""
+    return sample_appearance(rng, bodies) if rng.random() < OWN_LOOK else sample_looks(rng, bodies)
+
+
+def sensed(rng: np.random.Generator, frames: np.ndarray) -> np.ndarray:
+    """Rendered frames (T, H, W, 3) uint8 with a sensor's noise, half of them compressed as in a video file."""
+    frames = apply_sensor(frames, sample_sensor(rng), rng)
+    return compressed(frames, int(rng.integers(14, 30))) if rng.random() < 0.5 else frames
+
+
 def draw_sampled_clip(rng: np.random.Generator, width: int, height: int) -> DrawnClip | None:
     """A random clip of width x height px, its frames with a sensor's noise; None where nothing moves."""
     params = read_params_file(PARAMS_FILE, Params)
@@ -42,7 +53,7 @@ def draw_sampled_clip(rng: np.random.Generator, width: int, height: int) -> Draw
     at = schedule.frame_steps[:count] if rng.random() < 0.7 else schedule.frame_steps[-count:]
     position, quaternion = trace.position[at], trace.quaternion[at]
     bodies = len(scene.objects)
-    look = sample_appearance(rng, bodies) if rng.random() < OWN_LOOK else sample_looks(rng, bodies)
+    look = sample_either_look(rng, bodies)
     camera = pinhole(scene.camera)
     shadows = bool(rng.random() < 0.95)
     rendered = render_rgb(scene, *with_empty_scene(position, quaternion), look, *RENDERED, "mujoco", shadows)
@@ -57,9 +68,7 @@ def draw_sampled_clip(rng: np.random.Generator, width: int, height: int) -> Draw
         return None
     small = [cv2.resize(p, (width, height), interpolation=cv2.INTER_AREA) for p in (*frames, empty)]
     other = label_shadows(np.stack(small[:-1]).astype(np.float32), small[-1].astype(np.float32), mask)
-    frames = apply_sensor(frames, sample_sensor(rng), rng)
-    if rng.random() < 0.5:
-        frames = compressed(frames, int(rng.integers(14, 30)))
+    frames = sensed(rng, frames)
     frames = np.stack([cv2.resize(f, (width, height), interpolation=cv2.INTER_AREA) for f in frames])
     radius = body_radii(scene, camera, depth, height)
     centre, radius = centre.astype(np.float32), radius.astype(np.float32)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import cv2
@@ -23,16 +23,16 @@ from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import BASIC_SHAPES, SceneObject
 from pipeline.segmentation.body_shapes import tells_its_shape
 from pipeline.segmentation.outlines import square_around
-from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
 from pipeline.vision.rendering.camera import pinhole
 from pipeline.vision.rendering.rasteriser import rasterise
 from pipeline.vision.rendering.render import render_rgb
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes
+from training.segmentation.kept_arrays import load_arrays, save_arrays
 from training.segmentation.outline_examples import jittered
-from training.segmentation.recording import compressed, recorded
-from training.segmentation.sampled_clip import OBJECTS, OWN_LOOK, RENDERED
+from training.segmentation.recording import recorded
+from training.segmentation.sampled_clip import OBJECTS, RENDERED, sample_either_look, sensed
 from training.segmentation.solid_clip import poses_at, render
 from training.segmentation.solid_looks import sample_looks
 from training.segmentation.solid_scenes import draw_moving_scene, sample_camera
@@ -63,11 +63,9 @@ def _sampled_scene(rng: np.random.Generator, params: Params) -> tuple[np.ndarray
     at = np.sort(rng.choice(schedule.frame_steps, FRAMES, replace=False))
     position, quaternion = trace.position[at], trace.quaternion[at]
     bodies = len(scene.objects)
-    look = sample_appearance(rng, bodies) if rng.random() < OWN_LOOK else sample_looks(rng, bodies)
+    look = sample_either_look(rng, bodies)
     frames = render_rgb(scene, position, quaternion, look, *RENDERED, "mujoco", bool(rng.random() < 0.95))
-    frames = apply_sensor(frames, sample_sensor(rng), rng)
-    if rng.random() < 0.5:
-        frames = compressed(frames, int(rng.integers(14, 30)))
+    frames = sensed(rng, frames)
     assert scene.camera is not None
     camera = pinhole(scene.camera)
     return frames, rasterise(scene.objects, position, quaternion, camera, *RENDERED, scene.ground).mask, scene.objects
@@ -120,11 +118,7 @@ def joined(parts: Sequence[ShapeExamples]) -> ShapeExamples:
 
 def load_examples(folder: Path) -> ShapeExamples:
     """All examples of a folder."""
-    parts = []
-    for path in sorted(folder.glob("*.npz")):
-        with np.load(path) as archive:
-            parts.append(ShapeExamples(**{f.name: archive[f.name] for f in fields(ShapeExamples)}))
-    return joined(parts)
+    return joined([load_arrays(path, ShapeExamples) for path in sorted(folder.glob("*.npz"))])
 
 
 def main() -> None:
@@ -142,10 +136,7 @@ def main() -> None:
         if path.exists():
             continue
         made = [examples_of(np.random.default_rng([arguments.seed, i]), i, params) for i in range(first, first + SHARD)]
-        temporary = path.with_name(path.name + ".part")
-        with temporary.open("wb") as file:
-            np.savez(file, **asdict(joined([m for m in made if m is not None])))
-        temporary.replace(path)
+        save_arrays(path, joined([m for m in made if m is not None]))
 
 
 if __name__ == "__main__":

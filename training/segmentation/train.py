@@ -24,7 +24,8 @@ import torch
 
 from pipeline.segmentation.network import SegmentationNetwork, load_network, save_network
 from training.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
-from training.segmentation.clip import TrainingClip, load_clip
+from training.segmentation.clip import TrainingClip
+from training.segmentation.kept_arrays import load_arrays
 from training.segmentation.loss import PARTS, segmentation_loss
 from training.segmentation.samples import Sample, batched, draw_sample, with_clear_plate
 
@@ -57,7 +58,7 @@ class Clips:
             if not self.queue:
                 self.queue = [self.paths[i] for i in self.rng.permutation(len(self.paths))]
             self.loaded += 1
-            clip = load_clip(self.queue.pop())
+            clip = load_arrays(self.queue.pop(), TrainingClip)
             if self.rng.random() < CLEAR_PLATES:
                 clip = with_clear_plate(self.rng, clip)
             if len(self.kept) < POOL:

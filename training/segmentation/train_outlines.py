@@ -9,10 +9,7 @@ last HELD examples are held out, and their IoU is printed beside that of the mas
 
 from __future__ import annotations
 
-import argparse
 import math
-import time
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -21,8 +18,9 @@ from torch import Tensor
 
 from pipeline.segmentation.outline_network import SIDE, OutlineNetwork, save_outline_network
 from pipeline.segmentation.outlines import input_of
+from training.segmentation.kept_arrays import load_arrays
 from training.segmentation.outline_examples import OutlineExamples
-from training.segmentation.train import average_weights, learning_rate
+from training.segmentation.timed_training import read_arguments, train_for
 
 BATCH, RATE, DECAY = 64, 3e-3, 1e-4
 HELD = 512
@@ -99,52 +97,31 @@ def loss_of(logits: Tensor, mask: Tensor) -> Tensor:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("examples", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--minutes", type=float, default=30)
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--bfloat16", action="store_true", help="twice as fast where the processor has AMX")
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    torch.set_num_threads(arguments.threads)
-    torch.manual_seed(arguments.seed)
-    generator = torch.Generator().manual_seed(arguments.seed)
-    with np.load(arguments.examples) as archive:
-        examples = OutlineExamples(**{k: archive[k] for k in archive.files})
+    arguments = read_arguments(__doc__, minutes=30)
+    generator, rng = torch.Generator().manual_seed(arguments.seed), np.random.default_rng(arguments.seed)
+    examples = load_arrays(arguments.examples, OutlineExamples)
     held = np.arange(len(examples.frame) - HELD, len(examples.frame))
-    network = OutlineNetwork().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    print(f"{len(examples.frame)} examples, {sum(p.numel() for p in network.parameters())} parameters", flush=True)
-    optimiser = torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=DECAY)
-    averaged = OutlineNetwork().eval()
-    averaged.load_state_dict(network.state_dict())
-    rng, start, step, losses = np.random.default_rng(arguments.seed), time.monotonic(), 0, []
-    while (share := (time.monotonic() - start) / (60 * arguments.minutes)) < 1:
-        for group in optimiser.param_groups:
-            group["lr"] = RATE * learning_rate(step, share)
+    print(f"{len(examples.frame)} examples", flush=True)
+    network, averaged = OutlineNetwork(), OutlineNetwork()
+
+    def draw() -> tuple[Tensor, Tensor]:
         chosen = np.sort(rng.choice(len(examples.frame) - HELD, BATCH, replace=False))
         shown, mask, _ = batch_of(examples, chosen, generator, augment=True)
-        with torch.autocast("cpu", torch.bfloat16, enabled=arguments.bfloat16):
-            logits = network.train()(shown.contiguous(memory_format=torch.channels_last))
-        loss = loss_of(logits.float(), mask)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        step += 1
-        average_weights(averaged.state_dict(), network, step)
-        losses.append(loss.item())
-        if step % 250 == 0 or time.monotonic() - start >= 60 * arguments.minutes:
-            minutes = (time.monotonic() - start) / 60
-            test, mask, before = batch_of(examples, held, torch.Generator().manual_seed(1), augment=False)
-            with torch.inference_mode():
-                found = averaged(test)
-            print(
-                f"step {step}, {minutes:.1f} min: loss {np.mean(losses[-250:]):.4f}; held out: loss "
-                f"{float(loss_of(found, mask)):.4f}, IoU {iou(found.sigmoid(), mask):.4f} for {iou(before, mask):.4f}",
-                flush=True,
-            )
-            config = {"steps": step, "examples": len(examples.frame), "minutes": round(minutes, 1)}
-            save_outline_network(averaged, arguments.out, config)
+        return shown, mask
+
+    def report(step: int, minutes: float, loss: float) -> None:
+        test, mask, before = batch_of(examples, held, torch.Generator().manual_seed(1), augment=False)
+        with torch.inference_mode():
+            found = averaged(test)
+        print(
+            f"step {step}, {minutes:.1f} min: loss {loss:.4f}; held out: loss {float(loss_of(found, mask)):.4f}, "
+            f"IoU {iou(found.sigmoid(), mask):.4f} for {iou(before, mask):.4f}",
+            flush=True,
+        )
+        config = {"steps": step, "examples": len(examples.frame), "minutes": round(minutes, 1)}
+        save_outline_network(averaged, arguments.out, config)
+
+    train_for(arguments, network, averaged, rate=RATE, decay=DECAY, draw=draw, loss_of=loss_of, report=report)
 
 
 if __name__ == "__main__":

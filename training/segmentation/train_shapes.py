@@ -9,9 +9,7 @@ answers are worth as much as independent ones. OUT gets the weights in the shipp
 
 from __future__ import annotations
 
-import argparse
-import time
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 import torch
@@ -23,7 +21,7 @@ from pipeline.scene.scene import BASIC_SHAPES
 from pipeline.segmentation.body_shapes import input_of
 from pipeline.segmentation.shape_network import ShapeNetwork, save_shape_network
 from training.segmentation.shape_examples import ShapeExamples, load_examples
-from training.segmentation.train import average_weights, learning_rate
+from training.segmentation.timed_training import read_arguments, train_for
 from training.segmentation.train_outlines import degraded
 
 BATCH, RATE, DECAY = 64, 2e-3, 1e-2
@@ -68,51 +66,31 @@ def loss_with(independent: float, mean: np.ndarray, shape: np.ndarray) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("examples", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--minutes", type=float, default=20)
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--bfloat16", action="store_true", help="twice as fast where the processor has AMX")
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    torch.set_num_threads(arguments.threads)
-    torch.manual_seed(arguments.seed)
-    generator = torch.Generator().manual_seed(arguments.seed)
+    arguments = read_arguments(__doc__, minutes=20)
+    generator, rng = torch.Generator().manual_seed(arguments.seed), np.random.default_rng(arguments.seed)
     examples = load_examples(arguments.examples)
     border = np.quantile(examples.body[:, 0], 1 - HELD)
     held, used = np.flatnonzero(examples.body[:, 0] > border), np.flatnonzero(examples.body[:, 0] <= border)
-    network = ShapeNetwork().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    averaged = ShapeNetwork().eval()
-    averaged.load_state_dict(network.state_dict())
-    print(f"{len(used)} examples, {sum(p.numel() for p in network.parameters())} parameters", flush=True)
-    optimiser = torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=DECAY)
-    rng, start, step, losses = np.random.default_rng(arguments.seed), time.monotonic(), 0, []
-    while (share := (time.monotonic() - start) / (60 * arguments.minutes)) < 1:
-        for group in optimiser.param_groups:
-            group["lr"] = RATE * learning_rate(step, share)
-        squares, shape = batch_of(examples, np.sort(rng.choice(used, BATCH, replace=False)), generator, augment=True)
-        with torch.autocast("cpu", torch.bfloat16, enabled=arguments.bfloat16):
-            logits = network.train()(squares.contiguous(memory_format=torch.channels_last))
-        loss = F.cross_entropy(logits.float(), shape, label_smoothing=SMOOTHING)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        step += 1
-        average_weights(averaged.state_dict(), network, step)
-        losses.append(loss.item())
-        if step % 250 == 0 or time.monotonic() - start >= 60 * arguments.minutes:
-            minutes = (time.monotonic() - start) / 60
-            mean, true = answers(averaged, examples, held)
-            independent = float(minimize_scalar(loss_with, (0.2, 1.0), args=(mean, true)).x)
-            right = float((mean.argmax(1) == true).mean())
-            print(
-                f"step {step}, {minutes:.1f} min: loss {np.mean(losses[-250:]):.4f}; held out, {len(true)} bodies: "
-                f"right {right:.4f}, loss {loss_with(independent, mean, true):.4f} at {independent:.2f} frames",
-                flush=True,
-            )
-            config = {"steps": step, "examples": len(used), "minutes": round(minutes, 1)}
-            save_shape_network(averaged, arguments.out, config | {"independent_frames": round(independent, 2)})
+    print(f"{len(used)} examples", flush=True)
+    network, averaged = ShapeNetwork(), ShapeNetwork()
+
+    def draw() -> tuple[Tensor, Tensor]:
+        return batch_of(examples, np.sort(rng.choice(used, BATCH, replace=False)), generator, augment=True)
+
+    def report(step: int, minutes: float, loss: float) -> None:
+        mean, true = answers(averaged, examples, held)
+        independent = float(minimize_scalar(loss_with, (0.2, 1.0), args=(mean, true)).x)
+        right = float((mean.argmax(1) == true).mean())
+        print(
+            f"step {step}, {minutes:.1f} min: loss {loss:.4f}; held out, {len(true)} bodies: "
+            f"right {right:.4f}, loss {loss_with(independent, mean, true):.4f} at {independent:.2f} frames",
+            flush=True,
+        )
+        config = {"steps": step, "examples": len(used), "minutes": round(minutes, 1)}
+        save_shape_network(averaged, arguments.out, config | {"independent_frames": round(independent, 2)})
+
+    loss_of = partial(F.cross_entropy, label_smoothing=SMOOTHING)
+    train_for(arguments, network, averaged, rate=RATE, decay=DECAY, draw=draw, loss_of=loss_of, report=report)
 
 
 if __name__ == "__main__":

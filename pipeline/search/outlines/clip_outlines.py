@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.search.guess import CAMERA
 from pipeline.search.outlines.contour import Contour, instance_contour
 from pipeline.search.outlines.rigid_flow import replace_flow
-from pipeline.search.outlines.shape_evidence import ANY, LEAST_PROBABILITY, ShapeEvidence, shape_evidence
+from pipeline.search.outlines.shape_evidence import LEAST_PROBABILITY, UNIFORM, ShapeEvidence, shape_evidence
 from pipeline.search.outlines.spin import with_seen_turns
 from pipeline.search.target import resize_masks
 from pipeline.vision.rendering.camera import focal_px, pinhole
@@ -29,14 +29,14 @@ class ClipOutlines:
         instances: Number of instances.
         pictures: (F, h, w, 3) uint8 of the same frames, of any size; None where they are not known. They show how
             round bodies turn.
-        looks: (M, 3) probability of each of `BASIC_SHAPES` by what the instances look like; None: not known.
+        shape_prior: (M, 3) probability of each of `BASIC_SHAPES` by the network for shapes; None: not known.
     """
 
     masks: np.ndarray
     times: np.ndarray
     instances: int
     pictures: np.ndarray | None = None
-    looks: np.ndarray | None = None
+    shape_prior: np.ndarray | None = None
 
     @property
     def height(self) -> int:
@@ -51,10 +51,10 @@ class ClipOutlines:
     def evidence(self) -> tuple[ShapeEvidence, ...]:
         """Of each instance, which shape it has, and the fits of likely shapes with the rotation that pictures show."""
         focal, upright = focal_px(CAMERA.fov, self.height), pinhole(CAMERA).rotation_world.T
-        looks = [ANY] * self.instances if self.looks is None else self.looks
+        priors = [UNIFORM] * self.instances if self.shape_prior is None else self.shape_prior
         found = [
-            shape_evidence(contour, self.times, focal, upright, look)
-            for contour, look in zip(self.contours, looks, strict=True)
+            shape_evidence(contour, self.times, focal, upright, prior)
+            for contour, prior in zip(self.contours, priors, strict=True)
         ]
         if self.pictures is None:
             return tuple(found)

@@ -16,7 +16,7 @@ PARAMETERS = {"sphere": 1, "cylinder": 6, "box": 9}
 CORRELATED = 16.0  # points of an outline that count as one independent observation: masks that were found err alike
 LEAST_PROBABILITY = 0.05  # of a shape that is tried, relative to the most probable
 FLOOR = 0.05  # least mean square of the residuals: finer differences than outlines between pixels can tell
-ANY = np.full(len(BASIC_SHAPES), 1 / len(BASIC_SHAPES))
+UNIFORM = np.full(len(BASIC_SHAPES), 1 / len(BASIC_SHAPES))
 assert PARAMETERS.keys() == set(BASIC_SHAPES)
 
 
@@ -39,7 +39,7 @@ class ShapeEvidence:
 
 
 def shape_evidence(
-    contour: Contour, times: np.ndarray, focal: float, upright: np.ndarray, looks: np.ndarray = ANY
+    contour: Contour, times: np.ndarray, focal: float, upright: np.ndarray, shape_prior: np.ndarray = UNIFORM
 ) -> ShapeEvidence:
     """Fit every basic shape to the outlines of an instance.
 
@@ -48,15 +48,15 @@ def shape_evidence(
         times: (F,) of the clip's frames, s.
         focal: Usual focal length, px.
         upright: (3, 3) from the world frame (z up) to the camera frame, as far as it is known.
-        looks: (3,) probabilities of `BASIC_SHAPES` by what the instance looks like in pictures.
+        shape_prior: (3,) probabilities of `BASIC_SHAPES` before its outlines are seen.
     """
     if not len(contour.frames):
-        return ShapeEvidence({}, dict(zip(BASIC_SHAPES, map(float, looks), strict=True)))
+        return ShapeEvidence({}, dict(zip(BASIC_SHAPES, map(float, shape_prior), strict=True)))
     fits = {shape: register(contour, shape, times, focal, upright) for shape in BASIC_SHAPES}
     costs = np.array([fits[shape].cost for shape in BASIC_SHAPES])
     points = max(fits[BASIC_SHAPES[0]].points, 1)
     free = np.array([PARAMETERS[shape] for shape in BASIC_SHAPES])
-    both = np.array(probabilities(costs, points, free)) * looks
+    both = np.array(probabilities(costs, points, free)) * shape_prior
     return ShapeEvidence(fits, dict(zip(BASIC_SHAPES, (both / both.sum()).tolist(), strict=True)))
 
 

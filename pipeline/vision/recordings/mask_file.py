@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -62,6 +63,13 @@ def renumbered(ids: np.ndarray) -> np.ndarray:
     there = np.bincount(ids.ravel(), minlength=256) > 0
     there[0] = False
     return np.where(there, np.cumsum(there), 0).astype(np.uint8)[ids]
+
+
+def only(ids: np.ndarray, kept: Sequence[int]) -> np.ndarray:
+    """The ids (T, H, W) uint8 that are kept, as 1 to N in the order given, seen or not; 0 elsewhere."""
+    table = np.zeros(256, np.uint8)
+    table[list(kept)] = np.arange(1, len(kept) + 1)
+    return np.asarray(table[ids])
 
 
 def read_times(path: Path) -> np.ndarray | None:
