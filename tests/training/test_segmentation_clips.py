@@ -11,9 +11,10 @@ from pipeline.segmentation.inputs import network_input
 from pipeline.segmentation.network import VOTE_SCALE_PX, SegmentationNetwork
 from training.segmentation.average import averaged
 from training.segmentation.backgrounds import PICTURES, sample_background
-from training.segmentation.clip import BODY_SHADOW, MOVES, RESTS, UNSURE, faint, load_clip, save_clip, state_of
+from training.segmentation.clip import BODY_SHADOW, MOVES, RESTS, UNSURE, TrainingClip, faint, state_of
 from training.segmentation.flat_motion import STEPS_PER_SECOND, integrate, sample_motion
 from training.segmentation.generate import make_clip
+from training.segmentation.kept_arrays import load_arrays, save_arrays
 from training.segmentation.loss import PARTS, segmentation_loss
 from training.segmentation.recording import exposure, letterboxed, recorded
 from training.segmentation.samples import batched, draw_sample, with_clear_plate
@@ -34,8 +35,8 @@ def test_a_clip_is_the_same_when_it_is_made_again_from_its_seed_and_index(clip):
 
 
 def test_a_saved_clip_is_read_as_it_was(clip, tmp_path):
-    save_clip(tmp_path / "000003.npz", clip)
-    again = load_clip(tmp_path / "000003.npz")
+    save_arrays(tmp_path / "000003.npz", clip)
+    again = load_arrays(tmp_path / "000003.npz", TrainingClip)
     for f in fields(clip):
         np.testing.assert_array_equal(getattr(clip, f.name), getattr(again, f.name))
     assert [p.name for p in tmp_path.iterdir()] == ["000003.npz"]
@@ -90,12 +91,12 @@ def test_a_clear_plate_is_nearer_to_the_empty_scene_than_the_median(clip):
 
 def test_clips_that_are_added_while_training_runs_are_loaded_next(clip, tmp_path):
     for index in range(3):
-        save_clip(tmp_path / f"{index:06d}.npz", clip)
+        save_arrays(tmp_path / f"{index:06d}.npz", clip)
     clips = Clips(tmp_path, np.random.default_rng(0))
     clips.renew(2)
     assert len(clips.paths) == 3
     added = replace(clip, background=np.zeros_like(clip.background))
-    save_clip(tmp_path / "000009.npz", added)
+    save_arrays(tmp_path / "000009.npz", added)
     clips.renew(LISTED_EVERY)
     assert len(clips.paths) == 4 and any(p.name == "000009.npz" for p in clips.paths)
 
