@@ -78,8 +78,10 @@ def differing(frames: np.ndarray, hulls: np.ndarray, which: np.ndarray) -> tuple
     some = np.linspace(0, len(frames) - 1, min(len(frames), BACKGROUND_FRAMES)).round().astype(int)
     grey = {k: cv2.cvtColor(frames[k], cv2.COLOR_RGB2GRAY).astype(np.float32) for k in {*some, *which}}
     shown = np.stack([grey[k] for k in some])
-    known = ~hulls[some].all(0)
-    background = np.ma.median(np.ma.array(shown, mask=hulls[some]), axis=0).filled(np.nan)
+    hidden = hulls[some]
+    background = np.median(shown, axis=0)
+    behind = hidden.any(0)  # the rest needs no mask
+    background[behind] = np.ma.median(np.ma.array(shown[:, behind], mask=hidden[:, behind]), axis=0).filled(np.nan)
     noise = MAD * float(np.median(np.abs(np.diff(shown, axis=0)))) / np.sqrt(2)
     least = max(LEAST_CONTRAST, 4 * noise)
-    return np.stack([np.abs(grey[k] - background) > least for k in which]), known
+    return np.stack([np.abs(grey[k] - background) > least for k in which]), ~hidden.all(0)

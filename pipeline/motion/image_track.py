@@ -85,9 +85,10 @@ def _track(body: int, own: np.ndarray, times: np.ndarray) -> ImageTrack | None:
     height, width = own.shape[1:]
     rows: list[tuple[float, ...]] = []
     for k, mask in enumerate(own):
-        y, x = np.nonzero(mask)
-        if len(x) < LEAST_PIXELS:
+        points = cv2.findNonZero(mask.astype(np.uint8))
+        if points is None or len(points) < LEAST_PIXELS:
             continue
+        x, y = points.reshape(-1, 2).T
         whole = x.min() > 0 and y.min() > 0 and x.max() < width - 1 and y.max() < height - 1
         spread = np.cov(np.stack([x, y])) + np.eye(2) / 12
         values, vectors = np.linalg.eigh(spread)

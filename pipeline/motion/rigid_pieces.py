@@ -2,7 +2,8 @@
 
 Two pieces are one body if the vector between them rests while both turn back together, and if what lies between them
 differs from the background. Two balls that fall side by side turn back together, too, but between them is background.
-A piece that is seen for a while, where one of the others would be, belongs to them.
+A piece that is seen for a while, where one of the others would be, belongs to them. What is seen only where such a body
+is, too.
 
 Pieces that touch, or have something between them, whichever of them is seen, are one body, too, if their common hull
 keeps its length and area while they go some way and turn back. Where only a small part of such a body is found, the
@@ -19,6 +20,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from pipeline.motion.completed_body import LONGEST, SAME_SHAPE, completed, differing
+from pipeline.motion.followed_body import followed
 from pipeline.motion.image_track import MAD, ImageTrack, image_tracks
 
 LEAST_FRAMES = 10  # that show both
@@ -30,7 +32,8 @@ SAME_PLACE = 0.15  # of the vector between two pieces: most median distance of a
 LEAST_WAY = 0.5  # of a length: what both must move
 LEAST_TURN = 0.3  # of that way, that they must go back
 LEAST_BRIDGE = 0.5  # of what is between them must differ from the background
-LEAST_COMMON, MOSTLY = 3, 0.8  # frames that show two pieces; share of them in which pieces of one body touch
+LEAST_COMMON = 3  # frames that show two pieces
+MOSTLY = 0.8  # share of frames in which pieces of one body touch, or a body covers a piece; share that it covers
 TOUCH_PX = 2  # between pieces that touch
 LEAST_WHOLE = 0.6  # share of the frames that show it whole
 
@@ -63,13 +66,18 @@ def joined_pieces(
     if not whole and all(len(g) == 1 for g in groups):
         return masks, groups
     _take_in(groups, {t.body: t for t in tracks}, known)
+    wholes = {}
+    for group in groups:
+        if len(group) > 1:
+            own = np.where(np.isin(masks, group), masks, 0)
+            wholes[group[0]] = followed(completed(own, frames, hulls_of(masks, group), times), frames, times)
+        elif group[0] in whole:
+            wholes[group[0]] = hulls_of(masks, group)
+    _take_in_covered(groups, masks, wholes, known)
+    groups.sort(key=min)
     out = np.zeros_like(masks)
     for number, group in enumerate(groups, 1):
-        own = np.isin(masks, group)
-        if len(group) > 1:
-            own = completed(np.where(own, masks, 0), frames, hulls_of(masks, group), times)
-        elif group[0] in whole:
-            own = hulls_of(masks, group)
+        own = wholes.get(group[0], masks == group[0])
         out[own & np.isin(masks, [0, *group])] = number
     return out, groups
 
@@ -179,6 +187,21 @@ def _take_in(groups: list[list[int]], tracks: dict[int, ImageTrack], known: Sequ
                 break
 
 
+def _take_in_covered(
+    groups: list[list[int]], masks: np.ndarray, wholes: dict[int, np.ndarray], known: Sequence[bool]
+) -> None:
+    """Add single bodies to the group whose whole body, by its first piece, mostly covers them."""
+    for single in [g for g in groups if len(g) == 1 and g[0] not in wholes and not known[g[0] - 1]]:
+        own = masks == single[0]
+        seen = own.any((1, 2))
+        for group in (g for g in groups if g[0] in wholes):
+            inside = (own & wholes[group[0]]).sum((1, 2)) > MOSTLY * own.sum((1, 2))
+            if seen.any() and inside[seen].mean() > MOSTLY:
+                groups.remove(single)
+                group += single
+                break
+
+
 def _takes_place(track: ImageTrack, beside: ImageTrack, missing: ImageTrack) -> bool:
     """Whether a track is where a piece that is missing then would be, as seen from the piece beside it."""
     if len(np.intersect1d(track.frames, missing.frames)) > MOST_BESIDE * len(track):
@@ -224,9 +247,8 @@ def _bridged(masks: np.ndarray, frames: np.ndarray, one: ImageTrack, other: Imag
 
 def _hull(mask: np.ndarray) -> np.ndarray:
     """The convex hull of a mask (H, W) bool, as another."""
-    rows, cols = np.nonzero(mask)
     filled = np.zeros(mask.shape, np.uint8)
-    if len(rows):
-        hull = cv2.convexHull(np.stack([cols, rows], 1).astype(np.int32))
-        cv2.fillConvexPoly(filled, hull, 1)
+    points = cv2.findNonZero(mask.astype(np.uint8))
+    if points is not None:
+        cv2.fillConvexPoly(filled, cv2.convexHull(points), 1)
     return filled > 0

@@ -104,6 +104,26 @@ def test_a_body_of_which_only_an_end_is_found_is_completed(same_number: bool) ->
     assert ((joined > 0) != (whole > 0)).sum() < 0.02 * (whole > 0).sum()
 
 
+@pytest.mark.parametrize("seen_at_first", [0, 1, 2])
+def test_a_stiff_body_is_followed_where_little_or_nothing_of_it_is_found(seen_at_first: int) -> None:
+    masks, bar = ends(), drawn(there_and_back(45), (50, 12))
+    end = masks == seen_at_first
+    masks[:8] = 0
+    masks[:8][end[:8] & (seen_at_first > 0)] = 3
+    joined, groups = joined_pieces(masks, clip_with(ends(), bar), TIMES, [False] * 3)
+    assert groups == [[1, 2, 3] if seen_at_first else [1, 2]]
+    whole = joined_pieces(ends(), clip_with(ends(), bar), TIMES, [False, False])[0]
+    assert ((joined > 0) != (whole > 0)).sum() < 0.05 * (whole > 0).sum()
+
+
+def test_a_stiff_body_is_not_followed_to_where_it_is_not() -> None:
+    masks, bar = ends(), drawn(there_and_back(45), (50, 12))
+    seen = clip_with(masks, bar)
+    masks[:8] = 0
+    seen[:8] = clip_with(masks)[:8]
+    assert not joined_pieces(masks, seen, TIMES, [False, False])[0][:8].any()
+
+
 def test_a_part_without_the_rest_of_its_body_is_left_out() -> None:
     masks, bar = ends(), drawn(there_and_back(45), (50, 12))
     masks[:4][masks[:4] == 2] = 0
