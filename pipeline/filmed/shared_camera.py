@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from pipeline.errors import MeasurementError
 from pipeline.filmed.body_matching import apparent_radius
 from pipeline.motion.image_track import ImageTrack
 from pipeline.scene.rotation import matrix_from_quaternion, quaternion_from_rotation_vector, quaternion_multiply
@@ -142,9 +143,14 @@ def fit_camera(
         plane: `GROUND` or `UPRIGHT`.
         width: px, of the picture.
         height: px.
+
+    Raises:
+        MeasurementError: Where no body is seen in two frames.
     """
     bodies = {o.name: o for o in objects}
     seen = [(t.part(t.whole), bodies[name]) for clip in tracks for name, t in clip.items() if t.whole.sum() > 1]
+    if not seen:
+        raise MeasurementError("no body looks as its shape and size in the scene say; are they right, and the masks?")
     usual, spread = (a.copy() for a in USUAL[plane])
     usual[0] = -np.log(2 * np.tan(np.radians(USUAL_FOV_DEG) / 2))
     guesses = [bodies_depth(t, o, np.exp(usual[0]) * max(width, height)) for t, o in seen]

@@ -5,10 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.report.discovery import Discovery, discovery_of
 from pipeline.discrepancy.selection.established import HELD_OUT_GAIN
+from pipeline.discrepancy.selection.gap import measure_gap
+from pipeline.discrepancy.selection.shorter import shorter_selections
 from pipeline.filmed.measured_motion import MeasuredMotion
 from pipeline.filmed.unfitted import Unfitted, forecast_unfitted
+
+LEAST_EXPLAINED = 0.5  # of what a dropped effect explains: what another one must explain to be named instead
+MOST_DROPPED = 3  # best effects that may be dropped; after that nothing is named
+LEAST_REMAINDER = 1.5  # noise floors: what one effect must leave for a second one to be named beside it
 
 
 @dataclass(frozen=True)
@@ -31,31 +38,59 @@ def discover_shown(
 ) -> ShownEffects:
     """Find out which effects clips show.
 
-    What is named has to forecast the clips that were not fitted better than the scene without it, in metres or in the
+    What is named has to predict the clips that were not fitted better than the scene without it, in metres or in the
     picture, by more than the uncertainty, and worse in neither. Else these effects are dropped from the list, and the
-    discovery begins again. Where no clip is held out, nothing is asked.
+    discovery begins again, up to MOST_DROPPED times; what it finds then has to explain at least half as much. Of
+    several effects each has to be shown beside the others, which have to leave more than noise; else it is not named.
+    Where no clip is held out, nothing is asked.
 
     Args:
         motion: As measured.
         effects: Names of the effects that may be answered.
         find: The discovery in this motion, of the effects that it is told.
     """
-    left, notes = list(effects), list[str]()
+    left, notes, most, drops = list(effects), list[str](), 0.0, 0
     while True:
         found = find(left)
-        unfitted = forecast_unfitted(found, motion)
-        named = found.answer.effects
-        fault = _fault(found, unfitted) if named and found.problem.held_out else None
+        if not found.answer.effects or not found.problem.held_out:
+            break
+        found, dropped = _without_unshown(found, motion)
+        notes += dropped
+        named, none = found.answer.effects, found.selection.none
+        explained = 1 - found.answer.score / none.score
+        fault = _fault(found, motion, none)
+        if fault is None and explained < LEAST_EXPLAINED * most:
+            fault = "what was dropped explains more than twice as much"
         if fault is None:
-            return ShownEffects(found, unfitted, tuple(notes))
+            break
         notes.append(f"{' and '.join(named)} would fit best, but {fault}")
-        left = [name for name in left if name not in named]
+        left, most = [name for name in left if name not in named], max(most, explained)
+        drops += 1
+        if drops == MOST_DROPPED:
+            left = []
+    return ShownEffects(found, forecast_unfitted(found, motion), tuple(notes))
 
 
-def _fault(found: Discovery, unfitted: Unfitted) -> str | None:
-    """Why the clips that were not fitted do not show what is named; None: they do."""
-    gain = found.selection.none.held_out - found.answer.held_out
-    rise, error = unfitted.rise
+def _without_unshown(found: Discovery, motion: MeasuredMotion) -> tuple[Discovery, list[str]]:
+    """The discovery without those of several effects that are not shown beside the others, and a note on each."""
+    notes = []
+    while True:
+        for name, shorter in shorter_selections(found.selection).items():
+            gap = measure_gap(found.selection.measured, found.selection.baseline, shorter.chosen)
+            enough = gap.after > LEAST_REMAINDER * gap.noise_floor
+            fault = _fault(found, motion, shorter.chosen) if enough else "what these leave may be noise"
+            if fault is not None:
+                notes.append(f"{name} beside {' and '.join(shorter.chosen.effects)} would fit better, but {fault}")
+                found = discovery_of(shorter)
+                break
+        else:
+            return found, notes
+
+
+def _fault(found: Discovery, motion: MeasuredMotion, shorter: Candidate) -> str | None:
+    """Why the clips that were not fitted do not show what is named beside a shorter model; None: they do."""
+    gain = shorter.held_out - found.answer.held_out
+    rise, error = forecast_unfitted(found, motion, shorter).rise
     if gain < -HELD_OUT_GAIN:
         return "the gap of clips that were not fitted is larger with it"
     if rise < -error:

@@ -25,6 +25,7 @@ from pipeline.vision.rendering.exact_flow import exact_flow
 from pipeline.vision.rendering.rasteriser import rasterise
 
 LEAST_FRAMES = 3  # of a clip that are forecast
+LEAST_ERROR = 0.01  # of a clip's mean IoU: frames in which bodies rest have the same error, that of their masks
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Unfitted:
     def rise(self) -> tuple[float, float]:
         """By how much IoU rises with what was named, and the standard error; both 0 where nothing is forecast.
 
-        Neighbouring frames err alike, so that by their autocorrelation fewer count.
+        Neighbouring frames err alike, so that by their autocorrelation fewer count, and each clip errs by LEAST_ERROR.
         """
         means, squares = [], []
         for before, after in zip(self.before, self.after, strict=True):
@@ -70,7 +71,7 @@ class Unfitted:
             change = change[np.isfinite(change)]
             if len(change) >= LEAST_FRAMES:
                 means.append(float(change.mean()))
-                squares.append(float(change.var() / _independent(change)))
+                squares.append(float(change.var() / _independent(change)) + LEAST_ERROR**2)
         if not means:
             return 0.0, 0.0
         return float(np.mean(means)), float(np.sqrt(np.sum(squares)) / len(means))
@@ -92,16 +93,22 @@ def _independent(values: np.ndarray) -> float:
     return max(len(values) * (1 - alike) / (1 + alike), 1.0)
 
 
-def forecast_unfitted(found: Discovery, motion: MeasuredMotion) -> Unfitted:
+def forecast_unfitted(found: Discovery, motion: MeasuredMotion, before: Candidate | None = None) -> Unfitted:
     """Forecast the clips that were held out (all where none was), without and with the effects that were named.
 
     Each clip's initial state is fitted to the first part of its first arc; the frames after that are forecast through
     all bounces by MuJoCo. A clip that one of the two scenes cannot forecast is left out of both.
+
+    Args:
+        found: The discovery.
+        motion: What it was made from.
+        before: The model to compare with; None: the one without effects.
     """
+    before = before or found.selection.none
     names = found.problem.held_out or found.problem.clips
     pairs = []
     for clip in (c for c in motion.clips if c.name in names):
-        both = [_forecast(found, model, motion, clip) for model in (found.selection.none, found.answer)]
+        both = [_forecast(found, model, motion, clip) for model in (before, found.answer)]
         if both[0] is not None and both[1] is not None:
             pairs.append((both[0], both[1]))
     return Unfitted(tuple(p[0] for p in pairs), tuple(p[1] for p in pairs))

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.selection.gap import Gap
 from pipeline.filmed import shown_effects
 from pipeline.filmed.shown_effects import discover_shown
-from pipeline.filmed.unfitted import Unfitted
+from pipeline.filmed.unfitted import LEAST_ERROR, Unfitted
 
+SCORES = {"drag": 50.0, "wind": 100.0, "tilt": 400.0}
 FRAMES = np.linspace(0.9, 0.6, 20)
 
 
@@ -20,7 +22,8 @@ def unfitted(change: np.ndarray) -> Unfitted:
 
 
 def found(named: Sequence[str], gain: float, held: tuple[str, ...] = ("clip_3",)) -> Any:
-    none, answer = (SimpleNamespace(held_out=chi2, effects=tuple(named)) for chi2 in (100.0, 100.0 - gain))
+    none = SimpleNamespace(held_out=100.0, effects=(), score=500.0)
+    answer = SimpleNamespace(held_out=100.0 - gain, effects=tuple(named), score=SCORES[named[0]] if named else 500.0)
     return SimpleNamespace(
         selection=SimpleNamespace(none=none), answer=answer, problem=SimpleNamespace(held_out=held), gain=gain
     )
@@ -29,10 +32,11 @@ def found(named: Sequence[str], gain: float, held: tuple[str, ...] = ("clip_3",)
 def names_after(monkeypatch: pytest.MonkeyPatch, gain: float, change: np.ndarray, held: tuple[str, ...]) -> list[str]:
     """What is named of `drag`, whose forecasts are given, and of nothing."""
 
-    def forecast(result: Any, _: Any) -> Unfitted:
+    def forecast(result: Any, _: Any, __: Any = None) -> Unfitted:
         return unfitted(change if result.answer.effects else 0 * change)
 
     monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
+    monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
     motion: Any = None
     shown = discover_shown(motion, ["drag", "wind"], lambda left: found([n for n in left if n == "drag"], gain, held))
     assert len(shown.notes) == (shown.found.answer.effects == ())
@@ -61,12 +65,60 @@ def test_where_no_clip_is_held_out_nothing_is_asked(monkeypatch: pytest.MonkeyPa
     assert names_after(monkeypatch, 0.0, np.zeros(20), ()) == ["drag"]
 
 
+@pytest.mark.parametrize(
+    ("slope", "left_mm", "named"),
+    [(0.1, 3.0, ["drag", "wind"]), (-0.1, 3.0, ["drag"]), (0.0, 3.0, ["drag"]), (0.1, 1.2, ["drag"])],
+)
+def test_of_two_effects_each_has_to_be_shown_beside_the_other(
+    monkeypatch: pytest.MonkeyPatch, slope: float, left_mm: float, named: list[str]
+) -> None:
+    """wind is shown beside drag only where the slope is upwards, and drag alone leaves more than noise (1 mm)."""
+    one, both = (
+        SimpleNamespace(effects=effects, held_out=50.0, score=50.0) for effects in (("drag",), ("drag", "wind"))
+    )
+
+    def result(chosen: Any) -> Any:
+        none = SimpleNamespace(effects=(), held_out=100.0, score=500.0)
+        selection = SimpleNamespace(none=none, chosen=chosen, measured=None, baseline=none)
+        return SimpleNamespace(selection=selection, answer=chosen, problem=SimpleNamespace(held_out=("clip_3",)))
+
+    def forecast(found: Any, _: Any, before: Any = None) -> Unfitted:
+        beside = before is not None and before.effects == ("drag",)
+        return unfitted((slope if beside else 0.2) * np.linspace(0.5, 1, len(FRAMES)))
+
+    def shorter(selection: Any) -> dict[str, Any]:
+        return {"wind": result(one).selection} if selection.chosen is both else {}
+
+    monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
+    monkeypatch.setattr(shown_effects, "shorter_selections", shorter)
+    monkeypatch.setattr(shown_effects, "measure_gap", lambda *_: Gap(0.01, 1e-3 * left_mm, 1e-3, ("clip_3",)))
+    monkeypatch.setattr(shown_effects, "discovery_of", lambda selection: result(selection.chosen))
+    motion: Any = None
+    shown = discover_shown(motion, ["drag", "wind"], lambda _: result(both))
+    assert list(shown.found.answer.effects) == named
+    assert len(shown.notes) == 2 - len(named)
+
+
+@pytest.mark.parametrize(("second", "named"), [("wind", ["wind"]), ("tilt", [])])
+def test_what_is_named_instead_of_a_dropped_effect_has_to_explain_half_as_much(
+    monkeypatch: pytest.MonkeyPatch, second: str, named: list[str]
+) -> None:
+    def forecast(result: Any, _: Any, __: Any = None) -> Unfitted:
+        return unfitted((-0.1 if "drag" in result.answer.effects else 0.1) * np.linspace(0.5, 1, len(FRAMES)))
+
+    monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
+    monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
+    motion: Any = None
+    shown = discover_shown(motion, ["drag", second], lambda left: found(left[:1], 50.0))
+    assert list(shown.found.answer.effects) == named
+
+
 def test_frames_that_err_alike_count_as_few_and_white_noise_counts_in_full(rng: np.random.Generator) -> None:
-    noise = rng.normal(0, 0.01, 400)
-    slow = np.sin(np.linspace(0, 3, 400)) * 0.01
-    assert unfitted(slow[:20] * 0).rise == (0.0, 0.0)
+    noise = rng.normal(0, 1.0, 400)
+    slow = np.sin(np.linspace(0, 3, 400))
+    assert unfitted(slow[:20] * 0).rise == (0.0, LEAST_ERROR)
     mean, error = _rise(noise)
-    assert abs(mean) < 5 * error and error == pytest.approx(0.01 / 20, rel=0.3)
+    assert abs(mean) < 5 * error and error == pytest.approx(1 / 20, rel=0.3)
     assert _rise(slow)[1] > 0.3 * slow.std()
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.discrepancy.fitting.calibration import Calibration, fit_model, with_bounces, with_free_bounces
 from pipeline.discrepancy.fitting.candidate import Candidate, with_hits
 from pipeline.discrepancy.fitting.initial_states import initial_states
-from pipeline.discrepancy.fitting.model import OBJECT, Model, with_effect, without_effect
+from pipeline.discrepancy.fitting.model import CAMERA, OBJECT, Model, with_effect, without_effect
 from pipeline.discrepancy.fitting.screening import Guess, ScreeningRegression
 from pipeline.discrepancy.fitting.velocity_jump_hits import velocity_jump_hits
 from pipeline.discrepancy.tracks.problem import recorded_alone, split_at_jumps, with_unmeasured_spins
@@ -96,9 +96,10 @@ def _with_arc_effect(
             continue
         theta = np.concatenate([base.fit.theta, np.clip(guess.values, low, high)])
         found = fit_model(calibration, base.problem, model, theta, base.fit.starts, effects=effects)
-        balls = any(s.grounded and (s.radius > 0).any() for s in base.problem.stacks)
-        if found.fit.slipping or (balls and not base.effects):
-            stated, begin = _with_stated_friction(model, theta), initial_states(base.problem)
+        grounded = [s for s in base.problem.stacks if s.grounded]
+        misled = any((s.radius > 0).any() or s.camera_error is not None for s in grounded)
+        if found.fit.slipping or (misled and not base.effects):
+            stated, begin = _as_stated(model, theta), initial_states(base.problem)
             again = fit_model(calibration, base.problem, model, stated, begin, effects=effects)
             found = min(found, again, key=lambda c: c.score)
         found = _completed(calibration, found, base)
@@ -193,12 +194,13 @@ def _beats_shuffled(calibration: Calibration, base: Candidate, found: Candidate)
 
 
 def without_one(calibration: Calibration, found: Candidate) -> list[Candidate]:
-    """`found` without one of its effects other than the last.
+    """`found` without each one of its effects, fitted from where `found` ended.
 
-    An effect that stood in for later ones is no longer needed with them. Effects that are not fitted to arcs stay.
+    An effect that stood in for later ones is no longer needed with them, and the last one may only have freed the fit
+    from a local minimum. Effects that are not fitted to arcs stay.
     """
     out = []
-    for name in found.effects[:-1]:
+    for name in found.effects:
         if name not in found.fit.model.names:
             continue
         model, kept = without_effect(found.fit.model, name)
@@ -208,9 +210,12 @@ def without_one(calibration: Calibration, found: Candidate) -> list[Candidate]:
     return out
 
 
-def refitted(calibration: Calibration, found: Candidate, begin: Sequence[np.ndarray]) -> Candidate:
-    """A candidate of arcs alone, fitted again from other initial states, per stack (A, 11)."""
-    again = fit_model(calibration, found.problem, found.fit.model, found.fit.theta, begin, effects=found.effects)
+def refitted(calibration: Calibration, found: Candidate, best: Candidate) -> Candidate:
+    """A candidate of arcs alone, fitted again from the initial states and the camera of another one."""
+    theta = found.fit.theta.copy()
+    theta[found.fit.model.camera_columns] = best.fit.theta[best.fit.model.camera_columns]
+    model, effects = found.fit.model, found.effects
+    again = fit_model(calibration, found.problem, model, theta, best.fit.starts, effects=effects)
     return with_bounces(calibration, again, False)
 
 
@@ -230,9 +235,10 @@ def has_promising_extension(
     return False
 
 
-def _with_stated_friction(model: Model, theta: np.ndarray) -> np.ndarray:
-    """theta with frictions as stated: without the effect they may have been far off to make up for it."""
-    return np.where([u.owner.startswith(OBJECT) for u in model.unknowns], model.start, theta)
+def _as_stated(model: Model, theta: np.ndarray) -> np.ndarray:
+    """theta with frictions and camera as stated: without the effect they may have been far off to make up for it."""
+    stated = [u.owner.startswith(OBJECT) or u.owner == CAMERA for u in model.unknowns]
+    return np.where(stated, model.start, theta)
 
 
 def _well_apart(guesses: Sequence[Guess]) -> list[Guess]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pipeline.discrepancy.fitting.calibration import Calibration, calibrate, rescale_noise, rescored
+from pipeline.discrepancy.fitting.calibration import Calibration, calibrate, recalibrated, rescale_noise, rescored
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, refitted
 from pipeline.discrepancy.selection.comparison import likeliest, other_evidence
@@ -36,6 +36,7 @@ from pipeline.discrepancy.tracks.problem import (
 from pipeline.scene.effects.kind import EffectKind
 
 NEAR = 25.0  # difference of scores within which candidates are fitted again from the best one's initial states
+FREED = 3  # models of one effect from which the calibrated one is fitted again
 MOST_DROPS = 2  # times that arcs are dropped by the best model
 
 
@@ -115,6 +116,8 @@ def select_once(problem: Problem, effects: Sequence[str], progress: Progress = l
     """
     kinds = testable_kinds(effects, problem, any_spin=False)
     calibration, best, singles = _fit_singles(problem, kinds, progress)
+    if best.effects:
+        calibration = recalibrated(calibration, singles[:FREED])
     singles = _refit_near_best(calibration, best, singles)
     calibration = rescale_noise(calibration, best)
     singles = sorted((rescored(calibration, c) for c in singles), key=lambda c: c.score)
@@ -167,17 +170,18 @@ def _fit_singles(
 
 
 def _refit_near_best(calibration: Calibration, best: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates, of which those near the best are fitted again from its initial states.
+    """The candidates, of which those near the best are fitted again from where it ended; of tracks from video all.
 
     On the ground the times at which bodies stop cause local minima, which would tell effects apart that are one law.
     """
     out = list(singles)
     if not best.effects or best.hits is not None or not any(s.grounded for s in best.problem.stacks):
         return out
+    one_camera = any(s.camera_error is not None for s in best.problem.stacks)
     for i, c in enumerate(out):
         of_arcs = c.effects != best.effects and c.restitution is None and c.hits is None
-        if of_arcs and c.problem is best.problem and c.score < best.score + NEAR:
-            again = refitted(calibration, c, best.fit.starts)
+        if of_arcs and c.problem is best.problem and (one_camera or c.score < best.score + NEAR):
+            again = refitted(calibration, c, best)
             out[i] = again if again.score < c.score else c
     return out
 
