@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.filmed_worlds import FPS, SIZE, FilmedClip, make_filmed_world
 from pipeline.errors import VideoError
 from pipeline.filmed.recorded_clip import RecordedClip
+from pipeline.hidden.filmed_world import FPS, SIZE, FilmedClip, make_filmed_world
 from pipeline.perception.found_bodies import find_in_clip
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import mask_networks
@@ -50,16 +50,17 @@ def see_world(name: str, strength: float, clips: int, rng: np.random.Generator) 
     Raises:
         VideoError: If no body is found in any clip.
     """
-    world = make_filmed_world(name, strength, clips, rng, backend="raycast")
+    world = make_filmed_world(name, strength, clips, rng)
+    filmed = world.clips(rng, "raycast")
     seen, faults = [], []
-    for number, clip in enumerate(world.clips):
+    for number, clip in enumerate(filmed):
         try:
             seen.append((number, _with_masks(clip)))
         except VideoError as error:
             faults.append(f"{clip.name}: {error}")
     if not seen:
         raise VideoError("; ".join(faults))
-    truth = np.array([world.clips[number].truth[0].position for number, _ in seen])
+    truth = np.array([filmed[number].truth[0].position for number, _ in seen])
     return SeenWorld(tuple(clip for _, clip in seen), world.known, world.truth, truth)
 
 

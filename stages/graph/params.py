@@ -292,6 +292,13 @@ class HideSettings(Section):
     clips: Count
 
 
+class HideFilmedSettings(Section):
+    worlds: Count
+    effects: Annotated[list[str], Field(min_length=1)]
+    strength: Positive
+    clips: Count
+
+
 class DiscoverSettings(Section):
     held_out: Annotated[float, Field(ge=0, lt=1)]
     effects: str
@@ -326,6 +333,7 @@ class Params(Section):
     tracks: TracksSettings
     score: ScoreSettings
     hide: HideSettings
+    hide_filmed: HideFilmedSettings
     discover: DiscoverSettings
     training: TrainingSettings
     executor: ExecutorSettings

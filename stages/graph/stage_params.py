@@ -50,6 +50,8 @@ READS: dict[str, tuple[str, ...]] = {
     "tracks": ("clip", "search", "tracks"),
     "hide": ("seed", "hide"),
     "discover": ("seed", "discover"),
+    "hide_filmed": ("seed", "hide_filmed"),
+    "discover_filmed": ("seed", "discover"),
     "score": ("seed", "clip", "score", "model", "flow.source", "infer.shots", "regress.enabled"),
 }
 """The keys that each stage reads, as narrow as can be; `{suite}` is the suite that the stage runs for."""

@@ -7,6 +7,7 @@ import pytest
 from pipeline.shards.code_hash import ROOT, module_closure
 
 TRUTH = "data/hide/truth"
+STAGES = ("stages/discover.py", "stages/discover_filmed.py")
 
 
 def ancestors(name: str, stages: dict[str, object]) -> set[str]:
@@ -36,13 +37,17 @@ def test_no_stage_but_verify_depends_on_the_truth() -> None:
         return any(d.startswith(TRUTH) or TRUTH.startswith(d + "/") for d in deps)
 
     assert [name for name, stage in stages.items() if sees(stage)] == ["verify"]
-    assert ancestors("discover", stages) == {"hide"}
-    assert not any(sees(stages[name]) for name in {"discover", *ancestors("discover", stages)})
-    assert [d.def_path for d in stages["discover"].deps if d.def_path.startswith("data/")] == ["data/hide/measured"]
+    for name, hiding, seen in (
+        ("discover", "hide", "data/hide/measured"),
+        ("discover_filmed", "hide_filmed", "data/hide/filmed"),
+    ):
+        assert ancestors(name, stages) == {hiding}
+        assert not any(sees(stages[own]) for own in (name, hiding))
+        assert [d.def_path for d in stages[name].deps if d.def_path.startswith("data/")] == [seen]
 
 
 def test_the_discovery_imports_nothing_of_what_hides() -> None:
-    for module in ("stages/discover.py", "pipeline/commands/discover.py"):
+    for module in (*STAGES, "pipeline/commands/discover.py"):
         closure = module_closure(ROOT / module)
         assert not [path for path in closure if Path("pipeline/hidden") in path.relative_to(ROOT).parents]
         assert (
@@ -50,9 +55,10 @@ def test_the_discovery_imports_nothing_of_what_hides() -> None:
         ) in closure  # the registry's modules are in the closure
 
 
-def test_the_code_of_the_discovery_names_no_truth() -> None:
-    for path in module_closure(ROOT / "stages/discover.py"):
-        if path.name != "discover.py":
+@pytest.mark.parametrize("stage", STAGES)
+def test_the_code_of_the_discovery_names_no_truth(stage: str) -> None:
+    for path in module_closure(ROOT / stage):
+        if path != ROOT / stage:
             assert "hide/truth" not in path.read_text()
-    code = (ROOT / "stages/discover.py").read_text().split('"""', 2)[2]
+    code = (ROOT / stage).read_text().split('"""', 2)[2]
     assert "truth" not in code

@@ -20,7 +20,7 @@ from pipeline.hidden.strength import scaled_effect
 from pipeline.hidden.world import known_scene_of
 from pipeline.scene.rotation import matrix_from_quaternion, quaternion_from_rotation_vector, quaternion_multiply
 from pipeline.scene.scene import Camera, Scene, SceneObject
-from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
+from pipeline.vision.rendering.appearance import Appearance, apply_sensor, sample_appearance, sample_sensor
 from pipeline.vision.rendering.render import render_rgb
 
 FPS, SECONDS = 30, 1.0
@@ -50,15 +50,47 @@ class FilmedClip:
 
 @dataclass(frozen=True)
 class FilmedWorld:
-    """clips: one camera's. known: the scene file's content, without a camera. truth: what only the judge may see."""
+    """A world before it is filmed.
 
-    clips: tuple[FilmedClip, ...]
+    Attributes:
+        scenes: Of the clips, all of one camera, with what is hidden.
+        look: Of the bodies, the ground and the light.
+        known: Content of the scene file, without a camera.
+        truth: What only the judge may see.
+    """
+
+    scenes: tuple[Scene, ...]
+    look: Appearance
     known: dict[str, Any]
     truth: dict[str, Any]
 
+    def clips(self, rng: np.random.Generator, backend: str) -> tuple[FilmedClip, ...]:
+        """Film it.
+
+        Args:
+            rng: Draws the sensor's errors.
+            backend: That renders: "mujoco" or "raycast".
+        """
+        times, filmed = frame_times(), []
+        for number, scene in enumerate(self.scenes):
+            motion = run_mujoco(scene, times, NO_PERTURBATION)
+            frames = render_rgb(scene, motion.position, motion.quaternion, self.look, *SIZE, backend)
+            frames = apply_sensor(frames, sample_sensor(rng, noise=(0.0, 0.01), blur=(0.0, 0.6)), rng)
+            truth = tuple(
+                Track(f"clip_{number}", body.name, times, motion.position[:, i], quaternion=motion.quaternion[:, i])
+                for i, body in enumerate(scene.objects)
+            )
+            filmed.append(FilmedClip(f"clip_{number}", frames, times, truth))
+        return tuple(filmed)
+
+
+def frame_times() -> np.ndarray:
+    """(T,) s, of a clip's frames."""
+    return np.arange(round(SECONDS * FPS) + 1) / FPS
+
 
 def make_filmed_world(
-    name: str, strength: float, clips: int, rng: np.random.Generator, *, backend: str, noise: float = 0.002
+    name: str, strength: float, clips: int, rng: np.random.Generator, *, noise: float = 0.002
 ) -> FilmedWorld:
     """The filmed world of an effect.
 
@@ -67,29 +99,17 @@ def make_filmed_world(
         strength: In detection limits at `noise`.
         clips: How many.
         rng: Draws everything.
-        backend: That renders: "mujoco" or "raycast".
         noise: m, to which the strength refers.
     """
     scenario_name = str(rng.choice(SHOWN_IN[name]))
     hidden = () if name == "none" else (_effect_name(name, scenario_name),)
     scenario = replace(draw_scenario(scenario_name, hidden, rng), spin=False, orientation=False)
     launches = [_launch(scenario, number, rng) for number in range(clips)]
-    times = np.arange(round(SECONDS * FPS) + 1) / FPS
     recipe = Recipe(0, hidden, strength, noise, clips)
-    effects = tuple(scaled_effect(e, recipe, scenario, launches, times, rng=rng) for e in hidden)
+    effects = tuple(scaled_effect(e, recipe, scenario, launches, frame_times(), rng=rng) for e in hidden)
     camera = _camera(scenario_name, rng)
     look = sample_appearance(rng, len(scenario.bodies), n_fixed=0)
-    filmed = []
-    for number, bodies in enumerate(launches):
-        scene = Scene(bodies, camera, effects=effects)
-        motion = run_mujoco(scene, times, NO_PERTURBATION)
-        frames = render_rgb(scene, motion.position, motion.quaternion, look, *SIZE, backend)
-        frames = apply_sensor(frames, sample_sensor(rng, noise=(0.0, 0.01), blur=(0.0, 0.6)), rng)
-        truth = tuple(
-            Track(f"clip_{number}", body.name, times, motion.position[:, i], quaternion=motion.quaternion[:, i])
-            for i, body in enumerate(bodies)
-        )
-        filmed.append(FilmedClip(f"clip_{number}", frames, times, truth))
+    scenes = tuple(Scene(bodies, camera, effects=effects) for bodies in launches)
     told = {
         "effects": [
             {"name": e.name, **{k: list(v) if isinstance(v, tuple) else v for k, v in e.parameters}} for e in effects
@@ -104,7 +124,7 @@ def make_filmed_world(
         "clips": clips,
         "camera": {"position": camera.position, "fov": camera.fov, "orientation": camera.orientation},
     }
-    return FilmedWorld(tuple(filmed), known_scene_of(scenario), told)
+    return FilmedWorld(scenes, look, known_scene_of(scenario), told)
 
 
 def _effect_name(name: str, scenario: str) -> str:

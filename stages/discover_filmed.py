@@ -1,0 +1,118 @@
+"""Discover what each filmed world's known scene lacks, from its pixels. It cannot see the truth.
+
+The network for masks finds the bodies of each recording; tracks and camera come from these masks. Reads
+data/hide/filmed. Writes data/discover/filmed: clip (the world's number), report (JSON, docs/formats.md), scene (YAML
+with the effects found), fault (why nothing could be measured; then report and scene are missing).
+Parameters: seed, discover. Run: python -m stages.discover_filmed
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from ruamel.yaml import YAML
+
+from pipeline.discrepancy.selection.testable import names_of
+from pipeline.errors import MeasurementError, ParamsError
+from pipeline.perception.mask_source import WEIGHTS
+from pipeline.shards.clip_rng import clip_rng
+from pipeline.shards.opened_shard import OpenShard
+from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.tables import table_from_rows
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
+
+SCHEMA = pa.schema({"clip": pa.int64(), "report": pa.string(), "scene": pa.string(), "fault": pa.string()})
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """held_out: share of a world's clips that is not fitted; effects: those that may be named."""
+
+    seed: int
+    held_out: float
+    effects: tuple[str, ...]
+
+
+def found_in(
+    frames: np.ndarray, times: np.ndarray, known: dict[str, Any], p: Parameters, rng: np.random.Generator
+) -> dict[str, Any]:
+    """Report and scene of a world.
+
+    Args:
+        frames: (C, T, H, W, 3) uint8 of its recordings.
+        times: (T,) s.
+        known: The content of its scene file.
+        p: Parameters of the stage.
+        rng: Chooses the recordings that are held out.
+
+    Raises:
+        MeasurementError: Where no body can be measured in them.
+    """
+    # imported here: it takes seconds, and mostly the shards are in the store
+    from pipeline.discrepancy.discover import discover
+    from pipeline.discrepancy.report.discovery import Discovery
+    from pipeline.discrepancy.report.report_dict import report_dict
+    from pipeline.discrepancy.tracks.known_scene import known_scene
+    from pipeline.filmed.measured_motion import measure_motion
+    from pipeline.filmed.recorded_clip import RecordedClip
+    from pipeline.filmed.shown_effects import discover_shown
+    from pipeline.perception.found_bodies import moving_masks
+    from pipeline.scene.text import write_scene
+    from pipeline.segmentation import load_mask_networks
+
+    networks = load_mask_networks(WEIGHTS)
+    clips = [RecordedClip(f"clip_{k}", own, moving_masks(own, times, networks), times) for k, own in enumerate(frames)]
+    clips = [clip for clip in clips if clip.masks.any()]
+    if not clips:
+        raise MeasurementError("no body is found in any recording")
+    motion = measure_motion(clips, known_scene(known))
+
+    def find(names: Sequence[str]) -> Discovery:
+        return discover(motion.tracks, motion.known, p.held_out, names, rng)
+
+    shown = discover_shown(motion, p.effects, find)
+    report = report_dict(shown.found)
+    report["gap"] |= shown.unfitted.as_dict()
+    return {"report": json.dumps(report), "scene": write_scene(shown.found.scene), "fault": None}
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
+    (hidden,) = inputs
+    rows = []
+    for number in shard.clips:
+        row, frames = hidden.row(number), hidden.array(number, "rgb")
+        known, times = YAML(typ="safe").load(row["scene"]), np.arange(frames.shape[1]) / row["fps"]
+        rng = clip_rng(parameters.seed, "discover", number, "held out")
+        try:
+            found = found_in(frames, times, known, parameters, rng)
+        except MeasurementError as error:
+            found = {"report": None, "scene": None, "fault": str(error)}
+        rows.append({"clip": number} | found)
+    faults = sum(row["fault"] is not None for row in rows)
+    return ShardResult({"clips": table_from_rows(rows, SCHEMA)}, notes={"not measured": faults})
+
+
+def main() -> None:
+    params = load("discover_filmed")
+    try:
+        effects = names_of(params.discover.effects)
+    except ValueError as error:
+        raise ParamsError(f"discover.effects: {error}") from None
+    parameters = Parameters(params.seed, params.discover.held_out, effects)
+    run_shards(
+        "discover",
+        "filmed",
+        compute,
+        parameters,
+        ["hide"],
+        files={"masks": WEIGHTS},
+        versions=["mujoco", "numba", "numpy", "scipy", "opencv-python-headless", "torch"],
+    )
+
+
+if __name__ == "__main__":
+    run(main)

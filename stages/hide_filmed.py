@@ -1,0 +1,84 @@
+"""Film worlds in which an effect is hidden that a camera can see, and the truth, which no discovery stage can see.
+
+Reads nothing but parameters. Writes data/hide/filmed: table clips (clip: the world's number, scene: YAML of what is
+known, without a camera, fps), array rgb (C, T, H, W, 3) of a world's C recordings; and data/hide/truth_filmed: clips
+(clip, truth: JSON). Parameters: seed, hide_filmed. Run: python -m stages.hide_filmed
+"""
+
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from ruamel.yaml import YAML
+
+from pipeline.errors import ParamsError
+from pipeline.hidden.filmed_world import FPS, VISIBLE_EFFECTS, FilmedWorld, make_filmed_world
+from pipeline.shards.clip_rng import clip_rng
+from pipeline.shards.opened_shard import OpenShard
+from pipeline.shards.shard import Shard, ShardResult
+from pipeline.shards.tables import table_from_rows
+from stages.graph.run import run, run_shards
+from stages.graph.stage_params import load
+
+WORLDS = pa.schema({"clip": pa.int64(), "scene": pa.string(), "fps": pa.int64()})
+TRUTH = pa.schema({"clip": pa.int64(), "truth": pa.string()})
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What a world depends on, beside its number.
+
+    Attributes:
+        seed: Of all random numbers.
+        effects: What is hidden, in turn.
+        strength: In detection limits of positions with 2 mm of noise.
+        clips: Recordings of a world.
+    """
+
+    seed: int
+    effects: tuple[str, ...]
+    strength: float
+    clips: int
+
+
+def world_of(number: int, p: Parameters) -> tuple[FilmedWorld, np.random.Generator]:
+    """A world, and what draws its sensor's errors."""
+    rng = clip_rng(p.seed, "hide", number, "filmed world")
+    return make_filmed_world(p.effects[number % len(p.effects)], p.strength, p.clips, rng), rng
+
+
+def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
+    scenes, frames = [], []
+    for number in shard.clips:
+        world, rng = world_of(number, parameters)
+        text = io.StringIO()
+        YAML(typ="safe").dump(world.known, text)
+        scenes.append({"clip": number, "scene": text.getvalue(), "fps": FPS})
+        frames.append(np.stack([clip.frames for clip in world.clips(rng, "raycast")]))
+    return ShardResult({"clips": table_from_rows(scenes, WORLDS)}, {"rgb": np.stack(frames)})
+
+
+def compute_truth(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
+    truths = {number: world_of(number, parameters)[0].truth for number in shard.clips}
+    rows = [{"clip": number, "truth": json.dumps(truth, sort_keys=True)} for number, truth in truths.items()]
+    return ShardResult({"clips": table_from_rows(rows, TRUTH)})
+
+
+def main() -> None:
+    params = load("hide_filmed")
+    own, valid = params.hide_filmed, ("none", *VISIBLE_EFFECTS)
+    for name in own.effects:
+        if name not in valid:
+            raise ParamsError(f"hide_filmed.effects: {name} is no effect that is filmed; valid: {', '.join(valid)}")
+    parameters = Parameters(params.seed, tuple(own.effects), own.strength, own.clips)
+    for suite, function in (("filmed", compute), ("truth_filmed", compute_truth)):
+        run_shards(
+            "hide", suite, function, parameters, clips=own.worlds, shard_size=1, versions=["mujoco", "numba", "numpy"]
+        )
+
+
+if __name__ == "__main__":
+    run(main)
