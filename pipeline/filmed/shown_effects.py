@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.report.discovery import Discovery, discovery_of
 from pipeline.discrepancy.selection.established import HELD_OUT_GAIN
-from pipeline.discrepancy.selection.gap import measure_gap
-from pipeline.discrepancy.selection.shorter import shorter_selections
+from pipeline.discrepancy.selection.shorter import leaves_noise, shorter_selections, simpler_selection
 from pipeline.filmed.measured_motion import MeasuredMotion
 from pipeline.filmed.unfitted import Unfitted, forecast_unfitted
 
 LEAST_EXPLAINED = 0.5  # of what a dropped effect explains: what another one must explain to be named instead
 MOST_DROPPED = 3  # best effects that may be dropped; after that nothing is named
-LEAST_REMAINDER = 1.5  # noise floors: what one effect must leave for a second one to be named beside it
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ def discover_shown(
     picture, by more than the uncertainty, and worse in neither. Else these effects are dropped from the list, and the
     discovery begins again, up to MOST_DROPPED times; what it finds then has to explain at least half as much. Of
     several effects each has to be shown beside the others, which have to leave more than noise; else it is not named.
-    Where no clip is held out, nothing is asked.
+    An effect of fewer numbers that is hardly worse is named instead. Where no clip is held out, nothing is asked.
 
     Args:
         motion: As measured.
@@ -55,7 +53,8 @@ def discover_shown(
         if not found.answer.effects or not found.problem.held_out:
             break
         found, dropped = _without_unshown(found, motion)
-        notes += dropped
+        found, replaced = _simpler(found)
+        notes += dropped + replaced
         named, none = found.answer.effects, found.selection.none
         explained = 1 - found.answer.score / none.score
         fault = _fault(found, motion, none)
@@ -76,15 +75,23 @@ def _without_unshown(found: Discovery, motion: MeasuredMotion) -> tuple[Discover
     notes = []
     while True:
         for name, shorter in shorter_selections(found.selection).items():
-            gap = measure_gap(found.selection.measured, found.selection.baseline, shorter.chosen)
-            enough = gap.after > LEAST_REMAINDER * gap.noise_floor
-            fault = _fault(found, motion, shorter.chosen) if enough else "what these leave may be noise"
+            noise = leaves_noise(found.selection, shorter.chosen)
+            fault = "what these leave may be noise" if noise else _fault(found, motion, shorter.chosen)
             if fault is not None:
                 notes.append(f"{name} beside {' and '.join(shorter.chosen.effects)} would fit better, but {fault}")
                 found = discovery_of(shorter)
                 break
         else:
             return found, notes
+
+
+def _simpler(found: Discovery) -> tuple[Discovery, list[str]]:
+    """The discovery with an effect of fewer numbers, if there is one that is hardly worse, and a note on it."""
+    simpler = simpler_selection(found.selection)
+    if simpler is found.selection:
+        return found, []
+    note = f"{found.answer.name} would fit better, but has more numbers than {simpler.chosen.name}, which is enough"
+    return discovery_of(simpler), [note]
 
 
 def _fault(found: Discovery, motion: MeasuredMotion, shorter: Candidate) -> str | None:

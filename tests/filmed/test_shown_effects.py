@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.selection.gap import Gap
 from pipeline.filmed import shown_effects
 from pipeline.filmed.shown_effects import discover_shown
 from pipeline.filmed.unfitted import LEAST_ERROR, Unfitted
@@ -37,6 +36,7 @@ def names_after(monkeypatch: pytest.MonkeyPatch, gain: float, change: np.ndarray
 
     monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
     monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
+    monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
     motion: Any = None
     shown = discover_shown(motion, ["drag", "wind"], lambda left: found([n for n in left if n == "drag"], gain, held))
     assert len(shown.notes) == (shown.found.answer.effects == ())
@@ -91,7 +91,8 @@ def test_of_two_effects_each_has_to_be_shown_beside_the_other(
 
     monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
     monkeypatch.setattr(shown_effects, "shorter_selections", shorter)
-    monkeypatch.setattr(shown_effects, "measure_gap", lambda *_: Gap(0.01, 1e-3 * left_mm, 1e-3, ("clip_3",)))
+    monkeypatch.setattr(shown_effects, "leaves_noise", lambda *_: left_mm < 1.5)
+    monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
     monkeypatch.setattr(shown_effects, "discovery_of", lambda selection: result(selection.chosen))
     motion: Any = None
     shown = discover_shown(motion, ["drag", "wind"], lambda _: result(both))
@@ -108,6 +109,7 @@ def test_what_is_named_instead_of_a_dropped_effect_has_to_explain_half_as_much(
 
     monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
     monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
+    monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
     motion: Any = None
     shown = discover_shown(motion, ["drag", second], lambda left: found(left[:1], 50.0))
     assert list(shown.found.answer.effects) == named

@@ -32,6 +32,7 @@ SMALLEST = {
     "predict": {"simulations": 200},
     "tracks": {"simulations": 200},
     "hide": {"worlds": 1, "clips": 2},
+    "hide_filmed": {"worlds": 1, "clips": 2},
     "executor": {"workers": 1},
 }
 WITHOUT_DATA = ("score", "score_views", "verify")  # they write reports
