@@ -23,13 +23,13 @@ from benchmarks.published.cube_tosses import read_cube_tosses
 from benchmarks.published.published_set import RealSet, real_motion_folder
 from benchmarks.published.table_tennis import read_table_tennis
 from pipeline.discrepancy.discover import discover
-from pipeline.discrepancy.fitting.candidate import residuals_m
 from pipeline.discrepancy.fitting.initial_states import stack_initial_states
 from pipeline.discrepancy.fitting.least_squares import fit
 from pipeline.discrepancy.fitting.model import known_model, with_effect
 from pipeline.discrepancy.fitting.predictions import run
 from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.report.remainder import Remainder
+from pipeline.discrepancy.selection.gap import body_gap
 from pipeline.discrepancy.tracks.arc import Arc
 from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.discrepancy.tracks.stack import stack_arcs
@@ -94,12 +94,8 @@ def gaps_by_object(found: Discovery) -> list[str]:
         return []
     out = ["", "| object | gap before, mm | after |", "| --- | --- | --- |"]
     for number, name in enumerate(names):
-        sizes = []
-        for model in (found.selection.baseline, found.answer):
-            rows = zip(model.problem.stacks, residuals_m(model.problem, model), strict=True)
-            own = [r[stack.object == number][stack.weight[stack.object == number] > 0] for stack, r in rows]
-            sizes.append(1e3 * float(np.sqrt(np.mean(np.concatenate(own) ** 2))))
-        out.append(f"| {name} | {sizes[0]:.3g} | {sizes[1]:.3g} |")
+        before, after = (1e3 * body_gap(model, number) for model in (found.selection.baseline, found.answer))
+        out.append(f"| {name} | {before:.3g} | {after:.3g} |")
     return out
 
 

@@ -18,10 +18,11 @@ from pipeline.discrepancy.selection.comparison import other_evidence
 from pipeline.discrepancy.selection.equivalence import Sets
 from pipeline.discrepancy.selection.forecast import forecast_error
 from pipeline.discrepancy.selection.forward_selection import LEADERS, MOST_EFFECTS, MOST_FITTED_MORE
-from pipeline.discrepancy.selection.gap import measure_gap
+from pipeline.discrepancy.selection.gap import body_gap, measure_gap
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.touched import Touched, touched
 from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, excess
+from pipeline.discrepancy.tracks.problem import recorded_alone
 from pipeline.scene.effects.kind import EffectKind
 
 MOST_LEFT = 0.5  # of the gap beyond noise that the model without an effect leaves, root mean square
@@ -33,6 +34,7 @@ MOST_NEAR, NEAR_LEFT = 3, 1.5
 #: By how much chi squared of the held-out clips must fall with each effect. A true difference d of the predictions
 #: changes chi squared by d² with a standard deviation of 2 d, so that a fall by 4 equals its own uncertainty.
 HELD_OUT_GAIN = 4.0
+MOST_HARM = 1.5  # of what one body has without an effect: what it may have with it
 
 
 def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Progress) -> Selection | None:
@@ -110,7 +112,22 @@ def _counts(found: Selection, model: Candidate, base: Candidate) -> bool:
     better. base: the model that it extends by the last of its effects."""
     without = _without_one(found, model, base)
     return len(without) >= min(len(model.effects), 2) and all(
-        _left(found, model) <= MOST_LEFT * _left(found, shorter) and _shows(model, shorter) for shorter in without
+        _left(found, model) <= MOST_LEFT * _left(found, shorter)
+        and _shows(model, shorter)
+        and not _harms_a_body(found, model, shorter)
+        for shorter in without
+    )
+
+
+def _harms_a_body(found: Selection, model: Candidate, shorter: Candidate) -> bool:
+    """Whether a model explains one of the bodies that were recorded one by one much worse than a shorter one.
+
+    What acts on all of them, as a wrong ruler does, has to suit each: heavy balls bound it where light ones would not.
+    """
+    floor = measure_gap(found.measured, found.baseline, model).noise_floor
+    bodies = recorded_alone(found.problem)
+    return len(bodies) > 1 and any(
+        body_gap(model, body) > MOST_HARM * max(body_gap(shorter, body), floor) for body in bodies
     )
 
 

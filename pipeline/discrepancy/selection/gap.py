@@ -52,6 +52,11 @@ def measure_gap(problem: Problem, before: Candidate, after: Candidate) -> Gap:
     return Gap(first, last, floor, clips)
 
 
+def body_gap(model: Candidate, body: int) -> float:
+    """Root mean square residual, m, of the arcs of one object, fitted and held out."""
+    return _rmse(model, [np.asarray(stack.object == body) for stack in model.problem.stacks])
+
+
 def _rmse(found: Candidate, chosen: Sequence[np.ndarray]) -> float:
     """Over the chosen arcs, per stack (A,) bool."""
     squares, count = 0.0, 0.0
