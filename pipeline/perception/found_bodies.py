@@ -106,7 +106,7 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
         masks = sharpen(clip.frames, masks, networks.outlines, hulls)
     notes = [
         *choice.notes,
-        *(["a shadow that moves beside its body is no body; --point on it keeps it"] if shadows else []),
+        *(["a shadow that moves beside its body was left out; --point on it keeps it"] if shadows else []),
         *(f"{len(g)} pieces that move as one rigid body are body {k}" for k, g in enumerate(groups, 1) if len(g) > 1),
     ]
     bodies, doubts = [], []

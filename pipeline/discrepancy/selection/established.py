@@ -153,7 +153,7 @@ def _without_one(found: Selection, model: Candidate, base: Candidate) -> list[Ca
         return [found.none]
     if len(model.effects) == 2:
         return [c for c in found.singles if c.name in model.effects]
-    return [base, *without_one(found.calibration, model)[:-1]]
+    return [base, *(c for c in without_one(found.calibration, model) if model.effects[-1] in c.effects)]
 
 
 def _simplest(models: Sequence[Candidate], found: Selection) -> Candidate | None:
