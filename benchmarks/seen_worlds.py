@@ -13,12 +13,23 @@ import numpy as np
 
 from pipeline.errors import VideoError
 from pipeline.filmed.recorded_clip import RecordedClip
-from pipeline.hidden.filmed_world import FPS, SIZE, FilmedClip, make_filmed_world
+from pipeline.hidden.filmed_world import FPS, NOTHING, SCENARIOS, SIZE, FilmedClip, FilmedWorld, make_filmed_world
 from pipeline.perception.found_bodies import find_in_clip
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import mask_networks
 from pipeline.vision.recordings.letterbox import letterbox_for
 from pipeline.vision.recordings.video import Clip
+
+SHOWN_IN = {
+    "drag": {"bounce": "air_drag", "puck": "linear_drag"},
+    "tilted_gravity": {"roll": "tilted_gravity", "puck": "tilted_gravity"},
+    "moving_ground": {"puck": "moving_ground"},
+    "rolling_resistance": {"roll": "rolling_resistance"},
+    "restitution": {"bounce": "restitution"},
+    NOTHING: dict.fromkeys(SCENARIOS, NOTHING),
+}
+"""Where a camera can see an effect: for each scenario of a filmed world the effect by its own name."""
+VISIBLE_EFFECTS = tuple(name for name in SHOWN_IN if name != NOTHING)
 
 
 @dataclass(frozen=True)
@@ -38,11 +49,18 @@ class SeenWorld:
     position: np.ndarray
 
 
+def drawn_world(name: str, strength: float, clips: int, rng: np.random.Generator) -> FilmedWorld:
+    """A world of an effect of SHOWN_IN, in one of its scenarios; other arguments as of `make_filmed_world`."""
+    shown_in = SHOWN_IN[name]
+    scenario = str(rng.choice(list(shown_in)))
+    return make_filmed_world(shown_in[scenario], scenario, strength, clips, rng)
+
+
 def see_world(name: str, strength: float, clips: int, rng: np.random.Generator) -> SeenWorld:
     """Film the world of an effect and find its bodies; clips in which none is found are left out, as users would.
 
     Args:
-        name: Of the effect, as for `make_filmed_world`.
+        name: Of the effect, of SHOWN_IN.
         strength: In detection limits.
         clips: How many.
         rng: Draws everything.
@@ -50,7 +68,7 @@ def see_world(name: str, strength: float, clips: int, rng: np.random.Generator) 
     Raises:
         VideoError: If no body is found in any clip.
     """
-    world = make_filmed_world(name, strength, clips, rng)
+    world = drawn_world(name, strength, clips, rng)
     filmed = world.clips(rng, "raycast")
     seen, faults = [], []
     for number, clip in enumerate(filmed):

@@ -26,7 +26,7 @@ from ruamel.yaml import YAML
 from tqdm import tqdm
 
 from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
-from benchmarks.seen_worlds import SeenWorld, kept_world
+from benchmarks.seen_worlds import VISIBLE_EFFECTS, SeenWorld, drawn_world, kept_world
 from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.report.report_dict import report_dict
@@ -35,7 +35,7 @@ from pipeline.errors import DynamicsError, VideoError
 from pipeline.evaluation.tables import markdown
 from pipeline.filmed.measured_motion import measure_motion
 from pipeline.filmed.shown_effects import discover_shown
-from pipeline.hidden.filmed_world import FPS, VISIBLE_EFFECTS, make_filmed_world
+from pipeline.hidden.filmed_world import FPS
 from pipeline.hidden.judge import judge
 from pipeline.metrics.intervals import wilson
 from pipeline.scene.effects.registry import effect_kinds
@@ -152,7 +152,7 @@ def _pair(reports: Sequence[dict[str, Any]], name: str) -> str:
 def write_world(folder: Path, name: str, seed: int) -> None:
     """Write the videos and the scene file of a world in which an effect is strong."""
     rng = np.random.default_rng(seed)
-    world = make_filmed_world(name, STRENGTHS["strong"], CLIPS, rng)
+    world = drawn_world(name, STRENGTHS["strong"], CLIPS, rng)
     folder.mkdir(parents=True, exist_ok=True)
     for clip in world.clips(rng, "raycast"):
         write_video(folder / f"{clip.name}.mp4", clip.frames, FPS)

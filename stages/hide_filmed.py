@@ -15,7 +15,8 @@ import pyarrow as pa
 from ruamel.yaml import YAML
 
 from pipeline.errors import ParamsError
-from pipeline.hidden.filmed_world import FPS, VISIBLE_EFFECTS, FilmedWorld, make_filmed_world
+from pipeline.hidden.filmed_world import FPS, NOTHING, FilmedWorld, make_filmed_world
+from pipeline.scene.effects.registry import effect_kinds
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -33,13 +34,13 @@ class Parameters:
 
     Attributes:
         seed: Of all random numbers.
-        effects: What is hidden, in turn.
+        experiments: The scenario and what is hidden in it, in turn.
         strength: In detection limits of positions with 2 mm of noise.
         clips: Recordings of a world.
     """
 
     seed: int
-    effects: tuple[str, ...]
+    experiments: tuple[tuple[str, str], ...]
     strength: float
     clips: int
 
@@ -47,7 +48,8 @@ class Parameters:
 def world_of(number: int, p: Parameters) -> tuple[FilmedWorld, np.random.Generator]:
     """A world, and what draws its sensor's errors."""
     rng = clip_rng(p.seed, "hide", number, "filmed world")
-    return make_filmed_world(p.effects[number % len(p.effects)], p.strength, p.clips, rng), rng
+    scenario, effect = p.experiments[number % len(p.experiments)]
+    return make_filmed_world(effect, scenario, p.strength, p.clips, rng), rng
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
@@ -69,11 +71,14 @@ def compute_truth(shard: Shard, inputs: Sequence[OpenShard], parameters: Paramet
 
 def main() -> None:
     params = load("hide_filmed")
-    own, valid = params.hide_filmed, ("none", *VISIBLE_EFFECTS)
-    for name in own.effects:
-        if name not in valid:
-            raise ParamsError(f"hide_filmed.effects: {name} is no effect that is filmed; valid: {', '.join(valid)}")
-    parameters = Parameters(params.seed, tuple(own.effects), own.strength, own.clips)
+    own, valid = params.hide_filmed, (NOTHING, *effect_kinds())
+    for place, experiment in enumerate(own.experiments):
+        if experiment.effect not in valid:
+            raise ParamsError(
+                f"hide_filmed.experiments[{place}].effect is {experiment.effect}; valid: {', '.join(valid)}"
+            )
+    experiments = tuple((e.scenario, e.effect) for e in own.experiments)
+    parameters = Parameters(params.seed, experiments, own.strength, own.clips)
     for suite, function in (("filmed", compute), ("truth_filmed", compute_truth)):
         run_shards(
             "hide", suite, function, parameters, clips=own.worlds, shard_size=1, versions=["mujoco", "numba", "numpy"]

@@ -25,16 +25,8 @@ from pipeline.vision.rendering.render import render_rgb
 
 FPS, SECONDS = 30, 1.0
 SIZE = (480, 320)  # px
-VISIBLE_EFFECTS = ("drag", "tilted_gravity", "moving_ground", "rolling_resistance", "restitution")
-"""What a camera can see; `drag` stands for `air_drag` in flight and for `linear_drag` on the ground."""
-SHOWN_IN = {
-    "drag": (BOUNCING, "puck"),
-    "tilted_gravity": ("roll", "puck"),
-    "moving_ground": ("puck",),
-    "rolling_resistance": ("roll",),
-    "restitution": (BOUNCING,),
-    "none": (BOUNCING, "roll", "puck"),
-}
+SCENARIOS = (BOUNCING, "roll", "puck")
+NOTHING = "none"
 SEEN = 1.6, 2.2  # m, height of the picture in the middle of the scene
 
 
@@ -90,19 +82,19 @@ def frame_times() -> np.ndarray:
 
 
 def make_filmed_world(
-    name: str, strength: float, clips: int, rng: np.random.Generator, *, noise: float = 0.002
+    name: str, scenario_name: str, strength: float, clips: int, rng: np.random.Generator, *, noise: float = 0.002
 ) -> FilmedWorld:
     """The filmed world of an effect.
 
     Args:
-        name: Of `VISIBLE_EFFECTS`, or `none`.
+        name: Of the effect, or NOTHING.
+        scenario_name: Of SCENARIOS.
         strength: In detection limits at `noise`.
         clips: How many.
         rng: Draws everything.
         noise: m, to which the strength refers.
     """
-    scenario_name = str(rng.choice(SHOWN_IN[name]))
-    hidden = () if name == "none" else (_effect_name(name, scenario_name),)
+    hidden = () if name == NOTHING else (name,)
     scenario = replace(draw_scenario(scenario_name, hidden, rng), spin=False, orientation=False)
     launches = [_launch(scenario, number, rng) for number in range(clips)]
     recipe = Recipe(0, hidden, strength, noise, clips)
@@ -125,12 +117,6 @@ def make_filmed_world(
         "camera": {"position": camera.position, "fov": camera.fov, "orientation": camera.orientation},
     }
     return FilmedWorld(scenes, look, known_scene_of(scenario), told)
-
-
-def _effect_name(name: str, scenario: str) -> str:
-    if name != "drag":
-        return name
-    return "air_drag" if scenario == BOUNCING else "linear_drag"
 
 
 def _launch(scenario: Scenario, number: int, rng: np.random.Generator) -> tuple[SceneObject, ...]:

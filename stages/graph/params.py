@@ -292,9 +292,14 @@ class HideSettings(Section):
     clips: Count
 
 
+class FilmedExperiment(Section):
+    scenario: Literal["bounce", "roll", "puck"]
+    effect: str
+
+
 class HideFilmedSettings(Section):
     worlds: Count
-    effects: Annotated[list[str], Field(min_length=1)]
+    experiments: Annotated[list[FilmedExperiment], Field(min_length=1)]
     strength: Positive
     clips: Count
 
