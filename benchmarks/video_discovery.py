@@ -29,7 +29,6 @@ from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
 from benchmarks.seen_worlds import VISIBLE_EFFECTS, SeenWorld, drawn_world, kept_world
 from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.report.discovery import Discovery
-from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.errors import DynamicsError, VideoError
 from pipeline.evaluation.tables import markdown
@@ -101,9 +100,7 @@ def answer(job: Job) -> dict[str, Any]:
 
         shown = discover_shown(motion, tuple(effect_kinds()), find)
         out["notes"] = [*motion.notes, *shown.notes]
-        report = report_dict(shown.found)
-        report["gap"] |= shown.unfitted.as_dict()
-        out["report"] = {k: v for k, v in report.items() if k not in ("disagreement", "candidates")}
+        out["report"] = {k: v for k, v in shown.report.items() if k not in ("disagreement", "candidates")}
         out["processor_seconds"] = time.process_time() - spent
     except (DynamicsError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         out["error"] = f"{type(error).__name__}: {error}"

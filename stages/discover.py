@@ -16,7 +16,6 @@ from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.discrepancy.selection.testable import names_of
 from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.discrepancy.tracks.track import tracks_from_rows
-from pipeline.errors import ParamsError
 from pipeline.scene.text import write_scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
@@ -51,10 +50,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
 
 def main() -> None:
     params = load("discover")
-    try:
-        effects = names_of(params.discover.effects)
-    except ValueError as error:
-        raise ParamsError(f"discover.effects: {error}") from None
+    effects = names_of(params.discover.effects, "discover.effects")
     parameters = Parameters(params.seed, params.discover.held_out, effects)
     run_shards("discover", "measured", compute, parameters, ["hide"], versions=["mujoco", "numba", "numpy", "scipy"])
 

@@ -16,7 +16,7 @@ import pyarrow as pa
 from ruamel.yaml import YAML
 
 from pipeline.discrepancy.selection.testable import names_of
-from pipeline.errors import MeasurementError, ParamsError
+from pipeline.errors import MeasurementError
 from pipeline.perception.mask_source import WEIGHTS
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
@@ -38,16 +38,16 @@ class Parameters:
 
 
 def found_in(
-    frames: np.ndarray, times: np.ndarray, known: dict[str, Any], p: Parameters, rng: np.random.Generator
+    number: int, frames: np.ndarray, times: np.ndarray, known: dict[str, Any], p: Parameters
 ) -> dict[str, Any]:
     """Report and scene of a world.
 
     Args:
+        number: Of the world.
         frames: (C, T, H, W, 3) uint8 of its recordings.
         times: (T,) s.
         known: The content of its scene file.
         p: Parameters of the stage.
-        rng: Chooses the recordings that are held out.
 
     Raises:
         MeasurementError: Where no body can be measured in them.
@@ -55,29 +55,27 @@ def found_in(
     # imported here: it takes seconds, and mostly the shards are in the store
     from pipeline.discrepancy.discover import discover
     from pipeline.discrepancy.report.discovery import Discovery
-    from pipeline.discrepancy.report.report_dict import report_dict
     from pipeline.discrepancy.tracks.known_scene import known_scene
     from pipeline.filmed.measured_motion import measure_motion
     from pipeline.filmed.recorded_clip import RecordedClip
     from pipeline.filmed.shown_effects import discover_shown
     from pipeline.perception.found_bodies import moving_masks
+    from pipeline.perception.user_clip import mask_networks
     from pipeline.scene.text import write_scene
-    from pipeline.segmentation import load_mask_networks
 
-    networks = load_mask_networks(WEIGHTS)
+    networks = mask_networks()
     clips = [RecordedClip(f"clip_{k}", own, moving_masks(own, times, networks), times) for k, own in enumerate(frames)]
     clips = [clip for clip in clips if clip.masks.any()]
     if not clips:
         raise MeasurementError("no body is found in any recording")
     motion = measure_motion(clips, known_scene(known))
 
-    def find(names: Sequence[str]) -> Discovery:
+    def find(names: Sequence[str]) -> Discovery:  # with the same recordings held out each time
+        rng = clip_rng(p.seed, "discover", number, "held out")
         return discover(motion.tracks, motion.known, p.held_out, names, rng)
 
     shown = discover_shown(motion, p.effects, find)
-    report = report_dict(shown.found)
-    report["gap"] |= shown.unfitted.as_dict()
-    return {"report": json.dumps(report), "scene": write_scene(shown.found.scene), "fault": None}
+    return {"report": json.dumps(shown.report), "scene": write_scene(shown.found.scene), "fault": None}
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
@@ -86,9 +84,8 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     for number in shard.clips:
         row, frames = hidden.row(number), hidden.array(number, "rgb")
         known, times = YAML(typ="safe").load(row["scene"]), np.arange(frames.shape[1]) / row["fps"]
-        rng = clip_rng(parameters.seed, "discover", number, "held out")
         try:
-            found = found_in(frames, times, known, parameters, rng)
+            found = found_in(number, frames, times, known, parameters)
         except MeasurementError as error:
             found = {"report": None, "scene": None, "fault": str(error)}
         rows.append({"clip": number} | found)
@@ -98,10 +95,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
 
 def main() -> None:
     params = load("discover_filmed")
-    try:
-        effects = names_of(params.discover.effects)
-    except ValueError as error:
-        raise ParamsError(f"discover.effects: {error}") from None
+    effects = names_of(params.discover.effects, "discover.effects")
     parameters = Parameters(params.seed, params.discover.held_out, effects)
     run_shards(
         "discover",

@@ -5,17 +5,15 @@ known) and tracks (a row for each sample; `recording` is the clip of the measure
 (clip, truth: JSON). Parameters: seed, hide. Run: python -m stages.hide
 """
 
-import io
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pyarrow as pa
-from ruamel.yaml import YAML
 
 from pipeline.discrepancy.tracks.track import ROW_NUMBERS, track_rows
 from pipeline.hidden.recipe import recipe_of
 from pipeline.hidden.world import World, make_world
+from pipeline.hidden.world_tables import scene_text, truth_table
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -24,7 +22,6 @@ from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
 
 WORLDS = pa.schema({"clip": pa.int64(), "scene": pa.string()})
-TRUTH = pa.schema({"clip": pa.int64(), "truth": pa.string()})
 TRACKS = pa.schema(
     {"clip": pa.int64(), "recording": pa.string(), "object": pa.string()} | {name: pa.float64() for name in ROW_NUMBERS}
 )
@@ -58,17 +55,14 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     scenes, rows = [], []
     for number in shard.clips:
         world = world_of(number, parameters)
-        text = io.StringIO()
-        YAML(typ="safe").dump(world.known, text)
-        scenes.append({"clip": number, "scene": text.getvalue()})
+        scenes.append({"clip": number, "scene": scene_text(world.known)})
         rows += [row | {"clip": number, "recording": row["clip"]} for row in track_rows(world.tracks)]
     tables = {"clips": table_from_rows(scenes, WORLDS), "tracks": table_from_rows(rows, TRACKS)}
     return ShardResult(tables, notes={"samples": len(rows)})
 
 
 def compute_truth(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
-    rows = [{"clip": n, "truth": json.dumps(world_of(n, parameters).truth, sort_keys=True)} for n in shard.clips]
-    return ShardResult({"clips": table_from_rows(rows, TRUTH)})
+    return ShardResult({"clips": truth_table({number: world_of(number, parameters).truth for number in shard.clips})})
 
 
 def main() -> None:

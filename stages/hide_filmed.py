@@ -5,17 +5,15 @@ known, without a camera, fps), array rgb (C, T, H, W, 3) of a world's C recordin
 (clip, truth: JSON). Parameters: seed, hide_filmed. Run: python -m stages.hide_filmed
 """
 
-import io
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
-from ruamel.yaml import YAML
 
 from pipeline.errors import ParamsError
 from pipeline.hidden.filmed_world import FPS, NOTHING, FilmedWorld, make_filmed_world
+from pipeline.hidden.world_tables import scene_text, truth_table
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
@@ -25,7 +23,6 @@ from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
 
 WORLDS = pa.schema({"clip": pa.int64(), "scene": pa.string(), "fps": pa.int64()})
-TRUTH = pa.schema({"clip": pa.int64(), "truth": pa.string()})
 
 
 @dataclass(frozen=True)
@@ -56,17 +53,14 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     scenes, frames = [], []
     for number in shard.clips:
         world, rng = world_of(number, parameters)
-        text = io.StringIO()
-        YAML(typ="safe").dump(world.known, text)
-        scenes.append({"clip": number, "scene": text.getvalue(), "fps": FPS})
+        scenes.append({"clip": number, "scene": scene_text(world.known), "fps": FPS})
         frames.append(np.stack([clip.frames for clip in world.clips(rng, "raycast")]))
     return ShardResult({"clips": table_from_rows(scenes, WORLDS)}, {"rgb": np.stack(frames)})
 
 
 def compute_truth(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
-    truths = {number: world_of(number, parameters)[0].truth for number in shard.clips}
-    rows = [{"clip": number, "truth": json.dumps(truth, sort_keys=True)} for number, truth in truths.items()]
-    return ShardResult({"clips": table_from_rows(rows, TRUTH)})
+    worlds = {number: world_of(number, parameters)[0] for number in shard.clips}
+    return ShardResult({"clips": truth_table({number: world.truth for number, world in worlds.items()})})
 
 
 def main() -> None:

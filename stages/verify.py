@@ -35,16 +35,16 @@ class Verified:
     row: dict[str, Any]
 
 
-def verified(world: int, told: str, report: dict[str, Any] | None, truth: dict[str, Any]) -> Verified:
+def verified(world: int, given: str, report: dict[str, Any] | None, truth: dict[str, Any]) -> Verified:
     """Judge one world.
 
     Args:
         world: Its number.
-        told: "tracks" or "video": what the discovery was told.
+        given: "tracks" or "video": what the discovery was given.
         report: Of the discovery; None where nothing could be measured.
         truth: What was hidden.
     """
-    row: dict[str, Any] = {"world": world, "from": told}
+    row: dict[str, Any] = {"world": world, "from": given}
     same = {"engine": truth["engine"], "scenario": truth["scenario"]}
     if report is None:
         hidden = "+".join(sorted(e["name"] for e in truth["effects"])) or "none"
@@ -58,16 +58,17 @@ def verified(world: int, told: str, report: dict[str, Any] | None, truth: dict[s
         "confidence": round(verdict["confidence"], 3),
     }
     row |= same | {f"{name}_mm": round(1e3 * gap[key], 3) for name, key in MILLIMETRES.items()}
-    row |= {f"iou_{when}": round(gap[f"sequence_iou_{when}"], 3) for when in WHEN if gap.get(f"sequence_iou_{when}")}
+    ious = {f"iou_{when}": gap.get(f"sequence_iou_{when}") for when in WHEN}
+    row |= {name: round(iou, 3) for name, iou in ious.items() if iou is not None}
     return Verified(judged, row)
 
 
-def worlds_of(told: str, found: ShardedDataset, hidden: ShardedDataset) -> list[Verified]:
-    """All worlds of a pair of folders; told: "tracks" or "video"."""
+def worlds_of(given: str, found: ShardedDataset, hidden: ShardedDataset) -> list[Verified]:
+    """All worlds of a pair of folders; given: "tracks" or "video"."""
     out = []
     for world in range(len(found)):
         report, truth = found[world].row()["report"], json.loads(hidden[world].row()["truth"])
-        out.append(verified(world, told, None if report is None else json.loads(report), truth))
+        out.append(verified(world, given, None if report is None else json.loads(report), truth))
     return out
 
 
@@ -88,8 +89,8 @@ def summary(worlds: Sequence[Verified]) -> dict[str, Any]:
 
 def main() -> None:
     tracks, video = (
-        worlds_of(told, open_shards(folder("discover", found)), open_shards(folder("hide", truth)))
-        for told, found, truth in (("tracks", "measured", "truth"), ("video", "filmed", "truth_filmed"))
+        worlds_of(given, open_shards(folder("discover", found)), open_shards(folder("hide", truth)))
+        for given, found, truth in (("tracks", "measured", "truth"), ("video", "filmed", "truth_filmed"))
     )
     every = [*tracks, *video]
     columns = list(dict.fromkeys(name for w in every for name in w.row))
@@ -102,11 +103,11 @@ def main() -> None:
         write_rows(REPORTS / "discovery.csv", rows)
         (REPORTS / "discovery.md").write_text(markdown(columns, [[str(v) for v in row.values()] for row in rows]))
         (REPORTS / "discovery.json").write_text(json.dumps(summary(tracks) | {"filmed": filmed}, indent=1) + "\n")
-    for told, worlds in (("tracks", tracks), ("video", video)):
+    for given, worlds in (("tracks", tracks), ("video", video)):
         there = [w for w in worlds if w.row["hidden"] != "none"]
         false = sum(w.judged is not None and w.judged.false for w in worlds)
         print(
-            f"verify, from {told}: {sum(w.row['right'] for w in there)} of {len(there)} hidden effects named, "
+            f"verify, from {given}: {sum(w.row['right'] for w in there)} of {len(there)} hidden effects named, "
             f"{false} false claims",
             flush=True,
         )

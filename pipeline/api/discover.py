@@ -161,7 +161,7 @@ def discover(
     progress = progress or Progress()
     if not 0 <= held_out < 1:
         raise ParamsError(f"held_out is {held_out:g}; valid: a share of the clips, from 0 to less than 1")
-    names = valid_effects(effects)
+    names = names_of(effects)
     known = load_known_scene(Path(scene)) if isinstance(scene, str | Path) else scene
     tracks = read_tracks(Path(measured)) if isinstance(measured, str | Path) else list(measured)
     check_plausible(tracks, known)
@@ -178,11 +178,3 @@ def discover(
         found=found,
         seconds=progress.seconds,
     )
-
-
-def valid_effects(effects: str) -> tuple[str, ...]:
-    """The effects that may be named: "all", or names with commas between. Raises ParamsError for another name."""
-    try:
-        return names_of(effects)
-    except ValueError as error:
-        raise ParamsError(f"effects: {error}") from None

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
-from pipeline.api.discover import DiscoveryResult, discover, valid_effects
+from pipeline.api.discover import DiscoveryResult, discover
 from pipeline.api.overlay import caption
 from pipeline.api.result_folder import FolderResult
 from pipeline.clips.replay import WIDTH
 from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.selection.testable import names_of
 from pipeline.discrepancy.tracks.known_scene import KnownScene, known_scene, load_known_scene
 from pipeline.discrepancy.tracks.track import tracks_table
 from pipeline.errors import MeasurementError, SceneError
@@ -117,7 +118,7 @@ def discover_clips(
         own = discover(motion.tracks, motion.known, held_out=held_out, effects=listed, seed=seed, progress=progress)
         return own.found
 
-    shown = discover_shown(motion, valid_effects(effects), find)
+    shown = discover_shown(motion, names_of(effects), find)
     found = DiscoveryResult(
         measured=", ".join(map(str, places)),
         known=source,

@@ -150,7 +150,9 @@ def fit_camera(
     bodies = {o.name: o for o in objects}
     seen = [(t.part(t.whole), bodies[name]) for clip in tracks for name, t in clip.items() if t.whole.sum() > 1]
     if not seen:
-        raise MeasurementError("no body looks as its shape and size in the scene say; are they right, and the masks?")
+        raise MeasurementError(
+            "no outline in the clips fits a body of the scene; check its shapes and sizes, and the masks"
+        )
     usual, spread = (a.copy() for a in USUAL[plane])
     usual[0] = -np.log(2 * np.tan(np.radians(USUAL_FOV_DEG) / 2))
     guesses = [bodies_depth(t, o, np.exp(usual[0]) * max(width, height)) for t, o in seen]

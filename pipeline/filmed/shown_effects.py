@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.report.discovery import Discovery, discovery_of
+from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.discrepancy.selection.established import HELD_OUT_GAIN
 from pipeline.discrepancy.selection.shorter import leaves_noise, shorter_selections, simpler_selection
 from pipeline.filmed.measured_motion import MeasuredMotion
 from pipeline.filmed.unfitted import Unfitted, forecast_unfitted
 
-LEAST_EXPLAINED = 0.5  # of what a dropped effect explains: what another one must explain to be named instead
+LEAST_EXPLAINED = 0.5  # share of what a dropped effect explains, from which another one may be named instead
 MOST_DROPPED = 3  # best effects that may be dropped; after that nothing is named
 
 
@@ -29,6 +31,13 @@ class ShownEffects:
     found: Discovery
     unfitted: Unfitted
     notes: tuple[str, ...]
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """The content of report.json (docs/formats.md)."""
+        out = report_dict(self.found)
+        out["gap"] |= self.unfitted.as_dict()
+        return out
 
 
 def discover_shown(
@@ -47,8 +56,8 @@ def discover_shown(
         effects: Names of the effects that may be answered.
         find: The discovery in this motion, of the effects that it is told.
     """
-    left, notes, most, drops = list(effects), list[str](), 0.0, 0
-    while True:
+    left, notes, most = list(effects), list[str](), 0.0
+    for _ in range(MOST_DROPPED):
         found = find(left)
         if not found.answer.effects or not found.problem.held_out:
             break
@@ -57,16 +66,16 @@ def discover_shown(
         notes += dropped + replaced
         named, none = found.answer.effects, found.selection.none
         explained = 1 - found.answer.score / none.score
-        fault = _fault(found, motion, none)
+        unfitted = forecast_unfitted(found, motion)
+        fault = _fault(found, none, unfitted)
         if fault is None and explained < LEAST_EXPLAINED * most:
             fault = "what was dropped explains more than twice as much"
         if fault is None:
-            break
+            return ShownEffects(found, unfitted, tuple(notes))
         notes.append(f"{' and '.join(named)} would fit best, but {fault}")
         left, most = [name for name in left if name not in named], max(most, explained)
-        drops += 1
-        if drops == MOST_DROPPED:
-            left = []
+    else:
+        found = find([])
     return ShownEffects(found, forecast_unfitted(found, motion), tuple(notes))
 
 
@@ -75,8 +84,10 @@ def _without_unshown(found: Discovery, motion: MeasuredMotion) -> tuple[Discover
     notes = []
     while True:
         for name, shorter in shorter_selections(found.selection).items():
-            noise = leaves_noise(found.selection, shorter.chosen)
-            fault = "what these leave may be noise" if noise else _fault(found, motion, shorter.chosen)
+            if leaves_noise(found.selection, shorter.chosen):
+                fault: str | None = "what is left without it may be noise"
+            else:
+                fault = _fault(found, shorter.chosen, forecast_unfitted(found, motion, shorter.chosen))
             if fault is not None:
                 notes.append(f"{name} beside {' and '.join(shorter.chosen.effects)} would fit better, but {fault}")
                 found = discovery_of(shorter)
@@ -90,14 +101,18 @@ def _simpler(found: Discovery) -> tuple[Discovery, list[str]]:
     simpler = simpler_selection(found.selection)
     if simpler is found.selection:
         return found, []
-    note = f"{found.answer.name} would fit better, but has more numbers than {simpler.chosen.name}, which is enough"
+    shorter = simpler.chosen.name
+    note = f"{found.answer.name} would fit better, but has more parameters than {shorter}, which is nearly as good"
     return discovery_of(simpler), [note]
 
 
-def _fault(found: Discovery, motion: MeasuredMotion, shorter: Candidate) -> str | None:
-    """Why the clips that were not fitted do not show what is named beside a shorter model; None: they do."""
+def _fault(found: Discovery, shorter: Candidate, unfitted: Unfitted) -> str | None:
+    """Why the clips that were not fitted do not show what is named beside a shorter model; None: they do.
+
+    unfitted: Forecasts by the shorter model and with what is named.
+    """
     gain = shorter.held_out - found.answer.held_out
-    rise, error = forecast_unfitted(found, motion, shorter).rise
+    rise, error = unfitted.rise
     if gain < -HELD_OUT_GAIN:
         return "the gap of clips that were not fitted is larger with it"
     if rise < -error:

@@ -10,7 +10,7 @@ import itertools
 import cv2
 import numpy as np
 
-from pipeline.motion.image_track import MAD, image_tracks
+from pipeline.motion.image_track import MAD, ImageTrack, image_tracks
 
 BACKGROUND_FRAMES = 40
 LEAST_CHANGED = 0.6  # of the completed body must differ from the background
@@ -51,6 +51,24 @@ def completed(pieces: np.ndarray, frames: np.ndarray, hulls: np.ndarray, times: 
     return out
 
 
+def shown_whole(track: ImageTrack) -> np.ndarray:
+    """(T,) bool: where a body is about as long and as large as it is at most."""
+    whole = np.ones(len(track), bool)
+    for size in (track.axes[:, 0], np.sqrt(track.area)):
+        whole &= np.abs(size / np.percentile(size, LONGEST) - 1) < SAME_SHAPE
+    return whole
+
+
+def grey_levels(frame: np.ndarray) -> np.ndarray:
+    """(H, W) float32 of a frame (H, W, 3) uint8 RGB."""
+    return cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
+
+
+def evenly_spaced(count: int, most: int) -> np.ndarray:
+    """At most so many of the indices of `count` things."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(int)
+
+
 def _shifts(part: np.ndarray, whole: np.ndarray) -> list[np.ndarray]:
     """(2,) px each, by which a piece of one frame (H, W) is away from one of about its area in another frame."""
     now, then = (
@@ -75,8 +93,8 @@ def differing(frames: np.ndarray, hulls: np.ndarray, which: np.ndarray) -> tuple
     Returns:
         (N, H, W) bool, and where the background is known, (H, W) bool.
     """
-    some = np.linspace(0, len(frames) - 1, min(len(frames), BACKGROUND_FRAMES)).round().astype(int)
-    grey = {k: cv2.cvtColor(frames[k], cv2.COLOR_RGB2GRAY).astype(np.float32) for k in {*some, *which}}
+    some = evenly_spaced(len(frames), BACKGROUND_FRAMES)
+    grey = {k: grey_levels(frames[k]) for k in {*some, *which}}
     shown = np.stack([grey[k] for k in some])
     hidden = hulls[some]
     background = np.median(shown, axis=0)

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from pipeline.motion.completed_body import LONGEST, SAME_SHAPE, completed, differing
+from pipeline.motion.completed_body import completed, differing, shown_whole
 from pipeline.motion.followed_body import followed
 from pipeline.motion.image_track import MAD, ImageTrack, image_tracks
 
@@ -66,18 +66,18 @@ def joined_pieces(
     if not whole and all(len(g) == 1 for g in groups):
         return masks, groups
     _take_in(groups, {t.body: t for t in tracks}, known)
-    wholes = {}
+    filled = {}
     for group in groups:
         if len(group) > 1:
             own = np.where(np.isin(masks, group), masks, 0)
-            wholes[group[0]] = followed(completed(own, frames, hulls_of(masks, group), times), frames, times)
+            filled[group[0]] = followed(completed(own, frames, hulls_of(masks, group), times), frames, times)
         elif group[0] in whole:
-            wholes[group[0]] = hulls_of(masks, group)
-    _take_in_covered(groups, masks, wholes, known)
+            filled[group[0]] = hulls_of(masks, group)
+    _take_in_covered(groups, masks, filled, known)
     groups.sort(key=min)
     out = np.zeros_like(masks)
     for number, group in enumerate(groups, 1):
-        own = wholes.get(group[0], masks == group[0])
+        own = filled.get(group[0], masks == group[0])
         out[own & np.isin(masks, [0, *group])] = number
     return out, groups
 
@@ -154,9 +154,7 @@ def keeps_shape(hulls: np.ndarray, times: np.ndarray) -> bool:
     tracks = image_tracks(hulls, times)
     if not tracks or len(tracks[0]) < LEAST_FRAMES:
         return False
-    track, whole = tracks[0], np.ones(len(tracks[0]), bool)
-    for size in (track.axes[:, 0], np.sqrt(track.area)):
-        whole &= np.abs(size / np.percentile(size, LONGEST) - 1) < SAME_SHAPE
+    track, whole = tracks[0], shown_whole(tracks[0])
     if whole.mean() < LEAST_WHOLE:
         return False
     way, back = _way_and_back(track.centre[whole])
@@ -188,14 +186,14 @@ def _take_in(groups: list[list[int]], tracks: dict[int, ImageTrack], known: Sequ
 
 
 def _take_in_covered(
-    groups: list[list[int]], masks: np.ndarray, wholes: dict[int, np.ndarray], known: Sequence[bool]
+    groups: list[list[int]], masks: np.ndarray, filled: dict[int, np.ndarray], known: Sequence[bool]
 ) -> None:
     """Add single bodies to the group whose whole body, by its first piece, mostly covers them."""
-    for single in [g for g in groups if len(g) == 1 and g[0] not in wholes and not known[g[0] - 1]]:
+    for single in [g for g in groups if len(g) == 1 and g[0] not in filled and not known[g[0] - 1]]:
         own = masks == single[0]
         seen = own.any((1, 2))
-        for group in (g for g in groups if g[0] in wholes):
-            inside = (own & wholes[group[0]]).sum((1, 2)) > MOSTLY * own.sum((1, 2))
+        for group in (g for g in groups if g[0] in filled):
+            inside = (own & filled[group[0]]).sum((1, 2)) > MOSTLY * own.sum((1, 2))
             if seen.any() and inside[seen].mean() > MOSTLY:
                 groups.remove(single)
                 group += single

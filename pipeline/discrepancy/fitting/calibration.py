@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.discrepancy.fitting.bounces import Bounce, RestitutionFit, bounces, fit_restitution
 from pipeline.discrepancy.fitting.candidate import Candidate, fit_candidate
 from pipeline.discrepancy.fitting.initial_states import initial_states
-from pipeline.discrepancy.fitting.model import Model, known_model, without_effect
+from pipeline.discrepancy.fitting.model import Model, known_model
 from pipeline.discrepancy.tracks.problem import Problem
 
 FRICTIONS = (0.5, 0.2, 0.07)  # sliding friction at which calibration begins
@@ -64,28 +64,6 @@ def calibrate(problem: Problem) -> Calibration:
     restitution = None if "damping" in problem.known.fit else fit_restitution(seen)
     plain = Calibration(problem, none, seen, restitution)
     return replace(plain, none=with_bounces(plain, none, False))
-
-
-def recalibrated(calibration: Calibration, singles: Sequence[Candidate]) -> Calibration:
-    """The calibration, its model fitted again from where models of one effect ended, if that is better.
-
-    Friction causes local minima, from which any effect may free a fit.
-
-    Args:
-        calibration: Of the problem.
-        singles: Models of one effect.
-    """
-    none = calibration.none
-    for longer in singles:
-        (effect,) = longer.effects
-        if longer.problem is calibration.problem and effect in longer.fit.model.names:
-            model, kept = without_effect(longer.fit.model, effect)
-            theta, starts = longer.fit.theta[kept], longer.fit.starts
-            found = with_bounces(
-                calibration, fit_model(calibration, longer.problem, model, theta, starts, effects=()), False
-            )
-            none = found if found.score < none.score - LEAST_BETTER else none
-    return replace(calibration, none=none)
 
 
 def fit_model(

@@ -7,7 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.discrepancy.fitting.calibration import Calibration, fit_model, with_bounces, with_free_bounces
+from pipeline.discrepancy.fitting.calibration import (
+    LEAST_BETTER,
+    Calibration,
+    fit_model,
+    with_bounces,
+    with_free_bounces,
+)
 from pipeline.discrepancy.fitting.candidate import Candidate, with_hits
 from pipeline.discrepancy.fitting.initial_states import initial_states
 from pipeline.discrepancy.fitting.model import CAMERA, OBJECT, Model, with_effect, without_effect
@@ -97,8 +103,8 @@ def _with_arc_effect(
         theta = np.concatenate([base.fit.theta, np.clip(guess.values, low, high)])
         found = fit_model(calibration, base.problem, model, theta, base.fit.starts, effects=effects)
         grounded = [s for s in base.problem.stacks if s.grounded]
-        misled = any((s.radius > 0).any() or s.camera_error is not None for s in grounded)
-        if found.fit.slipping or (misled and not base.effects):
+        has_minima = any((s.radius > 0).any() or s.camera_error is not None for s in grounded)
+        if found.fit.slipping or (has_minima and not base.effects):
             stated, begin = _as_stated(model, theta), initial_states(base.problem)
             again = fit_model(calibration, base.problem, model, stated, begin, effects=effects)
             found = min(found, again, key=lambda c: c.score)
@@ -208,6 +214,22 @@ def without_one(calibration: Calibration, found: Candidate) -> list[Candidate]:
         shorter = fit_model(calibration, found.problem, model, found.fit.theta[kept], found.fit.starts, effects=effects)
         out.append(_completed(calibration, shorter, found))
     return out
+
+
+def recalibrated(calibration: Calibration, singles: Sequence[Candidate]) -> Calibration:
+    """The calibration, its model fitted again from where models of one effect ended, if that is better.
+
+    Friction causes local minima, from which any effect may free a fit.
+
+    Args:
+        calibration: Of the problem.
+        singles: Models of one effect.
+    """
+    none = calibration.none
+    for longer in (c for c in singles if c.problem is calibration.problem):
+        for found in without_one(calibration, longer):
+            none = found if found.score < none.score - LEAST_BETTER else none
+    return replace(calibration, none=none)
 
 
 def refitted(calibration: Calibration, found: Candidate, best: Candidate) -> Candidate:

@@ -34,7 +34,7 @@ MOST_NEAR, NEAR_LEFT = 3, 1.5
 #: By how much chi squared of the held-out clips must fall with each effect. A true difference d of the predictions
 #: changes chi squared by d² with a standard deviation of 2 d, so that a fall by 4 equals its own uncertainty.
 HELD_OUT_GAIN = 4.0
-MOST_HARM = 1.5  # of what one body has without an effect: what it may have with it
+MOST_HARM = 1.5  # largest ratio of a body's gap with an effect to its gap without it
 
 
 def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Progress) -> Selection | None:
@@ -124,11 +124,11 @@ def _harms_a_body(found: Selection, model: Candidate, shorter: Candidate) -> boo
 
     What acts on all of them, as a wrong ruler does, has to suit each: heavy balls bound it where light ones would not.
     """
-    floor = measure_gap(found.measured, found.baseline, model).noise_floor
     bodies = recorded_alone(found.problem)
-    return len(bodies) > 1 and any(
-        body_gap(model, body) > MOST_HARM * max(body_gap(shorter, body), floor) for body in bodies
-    )
+    if len(bodies) < 2:
+        return False
+    floor = measure_gap(found.measured, found.baseline, model).noise_floor
+    return any(body_gap(model, body) > MOST_HARM * max(body_gap(shorter, body), floor) for body in bodies)
 
 
 def _counts_where_it_acts(found: Selection, single: Candidate) -> bool:

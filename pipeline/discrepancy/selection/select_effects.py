@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pipeline.discrepancy.fitting.calibration import Calibration, calibrate, recalibrated, rescale_noise, rescored
+from pipeline.discrepancy.fitting.calibration import Calibration, calibrate, rescale_noise, rescored
 from pipeline.discrepancy.fitting.candidate import Candidate
-from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, refitted
+from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, recalibrated, refitted
 from pipeline.discrepancy.selection.comparison import likeliest, other_evidence
 from pipeline.discrepancy.selection.equivalence import absorbed_laws, alike_each, alike_single
 from pipeline.discrepancy.selection.established import with_established
@@ -36,7 +36,7 @@ from pipeline.discrepancy.tracks.problem import (
 from pipeline.scene.effects.kind import EffectKind
 
 NEAR = 25.0  # difference of scores within which candidates are fitted again from the best one's initial states
-FREED = 3  # models of one effect from which the calibrated one is fitted again
+RESTARTS = 3  # best models of one effect from whose ends the calibrated one is fitted again
 MOST_DROPS = 2  # times that arcs are dropped by the best model
 
 
@@ -117,7 +117,7 @@ def select_once(problem: Problem, effects: Sequence[str], progress: Progress = l
     kinds = testable_kinds(effects, problem, any_spin=False)
     calibration, best, singles = _fit_singles(problem, kinds, progress)
     if best.effects:
-        calibration = recalibrated(calibration, singles[:FREED])
+        calibration = recalibrated(calibration, singles[:RESTARTS])
     singles = _refit_near_best(calibration, best, singles)
     calibration = rescale_noise(calibration, best)
     singles = sorted((rescored(calibration, c) for c in singles), key=lambda c: c.score)

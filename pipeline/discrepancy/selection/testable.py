@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.discrepancy.tracks.arc import FAR_AWAY
 from pipeline.discrepancy.tracks.problem import Problem
-from pipeline.errors import did_you_mean
+from pipeline.errors import ParamsError, did_you_mean
 from pipeline.scene.effects.discovery_rules import Need
 from pipeline.scene.effects.kind import GROUNDED, EffectKind, Regime
 from pipeline.scene.effects.registry import effect_kinds
@@ -16,15 +16,24 @@ from pipeline.scene.effects.registry import effect_kinds
 LEAST_SPIN = 0.5  # rad/s
 
 
-def names_of(text: str) -> tuple[str, ...]:
-    """The effects that `--effects` names. Raises ValueError that says what is valid."""
+def names_of(text: str, place: str = "effects") -> tuple[str, ...]:
+    """The effects that may be named.
+
+    Args:
+        text: "all", or names with commas between.
+        place: What has this value, for the error.
+
+    Raises:
+        ParamsError: For another name.
+    """
     known = effect_kinds()
     if text == "all":
         return tuple(known)
     names = [n.strip() for n in text.split(",") if n.strip()]
     for name in names:
         if name not in known:
-            raise ValueError(f"unknown effect {name!r}{did_you_mean(name, known)}; valid: all, {', '.join(known)}")
+            near = did_you_mean(name, known)
+            raise ParamsError(f"{place}: unknown effect {name!r}{near}; valid: all, {', '.join(known)}")
     return tuple(dict.fromkeys(names))
 
 
