@@ -11,18 +11,27 @@ from pipeline.discrepancy.tracks.stack import ArcStack
 
 SPIN_PRIOR = 30.0  # rad/s: standard deviation of an unmeasured spin about that of rolling
 FIXED = 1e12  # precision of a prior that fixes a parameter
+LEAST_OWN = 1e-12  # share of a parameter's precision that no other parameter explains: derivatives may be all at a bound
 SLIPPING = 0.003  # m/s: a ball whose lowest point is faster slips
 SLIP_PRICE = 8.0  # of a ball whose spin was not measured and that slips during most of its arc
 FIRST_SLIP = 0.02  # m/s: a larger slip at the start of an arc has a price
 
 
 def own_covariance(stack: ArcStack, local: np.ndarray) -> np.ndarray:
-    """Inverse of each arc's own normal matrix, (A, L, L), with the priors. local (A, L, R): derivatives.
+    """Inverse of `own_precision`, (A, L, L). local (A, L, R): derivatives."""
+    return np.linalg.inv(own_precision(stack, local))
+
+
+def own_precision(stack: ArcStack, local: np.ndarray) -> np.ndarray:
+    """Each arc's own normal matrix, (A, L, L), with the priors. local (A, L, R): derivatives.
 
     Coordinates that a one- or two-dimensional recording does not show are fixed.
     """
     gram = np.einsum("alr,amr->alm", local, local)
-    return np.linalg.inv(gram + np.eye(gram.shape[1]) * _prior_precision(stack)[:, None])
+    diagonal = np.einsum("all->al", gram)
+    diagonal += _prior_precision(stack)
+    diagonal *= 1 + LEAST_OWN
+    return gram
 
 
 def _prior_precision(stack: ArcStack) -> np.ndarray:
@@ -74,7 +83,7 @@ def occam_price(stack: ArcStack, local: np.ndarray) -> np.ndarray:
     out = np.zeros(len(stack))
     if stack.length_scale_sigma == 0 and stack.friction_sigma == 0 and not spins.any():
         return out
-    own, prior = np.linalg.inv(own_covariance(stack, local)), _prior_precision(stack)
+    own, prior = own_precision(stack, local), _prior_precision(stack)
     if stack.length_scale_sigma > 0:
         out += _occam_factor(own, prior, places == SCALE_PLACE)
     if stack.friction_sigma > 0:
