@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import theilslopes
 
 from pipeline.filmed.outline import outline
 from pipeline.filmed.recorded_clip import RecordedClip
@@ -49,18 +50,33 @@ def camera_and_tracks(
 
 
 def _registered(clip: RecordedClip, track: ImageTrack, obj: SceneObject, camera: SharedCamera) -> ImageTrack:
-    """The track of a body by its registered outlines, without the frames in which none fits."""
+    """The track of a body by its registered outlines, without the frames in which none fits.
+
+    In each frame the place and the size of the outline are found. Where a shadow belongs to the mask in some frames
+    only, both jump. A rigid body's size changes steadily beside what the camera expects, so the place is found once
+    more, with the size that all frames together tell.
+    """
     place, _ = camera.centre_places(track, obj)
     expected, eye = camera.radii(track, obj), pinhole(camera.camera)
-    rows, centres, areas = [], [], []
-    for k, frame in enumerate(track.frames):
-        found = register_outline(clip.masks[frame] == track.body, outline(obj, place[k], eye, *clip.size))
-        if found is not None:
-            rows.append(k)
-            centres.append(found.centre)
-            areas.append(np.pi * (found.scale * expected[k]) ** 2)
+    masks = [clip.masks[frame] == track.body for frame in track.frames]
+    shapes = [outline(obj, where, eye, *clip.size) for where in place]
+    free = {k: found for k, mask in enumerate(masks) if (found := register_outline(mask, shapes[k])) is not None}
+    rows = list(free)
+    kept = track.part(np.array(rows, int))
     if not rows:
-        return track.part(np.zeros(0, int))
-    kept = track.part(np.array(rows))
-    centre = np.array(centres)
-    return replace(kept, centre=centre, area=np.array(areas), sigma=centre_sigma(centre))
+        return kept
+    scale = np.array([found.scale for found in free.values()])
+    offset = np.median([found.centre - kept.centre[i] for i, found in enumerate(free.values())], axis=0)
+    begins = zip(kept.centre + offset, _steady(kept.times, scale), strict=True)
+    centre = np.array(
+        [(register_outline(masks[k], shapes[k], b) or free[k]).centre for k, b in zip(rows, begins, strict=True)]
+    )
+    return replace(kept, centre=centre, area=np.pi * (scale * expected[rows]) ** 2, sigma=centre_sigma(centre))
+
+
+def _steady(times: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Scales (T,) without jumps: a straight line through their logarithms over times (T,) s (Theil and Sen)."""
+    if len(scale) < 3:
+        return scale
+    line = theilslopes(np.log(scale), times)
+    return np.asarray(np.exp(line.intercept + line.slope * times))

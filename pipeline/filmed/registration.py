@@ -27,12 +27,15 @@ class RegisteredOutline:
     support: float
 
 
-def register_outline(mask: np.ndarray, shape: np.ndarray) -> RegisteredOutline | None:
+def register_outline(
+    mask: np.ndarray, shape: np.ndarray, begin: tuple[np.ndarray, float] | None = None
+) -> RegisteredOutline | None:
     """Register an outline to a mask; None where it fits too little of the mask's border.
 
     Args:
         mask: (H, W) bool.
         shape: (N, 2) px, the outline about its centre.
+        begin: About where its centre is, (2,) px, and its scale, which is kept; None: both are found.
     """
     y, x = np.nonzero(mask)
     left, top = max(x.min() - MARGIN, 0), max(y.min() - MARGIN, 0)
@@ -41,28 +44,31 @@ def register_outline(mask: np.ndarray, shape: np.ndarray) -> RegisteredOutline |
     inside = cv2.distanceTransform(cut, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     outside = cv2.distanceTransform(1 - cut, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     distance = np.where(cut > 0, 0.5 - inside, outside - 0.5).astype(np.float32)  # px, positive outside of the mask
-    deep = np.unravel_index(int(inside.argmax()), inside.shape)
-    centre = np.array([deep[1], deep[0]], float)
-    inner = float(np.linalg.norm(shape, axis=1).min())
-    scale = float(np.clip(inside.max() / max(inner, 1e-6), SMALLEST, LARGEST))
+    corner = np.array([left - 0.5, top - 0.5])  # less the padding; centres of pixels
+    if begin is None:
+        deep = np.unravel_index(int(inside.argmax()), inside.shape)
+        centre = np.array([deep[1], deep[0]], float)
+        inner = float(np.linalg.norm(shape, axis=1).min())
+        scale = float(np.clip(inside.max() / max(inner, 1e-6), SMALLEST, LARGEST))
+    else:
+        centre, scale = begin[0] - corner, begin[1]
     support = 0.0
-    for width in WIDTHS:
+    for width in WIDTHS if begin is None else WIDTHS[1:]:
         for _ in range(2):
             points = centre + scale * shape
             off, slope = _sampled(distance, points)
             weight = np.where(off < 0, 1 / (1 + (off / width) ** 2) ** 2, 1.0)
             off = np.minimum(off, MOST_OUTSIDE)
-            design = np.column_stack([slope, (slope * shape).sum(1)])
+            design = np.column_stack([slope, (slope * shape).sum(1) * (begin is None)])
             gram = (design * weight[:, None]).T @ design + np.diag([1e-6, 1e-6, 1e-6])
             change = -np.linalg.solve(gram, (design * weight[:, None]).T @ off)
             centre = centre + np.clip(change[:2], -2, 2)
-            scale = float(np.clip(scale + np.clip(change[2], -0.1, 0.1), 0.3, 3.0))
+            if begin is None:
+                scale = float(np.clip(scale + np.clip(change[2], -0.1, 0.1), 0.3, 3.0))
         support = float((np.abs(off) < 1.0).mean())
     if support < LEAST_SUPPORT or not SMALLEST < scale < LARGEST:
         return None
-    return RegisteredOutline(
-        centre + np.array([left - 0.5, top - 0.5]), scale, support
-    )  # less the padding; centres of pixels
+    return RegisteredOutline(centre + corner, scale, support)
 
 
 def _sampled(distance: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -42,6 +42,29 @@ def measured(ball: KnownScene) -> MeasuredMotion:
     return measure_motion([filmed(ball, way, f"clip_{i}") for i, way in enumerate(WAYS)], ball)
 
 
+def with_shadow(clip: RecordedClip) -> RecordedClip:
+    """The clip with masks that hold a part of the ball's shadow in some frames, and lack the ball's top in others."""
+    masks = clip.masks.copy()
+    for k in range(len(masks)):
+        rows, cols = np.nonzero(clip.masks[k])
+        radius = np.sqrt(len(rows) / np.pi)
+        y, x = np.mgrid[: masks.shape[1], : masks.shape[2]]
+        if k % 3 == 0:
+            below = np.hypot(x - cols.mean() - 0.3 * radius, y - rows.mean() - 0.7 * radius) < radius
+            masks[k][below] = 1
+        elif k % 3 == 1:
+            masks[k][: int(rows.min() + 0.3 * radius)] = 0
+    return replace(clip, masks=masks)
+
+
+def test_shadows_and_gaps_of_some_frames_hardly_move_a_track(measured: MeasuredMotion, ball: KnownScene) -> None:
+    shown = measure_motion([with_shadow(clip) for clip in measured.clips], ball)
+    for found, clean in zip(shown.tracks, measured.tracks, strict=True):
+        at = np.searchsorted(clean.time, found.time - 1e-6)
+        jump = np.diff(found.position - clean.position[at], axis=0)
+        assert np.sqrt((jump**2).sum(1).mean()) < 0.15 * ball.scene.objects[0].size[0]
+
+
 def test_positions_are_true_within_what_is_not_known_of_the_camera(measured: MeasuredMotion, ball: KnownScene) -> None:
     off, slopes = [], []
     for track, way in zip(measured.tracks, WAYS, strict=True):

@@ -35,3 +35,9 @@ def test_a_shape_that_does_not_fit_is_not_registered() -> None:
     mask = np.zeros((80, 120), bool)
     mask[30:34, 10:110] = True
     assert register_outline(mask, 12.4 * CIRCLE) is None
+
+
+def test_a_known_scale_is_kept() -> None:
+    found = register_outline(discs((52.3, 40.8, 12.4)), 12.4 * CIRCLE, (np.array([54.0, 42.0]), 0.98))
+    assert found is not None and found.scale == 0.98
+    np.testing.assert_allclose(found.centre, [52.3, 40.8], atol=0.2)
