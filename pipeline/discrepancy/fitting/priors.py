@@ -11,9 +11,7 @@ from pipeline.discrepancy.tracks.stack import ArcStack
 
 SPIN_PRIOR = 30.0  # rad/s: standard deviation of an unmeasured spin about that of rolling
 FIXED = 1e12  # precision of a prior that fixes a parameter
-LEAST_OWN = (
-    1e-12  # share of a parameter's precision that no other parameter explains: derivatives may be all at a bound
-)
+LEAST_OWN = 1e-12  # share of a parameter's precision that no other one explains, where all derivatives are at a bound
 SLIPPING = 0.003  # m/s: a ball whose lowest point is faster slips
 SLIP_PRICE = 8.0  # of a ball whose spin was not measured and that slips during most of its arc
 FIRST_SLIP = 0.02  # m/s: a larger slip at the start of an arc has a price
