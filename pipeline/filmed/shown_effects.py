@@ -9,12 +9,14 @@ from typing import Any
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.report.discovery import Discovery, discovery_of
 from pipeline.discrepancy.report.report_dict import report_dict
-from pipeline.discrepancy.selection.established import HELD_OUT_GAIN
+from pipeline.discrepancy.selection.established import HELD_OUT_GAIN, MOST_LEFT
+from pipeline.discrepancy.selection.gap import measure_gap
 from pipeline.discrepancy.selection.shorter import leaves_noise, shorter_selections, simpler_selection
 from pipeline.filmed.measured_motion import MeasuredMotion
 from pipeline.filmed.unfitted import Unfitted, forecast_unfitted
 
 LEAST_EXPLAINED = 0.5  # share of what a dropped effect explains, from which another one may be named instead
+LEAST_RISE = 0.03  # of the forecasts' IoU, three times what masks err by: less does not show an effect by itself
 MOST_DROPPED = 3  # best effects that may be dropped; after that nothing is named
 
 
@@ -45,11 +47,12 @@ def discover_shown(
 ) -> ShownEffects:
     """Find out which effects clips show.
 
-    What is named has to predict the clips that were not fitted better than the scene without it, in metres or in the
-    picture, by more than the uncertainty, and worse in neither. Else these effects are dropped from the list, and the
-    discovery begins again, up to MOST_DROPPED times; what it finds then has to explain at least half as much. Of
-    several effects each has to be shown beside the others, which have to leave more than noise; else it is not named.
-    An effect of fewer numbers that is hardly worse is named instead. Where no clip is held out, nothing is asked.
+    What is named has to predict the clips that were not fitted better than the scene without it, by more than the
+    uncertainty: half of the gap beyond noise goes, or the IoU of forecasts rises by LEAST_RISE. It may be worse in
+    neither. Else these effects are dropped from the list, and the discovery begins again, up to MOST_DROPPED times;
+    what it finds then has to explain at least half as much. Of several effects each has to be shown beside the others,
+    which have to leave more than noise; else it is not named. An effect of fewer numbers that is hardly worse is named
+    instead. Where no clip is held out, nothing is asked.
 
     Args:
         motion: As measured.
@@ -117,6 +120,8 @@ def _fault(found: Discovery, shorter: Candidate, unfitted: Unfitted) -> str | No
         return "the gap of clips that were not fitted is larger with it"
     if rise < -error:
         return f"clips that were not fitted are forecast worse with it (sequence IoU {rise:+.3f} ± {error:.3f})"
-    if gain <= HELD_OUT_GAIN and rise <= error:
-        return "clips that were not fitted do not show it"
+    less, more = (measure_gap(found.selection.measured, found.selection.baseline, m) for m in (found.answer, shorter))
+    halves = gain > HELD_OUT_GAIN and less.left <= MOST_LEFT * more.left
+    if not halves and rise <= max(error, LEAST_RISE):
+        return "clips that were not fitted hardly show it"
     return None

@@ -20,16 +20,32 @@ def unfitted(change: np.ndarray) -> Unfitted:
     return Unfitted((before,), (after,))  # type: ignore[arg-type]
 
 
-def found(named: Sequence[str], gain: float, held: tuple[str, ...] = ("clip_3",)) -> Any:
+@pytest.fixture(autouse=True)
+def gaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a model leaves of the gap: what it says itself, or little where it has effects."""
+
+    def gap(_: Any, __: Any, model: Any) -> Any:
+        return SimpleNamespace(left=getattr(model, "left", 0.2 if model.effects else 1.0))
+
+    monkeypatch.setattr(shown_effects, "measure_gap", gap)
+
+
+def found(named: Sequence[str], gain: float, held: tuple[str, ...] = ("clip_3",), left: float = 0.2) -> Any:
     none = SimpleNamespace(held_out=100.0, effects=(), score=500.0)
-    answer = SimpleNamespace(held_out=100.0 - gain, effects=tuple(named), score=SCORES[named[0]] if named else 500.0)
+    score = SCORES[named[0]] if named else 500.0
+    answer = SimpleNamespace(held_out=100.0 - gain, effects=tuple(named), score=score, left=left if named else 1.0)
     return SimpleNamespace(
-        selection=SimpleNamespace(none=none), answer=answer, problem=SimpleNamespace(held_out=held), gain=gain
+        selection=SimpleNamespace(none=none, measured=None, baseline=None),
+        answer=answer,
+        problem=SimpleNamespace(held_out=held),
+        gain=gain,
     )
 
 
-def names_after(monkeypatch: pytest.MonkeyPatch, gain: float, change: np.ndarray, held: tuple[str, ...]) -> list[str]:
-    """What is named of `drag`, whose forecasts are given, and of nothing."""
+def names_after(
+    monkeypatch: pytest.MonkeyPatch, gain: float, change: np.ndarray, held: tuple[str, ...], left: float = 0.2
+) -> list[str]:
+    """What is named of `drag`, whose forecasts and share of the gap that it leaves are given, and of nothing."""
 
     def forecast(result: Any, _: Any, __: Any = None) -> Unfitted:
         return unfitted(change if result.answer.effects else 0 * change)
@@ -38,27 +54,31 @@ def names_after(monkeypatch: pytest.MonkeyPatch, gain: float, change: np.ndarray
     monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
     monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
     motion: Any = None
-    shown = discover_shown(motion, ["drag", "wind"], lambda left: found([n for n in left if n == "drag"], gain, held))
+    shown = discover_shown(
+        motion, ["drag", "wind"], lambda names: found([n for n in names if n == "drag"], gain, held, left)
+    )
     assert len(shown.notes) == (shown.found.answer.effects == ())
     return list(shown.found.answer.effects)
 
 
 @pytest.mark.parametrize(
-    ("gain", "slope", "named"),
+    ("gain", "slope", "left", "named"),
     [
-        (50.0, 0.1, True),
-        (0.0, 0.1, True),  # a rebound shows in the picture only
-        (50.0, 0.0, True),
-        (50.0, -0.1, False),
-        (-50.0, 0.1, False),
-        (0.0, 0.0, False),
+        (50.0, 0.1, 0.2, True),
+        (0.0, 0.1, 1.0, True),  # a rebound shows in the picture only
+        (50.0, 0.0, 0.2, True),
+        (50.0, 0.0, 0.6, False),  # less than half of the gap goes
+        (50.0, 0.04, 0.6, False),  # and IoU rises by no more than what masks err by
+        (50.0, -0.1, 0.2, False),
+        (-50.0, 0.1, 0.2, False),
+        (0.0, 0.0, 0.2, False),
     ],
 )
 def test_an_effect_is_named_if_something_speaks_for_it_and_nothing_against_it(
-    monkeypatch: pytest.MonkeyPatch, gain: float, slope: float, named: bool
+    monkeypatch: pytest.MonkeyPatch, gain: float, slope: float, left: float, named: bool
 ) -> None:
     change = slope * np.linspace(0, 1, len(FRAMES))
-    assert names_after(monkeypatch, gain, change, ("clip_3",)) == (["drag"] if named else [])
+    assert names_after(monkeypatch, gain, change, ("clip_3",), left) == (["drag"] if named else [])
 
 
 def test_where_no_clip_is_held_out_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
