@@ -16,6 +16,7 @@ from pipeline.discrepancy.fitting.calibration import (
 )
 from pipeline.discrepancy.fitting.candidate import Candidate, with_hits
 from pipeline.discrepancy.fitting.initial_states import initial_states
+from pipeline.discrepancy.fitting.least_squares import Fit, fit_initial_states
 from pipeline.discrepancy.fitting.model import CAMERA, OBJECT, Model, with_effect, without_effect
 from pipeline.discrepancy.fitting.screening import Guess, ScreeningRegression
 from pipeline.discrepancy.fitting.velocity_jump_hits import velocity_jump_hits
@@ -52,27 +53,31 @@ def extend(
         progress: Called with the name of each effect that is fitted to the arcs.
         most: Number of effects that are fitted, beside those that promise nearly as much as the best.
     """
-    screening = ScreeningRegression(base.problem, base.fit)
-    out, promising = [], []
+    out, in_arcs = [], []
     for kind in kinds:
         if kind.name in base.effects:
             continue
         fit_effect = _special_fit(calibration, kind)
         if fit_effect is None:
-            promising.append((kind, screening.guesses(kind)))
+            in_arcs.append(kind)
             continue
         progress(kind.name)
         found = fit_effect(calibration, kind, base)
         if found is not None:
             out.append(found)
-    promising.sort(key=lambda pair: -pair[1][0].gain)
-    enough = promising[0][1][0].gain * WORTH_FITTING if promising else 0.0
-    for number, (kind, guesses) in enumerate(promising):
-        if number < most or (guesses[0].gain > enough and number < most + EQUALS):
-            progress(kind.name)
-            found = _with_arc_effect(calibration, kind, base, guesses)
-            if found is not None:
-                out.append(found)
+    fitted: set[str] = set()
+    for begin in _screened(base):
+        screening = ScreeningRegression(base.problem, begin)
+        promising = sorted(((kind, screening.guesses(kind)) for kind in in_arcs), key=lambda pair: -pair[1][0].gain)
+        enough = promising[0][1][0].gain * WORTH_FITTING if promising else 0.0
+        for number, (kind, guesses) in enumerate(promising):
+            worth = number < most or (guesses[0].gain > enough and number < most + EQUALS)
+            if worth and kind.name not in fitted:
+                fitted.add(kind.name)
+                progress(kind.name)
+                found = _with_arc_effect(calibration, kind, base, guesses)
+                if found is not None:
+                    out.append(found)
     return sorted(out, key=lambda c: c.score)
 
 
@@ -261,6 +266,17 @@ def _as_stated(model: Model, theta: np.ndarray) -> np.ndarray:
     """theta with frictions and camera as stated: without the effect they may have been far off to make up for it."""
     stated = [u.owner.startswith(OBJECT) or u.owner == CAMERA for u in model.unknowns]
     return np.where(stated, model.start, theta)
+
+
+def _screened(base: Candidate) -> list[Fit]:
+    """The fits beside which effects are tried: that of a model and, where it may have bent the camera to make up for
+    its first effect, that with camera and frictions as stated."""
+    if base.effects or not any(stack.camera_error is not None for stack in base.problem.stacks):
+        return [base.fit]
+    model, stated = base.fit.model, _as_stated(base.fit.model, base.fit.theta)
+    pairs = zip(base.problem.stacks, initial_states(base.problem), strict=True)
+    starts = [fit_initial_states(stack, model, stated, begin)[0] for stack, begin in pairs]
+    return [base.fit, replace(base.fit, theta=stated, starts=starts)]
 
 
 def _well_apart(guesses: Sequence[Guess]) -> list[Guess]:
