@@ -52,9 +52,9 @@ def camera_and_tracks(
 def _registered(clip: RecordedClip, track: ImageTrack, obj: SceneObject, camera: SharedCamera) -> ImageTrack:
     """The track of a body by its registered outlines, without the frames in which none fits.
 
-    In each frame the place and the size of the outline are found. Where a shadow belongs to the mask in some frames
-    only, both jump. A rigid body's size changes steadily beside what the camera expects, so the place is found once
-    more, with the size that all frames together tell.
+    In each frame the place and the scale of the outline are found. Where a shadow belongs to the mask in some frames
+    only, both jump. A rigid body's scale relative to the one that the camera predicts changes steadily, so a line is
+    fitted to the scales of all frames, and the place is found again with these scales.
     """
     place, _ = camera.centre_places(track, obj)
     expected, eye = camera.radii(track, obj), pinhole(camera.camera)
@@ -66,7 +66,7 @@ def _registered(clip: RecordedClip, track: ImageTrack, obj: SceneObject, camera:
     if not rows:
         return kept
     scale = np.array([found.scale for found in free.values()])
-    offset = np.median([found.centre - kept.centre[i] for i, found in enumerate(free.values())], axis=0)
+    offset = np.median(np.array([found.centre for found in free.values()]) - kept.centre, axis=0)
     begins = zip(kept.centre + offset, _steady(kept.times, scale), strict=True)
     centre = np.array(
         [(register_outline(masks[k], shapes[k], b) or free[k]).centre for k, b in zip(rows, begins, strict=True)]

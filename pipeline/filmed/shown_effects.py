@@ -9,14 +9,13 @@ from typing import Any
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.report.discovery import Discovery, discovery_of
 from pipeline.discrepancy.report.report_dict import report_dict
-from pipeline.discrepancy.selection.established import HELD_OUT_GAIN, MOST_LEFT
-from pipeline.discrepancy.selection.gap import measure_gap
+from pipeline.discrepancy.selection.established import HELD_OUT_GAIN, halves_gap
 from pipeline.discrepancy.selection.shorter import leaves_noise, shorter_selections, simpler_selection
 from pipeline.filmed.measured_motion import MeasuredMotion
 from pipeline.filmed.unfitted import Unfitted, forecast_unfitted
 
 LEAST_EXPLAINED = 0.5  # share of what a dropped effect explains, from which another one may be named instead
-LEAST_RISE = 0.03  # of the forecasts' IoU, three times what masks err by: less does not show an effect by itself
+LEAST_RISE = 0.03  # of the forecasts' IoU, three times the error of masks: a smaller one does not show an effect
 MOST_DROPPED = 3  # best effects that may be dropped; after that nothing is named
 
 
@@ -120,8 +119,7 @@ def _fault(found: Discovery, shorter: Candidate, unfitted: Unfitted) -> str | No
         return "the gap of clips that were not fitted is larger with it"
     if rise < -error:
         return f"clips that were not fitted are forecast worse with it (sequence IoU {rise:+.3f} ± {error:.3f})"
-    less, more = (measure_gap(found.selection.measured, found.selection.baseline, m) for m in (found.answer, shorter))
-    halves = gain > HELD_OUT_GAIN and less.left <= MOST_LEFT * more.left
-    if not halves and rise <= max(error, LEAST_RISE):
+    shown_in_metres = gain > HELD_OUT_GAIN and halves_gap(found.selection, found.answer, shorter)
+    if not shown_in_metres and rise <= max(error, LEAST_RISE):
         return "clips that were not fitted hardly show it"
     return None

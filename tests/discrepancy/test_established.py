@@ -17,7 +17,7 @@ FOUND: Any = SimpleNamespace(calibration=None)
 
 @pytest.fixture(autouse=True)
 def _given_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(established, "_left", lambda found, candidate: candidate.left)
+    monkeypatch.setattr(established, "left_of_gap", lambda found, candidate: candidate.left)
     monkeypatch.setattr(established, "_harms_a_body", lambda found, longer, shorter: False)
     monkeypatch.setattr(established, "excess", lambda calibration, candidate: (100.0 * candidate.left, 0.0))
 

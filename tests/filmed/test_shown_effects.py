@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pipeline.discrepancy.selection import established
 from pipeline.filmed import shown_effects
 from pipeline.filmed.shown_effects import discover_shown
 from pipeline.filmed.unfitted import LEAST_ERROR, Unfitted
@@ -24,10 +25,10 @@ def unfitted(change: np.ndarray) -> Unfitted:
 def gaps(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a model leaves of the gap: what it says itself, or little where it has effects."""
 
-    def gap(_: Any, __: Any, model: Any) -> Any:
-        return SimpleNamespace(left=getattr(model, "left", 0.2 if model.effects else 1.0))
+    def gap(_: Any, model: Any) -> float:
+        return float(getattr(model, "left", 0.2 if model.effects else 1.0))
 
-    monkeypatch.setattr(shown_effects, "measure_gap", gap)
+    monkeypatch.setattr(established, "left_of_gap", gap)
 
 
 def found(named: Sequence[str], gain: float, held: tuple[str, ...] = ("clip_3",), left: float = 0.2) -> Any:
@@ -35,7 +36,7 @@ def found(named: Sequence[str], gain: float, held: tuple[str, ...] = ("clip_3",)
     score = SCORES[named[0]] if named else 500.0
     answer = SimpleNamespace(held_out=100.0 - gain, effects=tuple(named), score=score, left=left if named else 1.0)
     return SimpleNamespace(
-        selection=SimpleNamespace(none=none, measured=None, baseline=None),
+        selection=SimpleNamespace(none=none),
         answer=answer,
         problem=SimpleNamespace(held_out=held),
         gain=gain,

@@ -65,20 +65,26 @@ def extend(
         found = fit_effect(calibration, kind, base)
         if found is not None:
             out.append(found)
-    fitted: set[str] = set()
-    for begin in _screened(base):
-        screening = ScreeningRegression(base.problem, begin)
-        promising = sorted(((kind, screening.guesses(kind)) for kind in in_arcs), key=lambda pair: -pair[1][0].gain)
-        enough = promising[0][1][0].gain * WORTH_FITTING if promising else 0.0
-        for number, (kind, guesses) in enumerate(promising):
-            worth = number < most or (guesses[0].gain > enough and number < most + EQUALS)
-            if worth and kind.name not in fitted:
-                fitted.add(kind.name)
-                progress(kind.name)
-                found = _with_arc_effect(calibration, kind, base, guesses)
-                if found is not None:
-                    out.append(found)
+    promising: dict[str, tuple[EffectKind, list[Guess]]] = {}
+    for fit in _fits_to_screen(base):
+        screening = ScreeningRegression(base.problem, fit)
+        for kind, guesses in _most_promising([(kind, screening.guesses(kind)) for kind in in_arcs], most):
+            promising.setdefault(kind.name, (kind, guesses))
+    for kind, guesses in promising.values():
+        progress(kind.name)
+        found = _with_arc_effect(calibration, kind, base, guesses)
+        if found is not None:
+            out.append(found)
     return sorted(out, key=lambda c: c.score)
+
+
+def _most_promising(
+    screened: Sequence[tuple[EffectKind, list[Guess]]], most: int
+) -> list[tuple[EffectKind, list[Guess]]]:
+    """The effects of largest gain, with their guesses; so many, and EQUALS more that promise nearly as much."""
+    ranked = sorted(screened, key=lambda pair: -pair[1][0].gain)
+    enough = ranked[0][1][0].gain * WORTH_FITTING if ranked else 0.0
+    return ranked[:most] + [pair for pair in ranked[most : most + EQUALS] if pair[1][0].gain > enough]
 
 
 def _special_fit(
@@ -268,9 +274,12 @@ def _as_stated(model: Model, theta: np.ndarray) -> np.ndarray:
     return np.where(stated, model.start, theta)
 
 
-def _screened(base: Candidate) -> list[Fit]:
-    """The fits beside which effects are tried: that of a model and, where it may have bent the camera to make up for
-    its first effect, that with camera and frictions as stated."""
+def _fits_to_screen(base: Candidate) -> list[Fit]:
+    """The fits whose residuals effects are screened on.
+
+    That of a model; and, where the camera is fitted, too, and may have made up for a missing first effect, that with
+    camera and frictions as stated.
+    """
     if base.effects or not any(stack.camera_error is not None for stack in base.problem.stacks):
         return [base.fit]
     model, stated = base.fit.model, _as_stated(base.fit.model, base.fit.theta)

@@ -11,7 +11,7 @@ from pipeline.discrepancy.tracks.stack import ArcStack
 
 SPIN_PRIOR = 30.0  # rad/s: standard deviation of an unmeasured spin about that of rolling
 FIXED = 1e12  # precision of a prior that fixes a parameter
-LEAST_OWN = 1e-12  # share of a parameter's precision that no other one explains, where all derivatives are at a bound
+RIDGE = 1e-12  # relative, of the diagonal: where a motion diverges all derivatives are at their bound and alike
 SLIPPING = 0.003  # m/s: a ball whose lowest point is faster slips
 SLIP_PRICE = 8.0  # of a ball whose spin was not measured and that slips during most of its arc
 FIRST_SLIP = 0.02  # m/s: a larger slip at the start of an arc has a price
@@ -27,11 +27,8 @@ def own_precision(stack: ArcStack, local: np.ndarray) -> np.ndarray:
 
     Coordinates that a one- or two-dimensional recording does not show are fixed.
     """
-    gram = np.einsum("alr,amr->alm", local, local)
-    diagonal = np.einsum("all->al", gram)
-    diagonal += _prior_precision(stack)
-    diagonal *= 1 + LEAST_OWN
-    return gram
+    gram, identity = np.einsum("alr,amr->alm", local, local), np.eye(local.shape[1])
+    return np.asarray((gram + identity * _prior_precision(stack)[:, None]) * (1 + RIDGE * identity))
 
 
 def _prior_precision(stack: ArcStack) -> np.ndarray:

@@ -61,7 +61,7 @@ def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Pr
     while True:
         best = _simplest([c for c in longer if _counts(found, c, chosen)], found)
         if best is None and not chosen.effects and longer and len(longer[0].effects) == 1:
-            leaders = sorted(longer, key=lambda c: _left(found, c))[:LEADERS]
+            leaders = sorted(longer, key=lambda c: left_of_gap(found, c))[:LEADERS]
             longer = [c for base in leaders for c in extend(found.calibration, base, kinds, progress, MOST_FITTED_MORE)]
             tried += longer
             continue
@@ -102,9 +102,14 @@ def models_without(found: Selection) -> dict[str, Candidate]:
     return {name: by_effects[names] for name, names in rest.items() if names in by_effects}
 
 
-def _left(found: Selection, model: Candidate) -> float:
+def left_of_gap(found: Selection, model: Candidate) -> float:
     """What a model leaves of the first gap beyond noise, on held-out clips."""
     return measure_gap(found.measured, found.baseline, model).left
+
+
+def halves_gap(found: Selection, model: Candidate, shorter: Candidate) -> bool:
+    """Whether a model leaves at most half of what a shorter one leaves."""
+    return left_of_gap(found, model) <= MOST_LEFT * left_of_gap(found, shorter)
 
 
 def _counts(found: Selection, model: Candidate, base: Candidate) -> bool:
@@ -112,9 +117,7 @@ def _counts(found: Selection, model: Candidate, base: Candidate) -> bool:
     better. base: the model that it extends by the last of its effects."""
     without = _without_one(found, model, base)
     return len(without) >= min(len(model.effects), 2) and all(
-        _left(found, model) <= MOST_LEFT * _left(found, shorter)
-        and _shows(model, shorter)
-        and not _harms_a_body(found, model, shorter)
+        halves_gap(found, model, shorter) and _shows(model, shorter) and not _harms_a_body(found, model, shorter)
         for shorter in without
     )
 
@@ -159,8 +162,8 @@ def _without_one(found: Selection, model: Candidate, base: Candidate) -> list[Ca
 def _simplest(models: Sequence[Candidate], found: Selection) -> Candidate | None:
     """The model with the fewest numbers, unless one with more leaves at most a quarter as much."""
     best: Candidate | None = None
-    for c in sorted(models, key=lambda c: (c.parameters, _left(found, c))):
-        if best is None or _left(found, c) <= MOST_LEFT_BY_MORE * _left(found, best):
+    for c in sorted(models, key=lambda c: (c.parameters, left_of_gap(found, c))):
+        if best is None or left_of_gap(found, c) <= MOST_LEFT_BY_MORE * left_of_gap(found, best):
             best = c
     return best
 
@@ -182,15 +185,15 @@ def _is_part_of_remainder(found: Selection, longer: Candidate, rivals: Sequence[
 
     Where a force is missing that no effect makes, any law that bends the paths explains a part of it.
     """
-    most, others = NEAR_LEFT * _left(found, longer), set(longer.effects[:-1])
-    names = {n for c in rivals if _left(found, c) <= most for n in set(c.effects) - others}
+    most, others = NEAR_LEFT * left_of_gap(found, longer), set(longer.effects[:-1])
+    names = {n for c in rivals if left_of_gap(found, c) <= most for n in set(c.effects) - others}
     return len(names) > MOST_NEAR and excess(found.calibration, longer)[0] > UNEXPLAINED_Z
 
 
 def _alike(found: Selection, chosen: Candidate, rivals: Sequence[Candidate], where: Touched | None) -> Sets:
     """What could replace one of the effects as well, with no more numbers. where: in these coordinates, too."""
-    most = ALIKE_LEFT * _left(found, chosen)
-    near = [c for c in rivals if c.parameters <= chosen.parameters and _left(found, c) <= most]
+    most = ALIKE_LEFT * left_of_gap(found, chosen)
+    near = [c for c in rivals if c.parameters <= chosen.parameters and left_of_gap(found, c) <= most]
     if where is not None:
         near = [c for c in near if where.left(c) <= ALIKE_LEFT * where.left(chosen)]
     out = []
@@ -221,6 +224,6 @@ def _still_alike(
         for other in others:
             base = singles.get(other) if len(longer.effects) == 2 else None
             rivals = [] if base is None else extend(found.calibration, base, last, progress)
-            names += [other for c in rivals if _left(found, c) <= ALIKE_LEFT * _left(found, longer)]
+            names += [other for c in rivals if left_of_gap(found, c) <= ALIKE_LEFT * left_of_gap(found, longer)]
         out.append(tuple(names))
     return tuple(names for names in out if len(names) > 1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import without_one
 from pipeline.discrepancy.selection.equivalence import alike_each, alike_single
-from pipeline.discrepancy.selection.established import MOST_LEFT, MOST_LEFT_BY_MORE, models_without
+from pipeline.discrepancy.selection.established import MOST_LEFT, MOST_LEFT_BY_MORE, left_of_gap, models_without
 from pipeline.discrepancy.selection.gap import measure_gap
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.unexplained import excess
@@ -28,7 +28,7 @@ def simpler_selection(found: Selection) -> Selection:
     """
     if len(found.chosen.effects) != 1 or found.chosen.restitution is not None or found.chosen.hits is not None:
         return found
-    left = {c.effects: measure_gap(found.measured, found.baseline, c).left for c in found.singles}
+    left = {c.effects: left_of_gap(found, c) for c in found.singles}
     simpler = [
         c
         for c in found.singles
