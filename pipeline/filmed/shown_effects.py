@@ -10,7 +10,8 @@ from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.report.discovery import Discovery, discovery_of
 from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.discrepancy.selection.established import HELD_OUT_GAIN, halves_gap
-from pipeline.discrepancy.selection.shorter import leaves_noise, shorter_selections, simpler_selection
+from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE
+from pipeline.discrepancy.selection.shorter import leaves_noise, shorter_selections, simpler_selection, with_single
 from pipeline.filmed.measured_motion import MeasuredMotion
 from pipeline.filmed.unfitted import Unfitted, forecast_unfitted
 
@@ -51,7 +52,8 @@ def discover_shown(
     neither. Else these effects are dropped from the list, and the discovery begins again, up to MOST_DROPPED times;
     what it finds then has to explain at least half as much. Of several effects each has to be shown beside the others,
     which have to leave more than noise; else it is not named. An effect of fewer numbers that is hardly worse is named
-    instead. Where no clip is held out, nothing is asked.
+    instead; so is one that fits nearly as well and forecasts better, where the gap does not show the first. Where no
+    clip is held out, nothing is asked.
 
     Args:
         motion: As measured.
@@ -65,10 +67,11 @@ def discover_shown(
             break
         found, dropped = _without_unshown(found, motion)
         found, replaced = _simpler(found)
-        notes += dropped + replaced
+        found, preferred = _better_forecast(found, motion)
+        notes += dropped + replaced + preferred
         named, none = found.answer.effects, found.selection.none
         explained = 1 - found.answer.score / none.score
-        unfitted = forecast_unfitted(found, motion)
+        unfitted = forecast_unfitted(found.selection, motion)
         fault = _fault(found, none, unfitted)
         if fault is None and explained < LEAST_EXPLAINED * most:
             fault = "what was dropped explains more than twice as much"
@@ -78,7 +81,7 @@ def discover_shown(
         left, most = [name for name in left if name not in named], max(most, explained)
     else:
         found = find([])
-    return ShownEffects(found, forecast_unfitted(found, motion), tuple(notes))
+    return ShownEffects(found, forecast_unfitted(found.selection, motion), tuple(notes))
 
 
 def _without_unshown(found: Discovery, motion: MeasuredMotion) -> tuple[Discovery, list[str]]:
@@ -89,7 +92,7 @@ def _without_unshown(found: Discovery, motion: MeasuredMotion) -> tuple[Discover
             if leaves_noise(found.selection, shorter.chosen):
                 fault: str | None = "what is left without it may be noise"
             else:
-                fault = _fault(found, shorter.chosen, forecast_unfitted(found, motion, shorter.chosen))
+                fault = _fault(found, shorter.chosen, forecast_unfitted(found.selection, motion, shorter.chosen))
             if fault is not None:
                 notes.append(f"{name} beside {' and '.join(shorter.chosen.effects)} would fit better, but {fault}")
                 found = discovery_of(shorter)
@@ -108,6 +111,28 @@ def _simpler(found: Discovery) -> tuple[Discovery, list[str]]:
     return discovery_of(simpler), [note]
 
 
+def _better_forecast(found: Discovery, motion: MeasuredMotion) -> tuple[Discovery, list[str]]:
+    """The discovery with the effect whose forecasts are the best, where the gap does not show the single one that was
+    found and other effects fit nearly as well; and a note on each one that was replaced."""
+    none, notes = found.selection.none, list[str]()
+    if len(found.answer.effects) != 1 or _halves_gap(found, none):
+        return found, notes
+    for rival in found.selection.singles:
+        worse = rival.score - found.answer.score
+        if rival is not found.answer and rival.score < none.score and worse < CLAIM_MORE:
+            other = with_single(found.selection, rival)
+            if forecast_unfitted(other, motion, found.answer).rise[0] > 0:
+                notes.append(f"{found.answer.name} would fit better, but {rival.name} forecasts the clips better")
+                found = discovery_of(other)
+    return found, notes
+
+
+def _halves_gap(found: Discovery, shorter: Candidate) -> bool:
+    """Whether what is named leaves half of the gap of held-out clips that a shorter model leaves, beyond chance."""
+    gain = shorter.held_out - found.answer.held_out
+    return gain > HELD_OUT_GAIN and halves_gap(found.selection, found.answer, shorter)
+
+
 def _fault(found: Discovery, shorter: Candidate, unfitted: Unfitted) -> str | None:
     """Why the clips that were not fitted do not show what is named beside a shorter model; None: they do.
 
@@ -119,7 +144,6 @@ def _fault(found: Discovery, shorter: Candidate, unfitted: Unfitted) -> str | No
         return "the gap of clips that were not fitted is larger with it"
     if rise < -error:
         return f"clips that were not fitted are forecast worse with it (sequence IoU {rise:+.3f} ± {error:.3f})"
-    shown_in_metres = gain > HELD_OUT_GAIN and halves_gap(found.selection, found.answer, shorter)
-    if not shown_in_metres and rise <= max(error, LEAST_RISE):
+    if not _halves_gap(found, shorter) and rise <= max(error, LEAST_RISE):
         return "clips that were not fitted hardly show it"
     return None

@@ -9,9 +9,10 @@ import numpy as np
 
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.least_squares import fit_initial_states
+from pipeline.discrepancy.fitting.other_split import hold_out_instead
 from pipeline.discrepancy.report.augmented_scene import scene_of
-from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.selection.forecast import SEEN
+from pipeline.discrepancy.selection.selection import Selection
 from pipeline.errors import SimulationError
 from pipeline.filmed.measured_motion import MeasuredMotion
 from pipeline.filmed.recorded_clip import RecordedClip
@@ -93,30 +94,36 @@ def _independent(values: np.ndarray) -> float:
     return max(len(values) * (1 - alike) / (1 + alike), 1.0)
 
 
-def forecast_unfitted(found: Discovery, motion: MeasuredMotion, before: Candidate | None = None) -> Unfitted:
-    """Forecast the clips that were held out (all where none was), without and with the effects that were named.
+def forecast_unfitted(found: Selection, motion: MeasuredMotion, before: Candidate | None = None) -> Unfitted:
+    """Forecast each clip without and with the effects that were named, by models that were fitted to the other clips.
 
     Each clip's initial state is fitted to the first part of its first arc; the frames after that are forecast through
-    all bounces by MuJoCo. A clip that one of the two scenes cannot forecast is left out of both.
+    all bounces by MuJoCo. A clip that one of the two scenes cannot forecast is left out of both. Where the selection
+    held no clip out, the models are its own.
 
     Args:
-        found: The discovery.
+        found: The selection of the effects.
         motion: What it was made from.
         before: The model to compare with; None: the one without effects.
     """
-    before = before or found.selection.none
-    names = found.problem.held_out or found.problem.clips
+    models: tuple[Candidate, ...] = (before or found.none, found.answer)
     pairs = []
-    for clip in (c for c in motion.clips if c.name in names):
-        both = [_forecast(found, model, motion, clip) for model in (before, found.answer)]
+    for clip in motion.clips:
+        selection, fitted = found, models
+        if found.problem.held_out and found.problem.held_out != (clip.name,):
+            again = hold_out_instead(found.calibration, models, clip.name)
+            if again is None:
+                continue
+            selection, fitted = replace(found, calibration=again[0]), again[1]
+        both = [_forecast(selection, model, motion, clip) for model in fitted]
         if both[0] is not None and both[1] is not None:
             pairs.append((both[0], both[1]))
     return Unfitted(tuple(p[0] for p in pairs), tuple(p[1] for p in pairs))
 
 
-def _forecast(found: Discovery, model: Candidate, motion: MeasuredMotion, clip: RecordedClip) -> ForecastClip | None:
-    starts = _first_states(found, model, clip.name)
-    scene = scene_of(found.selection, model)
+def _forecast(found: Selection, model: Candidate, motion: MeasuredMotion, clip: RecordedClip) -> ForecastClip | None:
+    starts = _first_states(model, clip.name)
+    scene = scene_of(found, model)
     if len(starts) < len(scene.objects):
         return None
     begin = max(time for time, _, _ in starts.values())
@@ -174,7 +181,7 @@ def _recorded_over_true(scene: Scene) -> tuple[float, float]:
     return float(time[0]), float(length[0])
 
 
-def _first_states(found: Discovery, model: Candidate, clip: str) -> Mapping[int, tuple[float, float, np.ndarray]]:
+def _first_states(model: Candidate, clip: str) -> Mapping[int, tuple[float, float, np.ndarray]]:
     """For each object of a clip: begin of its first arc, s; until when that was fitted, s; the state (10,) there."""
     out: dict[int, tuple[float, float, np.ndarray]] = {}
     problem = model.problem

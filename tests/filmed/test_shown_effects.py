@@ -36,7 +36,7 @@ def found(named: Sequence[str], gain: float, held: tuple[str, ...] = ("clip_3",)
     score = SCORES[named[0]] if named else 500.0
     answer = SimpleNamespace(held_out=100.0 - gain, effects=tuple(named), score=score, left=left if named else 1.0)
     return SimpleNamespace(
-        selection=SimpleNamespace(none=none),
+        selection=SimpleNamespace(none=none, answer=answer, singles=()),
         answer=answer,
         problem=SimpleNamespace(held_out=held),
         gain=gain,
@@ -48,8 +48,8 @@ def names_after(
 ) -> list[str]:
     """What is named of `drag`, whose forecasts and share of the gap that it leaves are given, and of nothing."""
 
-    def forecast(result: Any, _: Any, __: Any = None) -> Unfitted:
-        return unfitted(change if result.answer.effects else 0 * change)
+    def forecast(selection: Any, _: Any, __: Any = None) -> Unfitted:
+        return unfitted(change if selection.answer.effects else 0 * change)
 
     monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
     monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
@@ -100,7 +100,7 @@ def test_of_two_effects_each_has_to_be_shown_beside_the_other(
 
     def result(chosen: Any) -> Any:
         none = SimpleNamespace(effects=(), held_out=100.0, score=500.0)
-        selection = SimpleNamespace(none=none, chosen=chosen, measured=None, baseline=none)
+        selection = SimpleNamespace(none=none, chosen=chosen, answer=chosen, singles=(), measured=None, baseline=none)
         return SimpleNamespace(selection=selection, answer=chosen, problem=SimpleNamespace(held_out=("clip_3",)))
 
     def forecast(found: Any, _: Any, before: Any = None) -> Unfitted:
@@ -125,8 +125,8 @@ def test_of_two_effects_each_has_to_be_shown_beside_the_other(
 def test_what_is_named_instead_of_a_dropped_effect_has_to_explain_half_as_much(
     monkeypatch: pytest.MonkeyPatch, second: str, named: list[str]
 ) -> None:
-    def forecast(result: Any, _: Any, __: Any = None) -> Unfitted:
-        return unfitted((-0.1 if "drag" in result.answer.effects else 0.1) * np.linspace(0.5, 1, len(FRAMES)))
+    def forecast(selection: Any, _: Any, __: Any = None) -> Unfitted:
+        return unfitted((-0.1 if "drag" in selection.answer.effects else 0.1) * np.linspace(0.5, 1, len(FRAMES)))
 
     monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
     monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
@@ -134,6 +134,42 @@ def test_what_is_named_instead_of_a_dropped_effect_has_to_explain_half_as_much(
     motion: Any = None
     shown = discover_shown(motion, ["drag", second], lambda left: found(left[:1], 50.0))
     assert list(shown.found.answer.effects) == named
+
+
+@pytest.mark.parametrize(
+    ("score", "rise", "left", "named"),
+    [
+        (110.0, 0.05, 1.0, "wind"),
+        (110.0, -0.05, 1.0, "drag"),
+        (130.0, 0.05, 1.0, "drag"),  # fits much worse
+        (110.0, 0.05, 0.2, "drag"),  # the gap shows drag
+    ],
+)
+def test_where_the_gap_shows_nothing_forecasts_decide_between_effects_that_fit_alike(
+    monkeypatch: pytest.MonkeyPatch, score: float, rise: float, left: float, named: str
+) -> None:
+    def model(name: str, score: float) -> Any:
+        return SimpleNamespace(effects=(name,), name=name, score=score, held_out=50.0, left=left)
+
+    drag, wind = model("drag", 100.0), model("wind", score)
+
+    def result(chosen: Any) -> Any:
+        none = SimpleNamespace(effects=(), held_out=100.0, score=500.0)
+        selection = SimpleNamespace(none=none, chosen=chosen, answer=chosen, singles=(drag, wind))
+        return SimpleNamespace(selection=selection, answer=chosen, problem=SimpleNamespace(held_out=("clip_3",)))
+
+    def forecast(_: Any, __: Any, before: Any = None) -> Unfitted:
+        return unfitted((rise if before is drag else 0.2) * np.linspace(0.5, 1, len(FRAMES)))
+
+    monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
+    monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
+    monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
+    monkeypatch.setattr(shown_effects, "with_single", lambda _, rival: result(rival).selection)
+    monkeypatch.setattr(shown_effects, "discovery_of", lambda selection: result(selection.chosen))
+    motion: Any = None
+    shown = discover_shown(motion, ["drag", "wind"], lambda _: result(drag))
+    assert shown.found.answer.effects == (named,)
+    assert len(shown.notes) == (named == "wind")
 
 
 def test_frames_that_err_alike_count_as_few_and_white_noise_counts_in_full(rng: np.random.Generator) -> None:

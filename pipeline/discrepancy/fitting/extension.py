@@ -120,6 +120,10 @@ def _with_arc_effect(
             again = fit_model(calibration, base.problem, model, stated, begin, effects=effects)
             found = min(found, again, key=lambda c: c.score)
         found = _completed(calibration, found, base)
+        if has_minima and found.bic > base.bic + kind.size * np.log(calibration.problem.effective_rows):
+            none = np.concatenate([base.fit.theta, model.start[base.fit.model.size :]])
+            again = fit_model(calibration, base.problem, model, none, base.fit.starts, effects=effects)
+            found = min(found, _completed(calibration, again, base), key=lambda c: c.score)
         if np.isfinite(found.score) and (best is None or found.score < best.score):
             best = found
     if best is not None and kind.discovery.of_a_body:

@@ -108,8 +108,8 @@ def left_of_gap(found: Selection, model: Candidate) -> float:
 
 
 def halves_gap(found: Selection, model: Candidate, shorter: Candidate) -> bool:
-    """Whether a model leaves at most half of what a shorter one leaves."""
-    return left_of_gap(found, model) <= MOST_LEFT * left_of_gap(found, shorter)
+    """Whether a model leaves less than half of what a shorter one leaves; never where that leaves nothing but noise."""
+    return left_of_gap(found, model) < MOST_LEFT * left_of_gap(found, shorter)
 
 
 def _counts(found: Selection, model: Candidate, base: Candidate) -> bool:

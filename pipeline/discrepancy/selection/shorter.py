@@ -40,7 +40,7 @@ def simpler_selection(found: Selection) -> Selection:
     ]
     if not simpler:
         return found
-    return _with_single(found, min(simpler, key=lambda c: (c.parameters, left[c.effects])))
+    return with_single(found, min(simpler, key=lambda c: (c.parameters, left[c.effects])))
 
 
 def shorter_selections(found: Selection) -> dict[str, Selection]:
@@ -59,14 +59,14 @@ def shorter_selections(found: Selection) -> dict[str, Selection]:
     out = {}
     for name, model in sorted(models.items(), key=lambda pair: pair[1].score):
         if len(model.effects) == 1:
-            out[name] = _with_single(found, model)
+            out[name] = with_single(found, model)
         else:
             tried = (*(c for c in found.tried if set(c.effects) != set(model.effects)), model)
             out[name] = _with(replace(found, tried=tried, alike=alike_each(model, tried)), model)
     return out
 
 
-def _with_single(found: Selection, model: Candidate) -> Selection:
+def with_single(found: Selection, model: Candidate) -> Selection:
     """The selection that chooses a model of one effect."""
     rest = [c for c in found.singles if c.effects != model.effects]
     singles = tuple(sorted((model, *rest), key=lambda c: c.score))
