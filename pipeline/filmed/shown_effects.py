@@ -113,16 +113,17 @@ def _simpler(found: Discovery) -> tuple[Discovery, list[str]]:
 
 def _better_forecast(found: Discovery, motion: MeasuredMotion) -> tuple[Discovery, list[str]]:
     """The discovery with the effect whose forecasts are the best, where the gap does not show the single one that was
-    found and other effects fit nearly as well; and a note on each one that was replaced."""
+    found and effects of no more numbers fit nearly as well; and a note on each one that was replaced."""
     none, notes = found.selection.none, list[str]()
     if len(found.answer.effects) != 1 or _halves_gap(found, none):
         return found, notes
     for rival in found.selection.singles:
-        worse = rival.score - found.answer.score
-        if rival is not found.answer and rival.score < none.score and worse < CLAIM_MORE:
+        answer = found.answer
+        alike = rival.score < min(none.score, answer.score + CLAIM_MORE)
+        if rival is not answer and alike and rival.parameters <= answer.parameters:
             other = with_single(found.selection, rival)
-            if forecast_unfitted(other, motion, found.answer).rise[0] > 0:
-                notes.append(f"{found.answer.name} would fit better, but {rival.name} forecasts the clips better")
+            if forecast_unfitted(other, motion, answer).rise[0] > 0:
+                notes.append(f"{answer.name} would fit better, but {rival.name} forecasts the clips better")
                 found = discovery_of(other)
     return found, notes
 

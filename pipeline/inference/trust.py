@@ -141,4 +141,5 @@ def grade(sequence_iou: float, told: Forecast | None) -> Grade:
         )
     if sequence_iou < GOOD_IOU:
         return Grade("doubtful", f"the replay follows the clip in part only (IoU {sequence_iou:.2f})")
-    return Grade("good", f"frames that were not fitted are forecast better than by constant velocity ({against})")
+    well = "" if told.iou >= POOR_IOU else ", though not well"
+    return Grade("good", f"frames that were not fitted are forecast better than by constant velocity{well} ({against})")

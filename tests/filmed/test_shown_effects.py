@@ -149,7 +149,7 @@ def test_where_the_gap_shows_nothing_forecasts_decide_between_effects_that_fit_a
     monkeypatch: pytest.MonkeyPatch, score: float, rise: float, left: float, named: str
 ) -> None:
     def model(name: str, score: float) -> Any:
-        return SimpleNamespace(effects=(name,), name=name, score=score, held_out=50.0, left=left)
+        return SimpleNamespace(effects=(name,), name=name, score=score, held_out=50.0, left=left, parameters=9)
 
     drag, wind = model("drag", 100.0), model("wind", score)
 

@@ -31,6 +31,7 @@ SHUFFLED_SHARE = 0.5  # of the gain with measured spins, which the spins of othe
 SAME_SPINS = 0.2  # relative scatter of spins below which shuffling them says nothing
 LARGEST_MISFIT = 0.1  # m; friction of a hit turns its direction
 HIT_PARAMETERS = 5  # of an effect fitted to hits, with how bodies rebound from it
+MOST_WORSE = 4.0  # of BIC beside its price, by which a first effect may fit worse than none before its fit begins again
 PIECE_PRICE = 6  # of an initial state of each additional piece of an arc
 EQUALS = 5  # further effects that are fitted because they promise nearly as much as the best
 MOST_FITTED = 9  # effects that are fitted at a time: the most promising in the screening regression
@@ -120,7 +121,8 @@ def _with_arc_effect(
             again = fit_model(calibration, base.problem, model, stated, begin, effects=effects)
             found = min(found, again, key=lambda c: c.score)
         found = _completed(calibration, found, base)
-        if has_minima and found.bic > base.bic + kind.size * np.log(calibration.problem.effective_rows):
+        price = kind.size * np.log(calibration.problem.effective_rows)
+        if has_minima and not base.effects and found.bic > base.bic + price + MOST_WORSE:
             none = np.concatenate([base.fit.theta, model.start[base.fit.model.size :]])
             again = fit_model(calibration, base.problem, model, none, base.fit.starts, effects=effects)
             found = min(found, _completed(calibration, again, base), key=lambda c: c.score)
