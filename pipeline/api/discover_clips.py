@@ -40,7 +40,7 @@ class ClipDiscoveryResult(FolderResult):
     Attributes:
         result: The discovery from the measured motion.
         motion: What was measured.
-        unfitted: Forecasts of the clips that were not fitted.
+        unfitted: Forecasts of the clips, by models that were fitted to the other clips.
     """
 
     result: DiscoveryResult
@@ -58,7 +58,7 @@ class ClipDiscoveryResult(FolderResult):
         return self.result.sentence
 
     def write(self, folder: Path, progress: Progress) -> None:
-        """Write the files of `DiscoveryResult`, tracks.parquet and, where a clip was held out, replay.mp4."""
+        """Write the files of `DiscoveryResult`, tracks.parquet and, where a clip can be forecast, replay.mp4."""
         pq.write_table(tracks_table(self.motion.tracks), folder / "tracks.parquet", compression="zstd")
         if self.unfitted.before:
             pictures = _beside(self.unfitted.before[0], self.unfitted.after[0])

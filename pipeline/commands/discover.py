@@ -29,7 +29,7 @@ wx..wz, sigma.
 The scene file needs no more than each object's name, shape, sizes and mass. From videos OUT also has
 
   tracks.parquet     the measured motion
-  replay.mp4         a clip that was not fitted, with the outlines of both forecasts
+  replay.mp4         a clip with the outlines of both forecasts, by models that were fitted to the other clips
 
 examples:
   dynamics discover tracks.csv scene.yaml -o found

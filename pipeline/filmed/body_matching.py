@@ -52,7 +52,7 @@ def match_bodies(clips: Sequence[RecordedClip], objects: Sequence[SceneObject]) 
     moving = [_moving(clip) for clip in clips]
     if len(objects) == 1:
         extra = sum(len(found) > 1 for found in moving)
-        note = f"; in {extra} clips something else moves, too, and is left out" if extra else ""
+        note = f"; in {extra} of {len(clips)} clips something else moves, too, and is left out" if extra else ""
         note += f"; clips in which no body moves are left out: {', '.join(still)}" if still else ""
         clips = with_one_body(clips)
         tracks = tuple({names[0]: max(clip.tracks, key=len)} for clip in clips)

@@ -96,10 +96,10 @@ def _renumbered(clip: RecordedClip, numbers: dict[int, int]) -> RecordedClip:
 
 
 def _camera_words(camera: SharedCamera) -> str:
-    errors = np.sqrt(np.diag(camera.covariance))
+    errors, pitch = np.sqrt(np.diag(camera.covariance)), round(np.degrees(camera.numbers[1]))
     view = "looks down at the ground" if camera.plane == GROUND else "looks from the side"
     return (
-        f"one camera for all clips {view}: pitch {np.degrees(camera.numbers[1]):.0f} ± {np.degrees(errors[1]):.0f}°, "
+        f"one camera for all clips {view}: pitch {pitch} ± {np.degrees(errors[1]):.0f}°, "
         f"vertical field of view {camera.camera.fov:.0f} ± {camera.camera.fov * errors[0]:.0f}°, distance "
         f"{np.exp(camera.numbers[4]):.2f} ± {np.exp(camera.numbers[4]) * errors[4]:.2f} m, by the outlines' sizes"
     )

@@ -26,7 +26,7 @@ class ShownEffects:
 
     Attributes:
         found: The discovery.
-        unfitted: Forecasts of the clips that were not fitted.
+        unfitted: Forecasts of the clips, by models that were fitted to the other clips.
         notes: Of effects that fitted best and were dropped, a sentence each.
     """
 
@@ -137,7 +137,7 @@ def _halves_gap(found: Discovery, shorter: Candidate) -> bool:
 def _fault(found: Discovery, shorter: Candidate, unfitted: Unfitted) -> str | None:
     """Why the clips that were not fitted do not show what is named beside a shorter model; None: they do.
 
-    unfitted: Forecasts by the shorter model and with what is named.
+    unfitted: Forecasts by the shorter model and with what is named, each fitted to the other clips.
     """
     gain = shorter.held_out - found.answer.held_out
     rise, error = unfitted.rise
