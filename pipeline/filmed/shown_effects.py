@@ -47,13 +47,13 @@ def discover_shown(
 ) -> ShownEffects:
     """Find out which effects clips show.
 
-    What is named has to predict the clips that were not fitted better than the scene without it, by more than the
-    uncertainty: half of the gap beyond noise goes, or the IoU of forecasts rises by LEAST_RISE. It may be worse in
-    neither. Else these effects are dropped from the list, and the discovery begins again, up to MOST_DROPPED times;
-    what it finds then has to explain at least half as much. Of several effects each has to be shown beside the others,
-    which have to leave more than noise; else it is not named. An effect of fewer numbers that is hardly worse is named
-    instead; so is one that fits nearly as well and forecasts better, where the gap does not show the first. Where no
-    clip is held out, nothing is asked.
+    With what is named, the IoU of forecasts has to rise by LEAST_RISE and by more than its uncertainty, and the gap of
+    clips that were not fitted must not grow. Else these effects are dropped from the list, and the discovery begins
+    again, up to MOST_DROPPED times; what it finds then has to explain at least half as much. Of several effects each
+    has to be shown beside the others, which have to leave more than noise; else it is not named. An effect of fewer
+    numbers that is hardly worse, in forecasts as well, is named instead; so is one that fits nearly as well and
+    forecasts better, where the gap does not show the first. Where no clip is held out, nothing is asked. Where no clip
+    can be forecast, half of the gap has to go.
 
     Args:
         motion: As measured.
@@ -66,7 +66,7 @@ def discover_shown(
         if not found.answer.effects or not found.problem.held_out:
             break
         found, dropped = _without_unshown(found, motion)
-        found, replaced = _simpler(found)
+        found, replaced = _simpler(found, motion)
         found, preferred = _better_forecast(found, motion)
         notes += dropped + replaced + preferred
         named, none = found.answer.effects, found.selection.none
@@ -101,10 +101,14 @@ def _without_unshown(found: Discovery, motion: MeasuredMotion) -> tuple[Discover
             return found, notes
 
 
-def _simpler(found: Discovery) -> tuple[Discovery, list[str]]:
-    """The discovery with an effect of fewer numbers, if there is one that is hardly worse, and a note on it."""
+def _simpler(found: Discovery, motion: MeasuredMotion) -> tuple[Discovery, list[str]]:
+    """The discovery with an effect of fewer numbers, if there is one that is hardly worse and does not forecast the
+    clips worse, and a note on it."""
     simpler = simpler_selection(found.selection)
     if simpler is found.selection:
+        return found, []
+    rise, error = forecast_unfitted(simpler, motion, found.answer).rise
+    if rise < -error:
         return found, []
     shorter = simpler.chosen.name
     note = f"{found.answer.name} would fit better, but has more parameters than {shorter}, which is nearly as good"
@@ -115,7 +119,7 @@ def _better_forecast(found: Discovery, motion: MeasuredMotion) -> tuple[Discover
     """The discovery with the effect whose forecasts are the best, where the gap does not show the single one that was
     found and effects of no more numbers fit nearly as well; and a note on each one that was replaced."""
     none, notes = found.selection.none, list[str]()
-    if len(found.answer.effects) != 1 or _halves_gap(found, none):
+    if len(found.answer.effects) != 1 or _gap_shows(found, none):
         return found, notes
     for rival in found.selection.singles:
         answer = found.answer
@@ -128,8 +132,9 @@ def _better_forecast(found: Discovery, motion: MeasuredMotion) -> tuple[Discover
     return found, notes
 
 
-def _halves_gap(found: Discovery, shorter: Candidate) -> bool:
-    """Whether what is named leaves half of the gap of held-out clips that a shorter model leaves, beyond chance."""
+def _gap_shows(found: Discovery, shorter: Candidate) -> bool:
+    """Whether the gap of held-out clips shows what is named: it is less than half of what a shorter model leaves, and
+    chi squared falls by more than chance."""
     gain = shorter.held_out - found.answer.held_out
     return gain > HELD_OUT_GAIN and halves_gap(found.selection, found.answer, shorter)
 
@@ -145,6 +150,8 @@ def _fault(found: Discovery, shorter: Candidate, unfitted: Unfitted) -> str | No
         return "the gap of clips that were not fitted is larger with it"
     if rise < -error:
         return f"clips that were not fitted are forecast worse with it (sequence IoU {rise:+.3f} ± {error:.3f})"
-    if not _halves_gap(found, shorter) and rise <= max(error, LEAST_RISE):
-        return "clips that were not fitted hardly show it"
+    if unfitted.before and rise <= max(error, LEAST_RISE):
+        return f"clips that were not fitted hardly show it (sequence IoU {rise:+.3f} ± {error:.3f})"
+    if not unfitted.before and not _gap_shows(found, shorter):
+        return "the gap of clips that were not fitted hardly shows it"
     return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -37,24 +38,37 @@ class ForecastClip:
         clip: With the masks of the scene's objects.
         first: Index of the first frame that was not fitted: the frames before told the initial state.
         scene: With the camera and the initial state.
-        shown: (T, H, W) uint8, masks of the forecast at the clip's times.
+        position: (T, N, 3) m of the objects, as forecast at the clip's times.
+        quaternion: (T, N, 4) of the objects.
+        shown: (T, H, W) uint8, masks of the forecast.
         frame_iou: (F,) mean IoU of the bodies in each frame from `first` on, NaN where none is seen or forecast.
         iou: Sequence IoU of these frames.
-        epe: px, mean length of the difference to the flow measured in the clip, over pixels of bodies.
     """
 
     clip: RecordedClip
     first: int
     scene: Scene
+    position: np.ndarray
+    quaternion: np.ndarray
     shown: np.ndarray
     frame_iou: np.ndarray
     iou: float
-    epe: float
+
+    @cached_property
+    def epe(self) -> float:
+        """px, mean length of the difference to the flow measured in the clip, over pixels of bodies."""
+        rest, scene, frames = slice(self.first, None), self.scene, self.clip.frames[self.first :]
+        assert scene.camera is not None
+        eye, (width, height) = pinhole(scene.camera), self.clip.size
+        flow = exact_flow(scene.objects, self.position[rest], self.quaternion[rest], eye, width, height, scene.ground)
+        bodies = ((self.shown > 0) | (self.clip.masks > 0))[rest][:-1]
+        off = np.linalg.norm(flow - DIS().flow(frames[:-1], frames[1:]), axis=-1)
+        return float(off[bodies].mean()) if bodies.any() else 0.0
 
 
 @dataclass(frozen=True)
 class Unfitted:
-    """before, after: forecasts of the same clips, without and with what was named; empty where none was held out."""
+    """before, after: forecasts of the same clips, without and with what was named; empty where none can be forecast."""
 
     before: tuple[ForecastClip, ...]
     after: tuple[ForecastClip, ...]
@@ -162,12 +176,7 @@ def _forecast(found: Selection, model: Candidate, motion: MeasuredMotion, clip: 
     seen = ~np.isnan(each)
     frame_iou = np.where(seen.any(1), np.where(seen, each, 0).sum(1) / np.maximum(seen.sum(1), 1), np.nan)
     iou = float(sequence_iou(counts, pairs))
-    flow = exact_flow(scene.objects, position[first:], quaternion[first:], eye, width, height, scene.ground)
-    measured = DIS().flow(clip.frames[first:-1], clip.frames[first + 1 :])
-    bodies = (shown.mask[first:-1] > 0) | (clip.masks[first:-1] > 0)
-    off = np.linalg.norm(flow - measured, axis=-1)
-    epe = float(off[bodies].mean()) if bodies.any() else 0.0
-    return ForecastClip(clip, first, scene, shown.mask, frame_iou, iou, epe)
+    return ForecastClip(clip, first, scene, position, quaternion, shown.mask, frame_iou, iou)
 
 
 def _recorded_over_true(scene: Scene) -> tuple[float, float]:

@@ -67,9 +67,8 @@ def names_after(
     [
         (50.0, 0.1, 0.2, True),
         (0.0, 0.1, 1.0, True),  # a rebound shows in the picture only
-        (50.0, 0.0, 0.2, True),
-        (50.0, 0.0, 0.6, False),  # less than half of the gap goes
-        (50.0, 0.04, 0.6, False),  # and IoU rises by no more than what masks err by
+        (50.0, 0.1, 0.6, True),
+        (50.0, 0.04, 0.2, False),  # the gap shrinks, but IoU rises by no more than what masks err by
         (50.0, -0.1, 0.2, False),
         (-50.0, 0.1, 0.2, False),
         (0.0, 0.0, 0.2, False),
@@ -170,6 +169,42 @@ def test_where_the_gap_shows_nothing_forecasts_decide_between_effects_that_fit_a
     shown = discover_shown(motion, ["drag", "wind"], lambda _: result(drag))
     assert shown.found.answer.effects == (named,)
     assert len(shown.notes) == (named == "wind")
+
+
+@pytest.mark.parametrize(("rise", "named"), [(0.05, "tilt"), (0.0, "tilt"), (-0.05, "wind")])
+def test_an_effect_of_fewer_numbers_is_named_instead_if_it_does_not_forecast_worse(
+    monkeypatch: pytest.MonkeyPatch, rise: float, named: str
+) -> None:
+    wind, tilt = (SimpleNamespace(effects=(n,), name=n, score=100.0, held_out=50.0, left=0.2) for n in ("wind", "tilt"))
+
+    def result(chosen: Any) -> Any:
+        none = SimpleNamespace(effects=(), held_out=100.0, score=500.0)
+        selection = SimpleNamespace(none=none, chosen=chosen, answer=chosen, singles=(wind, tilt))
+        return SimpleNamespace(selection=selection, answer=chosen, problem=SimpleNamespace(held_out=("clip_3",)))
+
+    def forecast(_: Any, __: Any, before: Any = None) -> Unfitted:
+        return unfitted((rise if before is wind else 0.2) * np.linspace(0.5, 1, len(FRAMES)))
+
+    monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
+    monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
+    monkeypatch.setattr(shown_effects, "simpler_selection", lambda _: result(tilt).selection)
+    monkeypatch.setattr(shown_effects, "discovery_of", lambda selection: result(selection.chosen))
+    motion: Any = None
+    shown = discover_shown(motion, ["wind", "tilt"], lambda _: result(wind))
+    assert shown.found.answer.effects == (named,)
+    assert len(shown.notes) == (named == "tilt")
+
+
+@pytest.mark.parametrize(("left", "named"), [(0.2, ["drag"]), (0.6, [])])
+def test_where_no_clip_can_be_forecast_the_gap_has_to_be_halved(
+    monkeypatch: pytest.MonkeyPatch, left: float, named: list[str]
+) -> None:
+    monkeypatch.setattr(shown_effects, "forecast_unfitted", lambda *_: Unfitted((), ()))
+    monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
+    monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
+    motion: Any = None
+    shown = discover_shown(motion, ["drag"], lambda names: found(names, 50.0, left=left))
+    assert list(shown.found.answer.effects) == named
 
 
 def test_frames_that_err_alike_count_as_few_and_white_noise_counts_in_full(rng: np.random.Generator) -> None:

@@ -168,3 +168,10 @@ def test_the_grade_says_why(iou: float, forecast: Forecast | None, name: str) ->
     graded = grade(iou, forecast)
     assert graded.name == name
     assert graded.reason
+
+
+@pytest.mark.parametrize(("iou", "well"), [(0.8, True), (0.17, False)])
+def test_a_good_grade_says_where_the_forecast_is_better_but_not_good(iou: float, well: bool) -> None:
+    graded = grade(0.9, Forecast(0.7, iou, 0.03))
+    assert graded.name == "good"
+    assert ("though not well" in graded.reason) != well

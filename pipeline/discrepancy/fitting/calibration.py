@@ -60,9 +60,20 @@ def calibrate(problem: Problem) -> Calibration:
         if none is None or found.bic < none.bic - LEAST_BETTER:
             none = found
     assert none is not None
+    return calibration_of(problem, none)
+
+
+def calibration_of(problem: Problem, none: Candidate, noise_scale: float = 1.0) -> Calibration:
+    """The calibration whose model without effects is fitted already.
+
+    Args:
+        problem: What is fitted.
+        none: The model, without the bounces' part of the score.
+        noise_scale: As of `Calibration`.
+    """
     seen = tuple(bounces(problem, none.fit))
     restitution = None if "damping" in problem.known.fit else fit_restitution(seen)
-    plain = Calibration(problem, none, seen, restitution)
+    plain = Calibration(problem, none, seen, restitution, noise_scale)
     return replace(plain, none=with_bounces(plain, none, False))
 
 

@@ -104,8 +104,11 @@ def _with_arc_effect(
     calibration: Calibration, kind: EffectKind, base: Candidate, guesses: Sequence[Guess]
 ) -> Candidate | None:
     """`base` with an effect fitted to the arcs, the best of the fits from several guesses."""
-    best: Candidate | None = None
+    ends: list[Candidate] = []
     apart = kind.discovery.starts_apart and not base.effects
+    grounded = [s for s in base.problem.stacks if s.grounded]
+    has_minima = any((s.radius > 0).any() or s.camera_error is not None for s in grounded)
+    may_stick = has_minima and not base.effects
     model = with_effect(base.fit.model, kind, calibration.problem.known)
     low, high = (np.array([getattr(u, k) for u in model.unknowns[base.fit.model.size :]]) for k in ("low", "high"))
     effects = (*base.effects, kind.name)
@@ -114,20 +117,17 @@ def _with_arc_effect(
             continue
         theta = np.concatenate([base.fit.theta, np.clip(guess.values, low, high)])
         found = fit_model(calibration, base.problem, model, theta, base.fit.starts, effects=effects)
-        grounded = [s for s in base.problem.stacks if s.grounded]
-        has_minima = any((s.radius > 0).any() or s.camera_error is not None for s in grounded)
-        if found.fit.slipping or (has_minima and not base.effects):
+        if found.fit.slipping or may_stick:
             stated, begin = _as_stated(model, theta), initial_states(base.problem)
             again = fit_model(calibration, base.problem, model, stated, begin, effects=effects)
             found = min(found, again, key=lambda c: c.score)
-        found = _completed(calibration, found, base)
-        price = kind.size * np.log(calibration.problem.effective_rows)
-        if has_minima and not base.effects and found.bic > base.bic + price + MOST_WORSE:
-            none = np.concatenate([base.fit.theta, model.start[base.fit.model.size :]])
-            again = fit_model(calibration, base.problem, model, none, base.fit.starts, effects=effects)
-            found = min(found, _completed(calibration, again, base), key=lambda c: c.score)
-        if np.isfinite(found.score) and (best is None or found.score < best.score):
-            best = found
+        ends.append(completed(calibration, found, base))
+    worst = base.bic + kind.size * np.log(calibration.problem.effective_rows) + MOST_WORSE
+    if may_stick and any(end.bic > worst for end in ends):
+        theta = np.concatenate([base.fit.theta, model.start[base.fit.model.size :]])
+        found = fit_model(calibration, base.problem, model, theta, base.fit.starts, effects=effects)
+        ends.append(completed(calibration, found, base))
+    best = min((end for end in ends if np.isfinite(end.score)), key=lambda c: c.score, default=None)
     if best is not None and kind.discovery.of_a_body:
         best = _with_own_numbers(calibration, kind, base, best)
     if best is not None and kind.discovery.must_beat_shuffled_spins and not _beats_shuffled(calibration, base, best):
@@ -147,10 +147,10 @@ def _with_own_numbers(calibration: Calibration, kind: EffectKind, base: Candidat
     model = with_effect(base.fit.model, kind, calibration.problem.known, bodies=bodies)
     theta = np.concatenate([found.fit.theta[:shared], np.tile(found.fit.theta[shared:], len(bodies))])
     own = fit_model(calibration, base.problem, model, theta, found.fit.starts, effects=found.effects)
-    return min(found, _completed(calibration, own, base), key=lambda c: c.score)
+    return min(found, completed(calibration, own, base), key=lambda c: c.score)
 
 
-def _completed(calibration: Calibration, found: Candidate, base: Candidate) -> Candidate:
+def completed(calibration: Calibration, found: Candidate, base: Candidate) -> Candidate:
     """A fitted model with the parts of the score that are not of arcs, for the same effects as `base` has."""
     found = with_bounces(calibration, found, base.restitution is not None)
     return with_hits(found, base.hits, base.hits_price)
@@ -193,7 +193,7 @@ def _with_unmeasured_spins(calibration: Calibration, kind: EffectKind, base: Can
     model = replace(base.fit.model, stated=(*base.fit.model.stated, *acting))
     effects = (*base.effects, kind.name)
     found = fit_model(calibration, spinning, model, base.fit.theta, base.fit.starts, effects=effects)
-    return _completed(calibration, found, base)
+    return completed(calibration, found, base)
 
 
 def _beats_shuffled(calibration: Calibration, base: Candidate, found: Candidate) -> bool:
@@ -229,7 +229,7 @@ def without_one(calibration: Calibration, found: Candidate) -> list[Candidate]:
         model, kept = without_effect(found.fit.model, name)
         effects = tuple(e for e in found.effects if e != name)
         shorter = fit_model(calibration, found.problem, model, found.fit.theta[kept], found.fit.starts, effects=effects)
-        out.append(_completed(calibration, shorter, found))
+        out.append(completed(calibration, shorter, found))
     return out
 
 
