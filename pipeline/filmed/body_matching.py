@@ -18,6 +18,7 @@ SAME_SIZE = 0.12  # difference of the logarithms of two sizes below which an out
 ROUND = 1.2  # ratio of an outline's axes from which it is not that of a ball
 NOT_ROUND = 0.5  # what such an outline costs, in units of the logarithm of a size
 LEAST_WAY = 0.5  # radii that a body must move to count as moving
+LEAST_WAY_ALONE = 0.15  # the same where the scene has one object, so that resting bodies need not be told from it
 
 
 @dataclass(frozen=True)
@@ -45,11 +46,12 @@ def match_bodies(clips: Sequence[RecordedClip], objects: Sequence[SceneObject]) 
     if all(clip.names and set(clip.names) <= set(names) for clip in clips):
         tracks = tuple({clip.names[t.body - 1]: t for t in clip.tracks if t.body <= len(clip.names)} for clip in clips)
         return Matching(tuple(clips), tracks, "bodies were matched by their names")
-    still = [clip.name for clip in clips if not _moving(clip)]
+    least_way = LEAST_WAY_ALONE if len(objects) == 1 else LEAST_WAY
+    still = [clip.name for clip in clips if not _moving(clip, least_way)]
     if still and (len(objects) > 1 or len(still) == len(clips)):
         raise MeasurementError(f"clip {still[0]}: no body moves")
     clips = [clip for clip in clips if clip.name not in still]
-    moving = [_moving(clip) for clip in clips]
+    moving = [_moving(clip, least_way) for clip in clips]
     if len(objects) == 1:
         extra = sum(len(found) > 1 for found in moving)
         note = f"; in {extra} of {len(clips)} clips something else moves, too, and is left out" if extra else ""
@@ -86,8 +88,9 @@ def match_bodies(clips: Sequence[RecordedClip], objects: Sequence[SceneObject]) 
     )
 
 
-def _moving(clip: RecordedClip) -> list[ImageTrack]:
-    return [t for t in clip.tracks if way_px(t) > LEAST_WAY * t.radius]
+def _moving(clip: RecordedClip, least_way: float) -> list[ImageTrack]:
+    """The bodies that move by more than so many of their radii."""
+    return [t for t in clip.tracks if way_px(t) > least_way * t.radius]
 
 
 def _by_size(found: Sequence[ImageTrack], objects: Sequence[SceneObject], sizes: np.ndarray) -> dict[str, ImageTrack]:
