@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.discrepancy.tracks.camera_error import CameraError, camera_error
 from pipeline.discrepancy.tracks.track import LEAST_ROWS, Track
 from pipeline.filmed.body_matching import apparent_radius
+from pipeline.filmed.centre_errors import centre_errors
 from pipeline.filmed.contact_depth import contact_depth
 from pipeline.filmed.shared_camera import GROUND, UPRIGHT, SharedCamera
 from pipeline.motion.arcs import cut_arcs
@@ -21,7 +22,6 @@ from pipeline.planar.bounces import changes_between, meeting_time
 from pipeline.scene.scene import SceneObject, half_extents
 from pipeline.vision.rendering.camera import pinhole, project
 
-LEAST_SIGMA_PX = 0.05
 GRID = 6  # points along each side of the picture's part that a track crosses
 LARGER = 0.25  # of the logarithm of a radius: a body that looks so much larger or smaller is not in the plane
 OFF_GRAVITY = 0.4  # share by which bodies may seem to fall faster or slower
@@ -76,7 +76,7 @@ def _track(clip: str, own: ImageTrack, obj: SceneObject, camera: SharedCamera, e
         place[:, 2] = half_extents(obj)[2]
     else:
         place[:, 1] = 0.0
-    sigma = max(own.sigma, LEAST_SIGMA_PX) * metres
+    sigma = centre_errors(own.centre) * metres
     return Track(clip, obj.name, own.times, place, sigma=sigma, camera_error=error)
 
 

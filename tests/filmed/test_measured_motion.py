@@ -86,6 +86,14 @@ def test_positions_are_true_within_what_is_not_known_of_the_camera(measured: Mea
     assert np.abs(found[: slope.shape[2]]).max() < 4  # standard deviations
 
 
+@pytest.mark.parametrize(("speed", "moves"), [(0.04, True), (0.005, False)])
+def test_a_clip_in_which_a_single_body_rests_is_left_out(ball: KnownScene, speed: float, moves: bool) -> None:
+    clips = [filmed(ball, way, f"clip_{i}") for i, way in enumerate((*WAYS[:2], (speed, 0.0)))]
+    found = measure_motion(clips, ball)
+    assert [clip.name for clip in found.clips] == ["clip_0", "clip_1", *["clip_2"] * moves]
+    assert any("no body moves" in note and "clip_2" in note for note in found.notes) != moves
+
+
 def test_clips_of_different_sizes_are_refused(ball: KnownScene) -> None:
     one = filmed(ball, WAYS[0], "one")
     other = replace(one, name="other", masks=one.masks[:, :200], frames=one.frames[:, :200])
