@@ -1,4 +1,8 @@
-"""Errors of the centres that outlines have in masks."""
+"""Errors of the centres that outlines have in masks.
+
+The error of a centre depends on how the body lies on the grid of pixels. Where a body rests, all frames have the same
+error, which their scatter does not show.
+"""
 
 from __future__ import annotations
 
@@ -6,26 +10,30 @@ import numpy as np
 
 from pipeline.motion.image_track import centre_sigma
 
-SAME_PLACE = 0.5  # px: centres so near to each other have the same error, that of one mask
-LEAST_MOVING = 6  # frames that tell the error of a body that moves
+SAME_PLACE = 0.5  # px: centres so near to each other have the same error
+MOST_AT_REST = 4  # frames of a body that rests that count
+LEAST_MOVING = 6  # frames in which a body moves, from which they tell its error
 LEAST_SIGMA, USUAL_SIGMA = 0.05, 0.15  # px; the usual one where too few frames tell
 
 
-def centre_errors(centre: np.ndarray) -> np.ndarray:
-    """Standard deviations of a body's centres, as of independent measurements.
+def centre_error(centre: np.ndarray) -> float:
+    """Standard deviation, px, of each coordinate of a body's centres (T, 2), by the frames in which it moves."""
+    moves = np.linalg.norm(np.diff(centre, axis=0), axis=1) > SAME_PLACE
+    moving = np.append(moves, False) | np.insert(moves, 0, False)
+    return max(centre_sigma(centre[moving]), LEAST_SIGMA) if moving.sum() >= LEAST_MOVING else USUAL_SIGMA
 
-    The error of a centre depends on how the body lies on the grid of pixels. Where a body rests, all frames have the
-    same error, so that it cannot be seen in their scatter, and together they count as one measurement. So the error is
-    told by the frames in which the body moves.
+
+def independent_frames(centre: np.ndarray) -> np.ndarray:
+    """(T,) bool: all frames but most of those in which a body rests, of which MOST_AT_REST are kept.
 
     Args:
         centre: (T, 2) px, in the order of time.
-
-    Returns:
-        (T,) px, of each coordinate.
     """
-    steps = np.linalg.norm(np.diff(centre, axis=0), axis=1)
-    moves = np.append(steps > SAME_PLACE, False) | np.insert(steps > SAME_PLACE, 0, False)
-    sigma = max(centre_sigma(centre[moves]), LEAST_SIGMA) if moves.sum() >= LEAST_MOVING else USUAL_SIGMA
-    near = np.linalg.norm(centre[:, None] - centre[None], axis=-1) < SAME_PLACE
-    return np.asarray(sigma * np.sqrt(near.sum(1)))
+    kept = np.zeros(len(centre), bool)
+    first = 0
+    while first < len(centre):
+        away = np.linalg.norm(centre[first:] - centre[first], axis=1) >= SAME_PLACE
+        count = int(away.argmax()) if away.any() else len(away)
+        kept[first + np.unique(np.linspace(0, count - 1, MOST_AT_REST).astype(int))] = True
+        first += count
+    return kept

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.discrepancy.tracks.camera_error import CameraError, camera_error
 from pipeline.discrepancy.tracks.track import LEAST_ROWS, Track
 from pipeline.filmed.body_matching import apparent_radius
-from pipeline.filmed.centre_errors import centre_errors
+from pipeline.filmed.centre_errors import centre_error, independent_frames
 from pipeline.filmed.contact_depth import contact_depth
 from pipeline.filmed.shared_camera import GROUND, UPRIGHT, SharedCamera
 from pipeline.motion.arcs import cut_arcs
@@ -76,8 +76,8 @@ def _track(clip: str, own: ImageTrack, obj: SceneObject, camera: SharedCamera, e
         place[:, 2] = half_extents(obj)[2]
     else:
         place[:, 1] = 0.0
-    sigma = centre_errors(own.centre) * metres
-    return Track(clip, obj.name, own.times, place, sigma=sigma, camera_error=error)
+    shown, sigma = independent_frames(own.centre), centre_error(own.centre) * metres
+    return Track(clip, obj.name, own.times[shown], place[shown], sigma=sigma[shown], camera_error=error)
 
 
 def _in_long_hops(track: ImageTrack, bounces: Sequence[float]) -> np.ndarray:
