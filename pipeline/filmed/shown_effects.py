@@ -108,7 +108,7 @@ def _simpler(found: Discovery, motion: MeasuredMotion) -> tuple[Discovery, list[
     if simpler is found.selection:
         return found, []
     rise, error = forecast_unfitted(simpler, motion, found.answer).rise
-    if rise < -error:
+    if rise < -max(error, LEAST_RISE):
         return found, []
     shorter = simpler.chosen.name
     note = f"{found.answer.name} would fit better, but has more parameters than {shorter}, which is nearly as good"
@@ -148,10 +148,8 @@ def _fault(found: Discovery, shorter: Candidate, unfitted: Unfitted) -> str | No
     rise, error = unfitted.rise
     if gain < -HELD_OUT_GAIN:
         return "the gap of clips that were not fitted is larger with it"
-    if rise < -error:
-        return f"clips that were not fitted are forecast worse with it (sequence IoU {rise:+.3f} ± {error:.3f})"
     if unfitted.before and rise <= max(error, LEAST_RISE):
-        return f"clips that were not fitted hardly show it (sequence IoU {rise:+.3f} ± {error:.3f})"
+        return f"the forecasts of clips that were not fitted do not show it (sequence IoU {rise:+.3f} ± {error:.3f})"
     if not unfitted.before and not _gap_shows(found, shorter):
         return "the gap of clips that were not fitted hardly shows it"
     return None
