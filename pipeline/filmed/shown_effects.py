@@ -67,12 +67,15 @@ def discover_shown(
             break
         found, dropped = _without_unshown(found, motion)
         found, replaced = _simpler(found, motion)
-        found, preferred = _better_forecast(found, motion)
-        notes += dropped + replaced + preferred
+        notes += dropped + replaced
+        unfitted, fault = _beside_none(found, motion)
+        if fault is None:
+            found, preferred = _better_forecast(found, motion)
+            if preferred:
+                notes += preferred
+                unfitted, fault = _beside_none(found, motion)
         named, none = found.answer.effects, found.selection.none
         explained = 1 - found.answer.score / none.score
-        unfitted = forecast_unfitted(found.selection, motion)
-        fault = _fault(found, none, unfitted)
         if fault is None and explained < LEAST_EXPLAINED * most:
             fault = "what was dropped explains more than twice as much"
         if fault is None:
@@ -137,6 +140,12 @@ def _gap_shows(found: Discovery, shorter: Candidate) -> bool:
     chi squared falls by more than chance."""
     gain = shorter.held_out - found.answer.held_out
     return gain > HELD_OUT_GAIN and halves_gap(found.selection, found.answer, shorter)
+
+
+def _beside_none(found: Discovery, motion: MeasuredMotion) -> tuple[Unfitted, str | None]:
+    """The forecasts without any effect and with what is named, and their fault."""
+    unfitted = forecast_unfitted(found.selection, motion)
+    return unfitted, _fault(found, found.selection.none, unfitted)
 
 
 def _fault(found: Discovery, shorter: Candidate, unfitted: Unfitted) -> str | None:
