@@ -13,14 +13,15 @@ from pipeline.motion.image_track import centre_sigma
 SAME_PLACE = 0.5  # px: centres so near to each other have the same error
 MOST_AT_REST = 4  # frames of a body that rests that count
 LEAST_MOVING = 6  # frames in which a body moves, from which they tell its error
-LEAST_SIGMA, USUAL_SIGMA = 0.05, 0.15  # px; the usual one where too few frames tell
+SLOW_SIGMA = 0.1  # px: errors that change so slowly that neighbouring frames do not show them
+USUAL_SIGMA = 0.15  # px, where too few frames tell
 
 
 def centre_error(centre: np.ndarray) -> float:
     """Standard deviation, px, of each coordinate of a body's centres (T, 2), by the frames in which it moves."""
     moves = np.linalg.norm(np.diff(centre, axis=0), axis=1) > SAME_PLACE
     moving = np.append(moves, False) | np.insert(moves, 0, False)
-    return max(centre_sigma(centre[moving]), LEAST_SIGMA) if moving.sum() >= LEAST_MOVING else USUAL_SIGMA
+    return float(np.hypot(centre_sigma(centre[moving]), SLOW_SIGMA)) if moving.sum() >= LEAST_MOVING else USUAL_SIGMA
 
 
 def independent_frames(centre: np.ndarray) -> np.ndarray:
