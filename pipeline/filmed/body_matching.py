@@ -18,7 +18,7 @@ SAME_SIZE = 0.12  # difference of the logarithms of two sizes below which an out
 ROUND = 1.2  # ratio of an outline's axes from which it is not that of a ball
 NOT_ROUND = 0.5  # what such an outline costs, in units of the logarithm of a size
 LEAST_WAY = 0.5  # radii that a body must move to count as moving
-LEAST_WAY_ALONE = 0.15  # the same where the scene has one object, so that resting bodies need not be told from it
+LEAST_WAY_ALONE = 0.15  # the same where the scene has one object: no other body has to be told from it
 
 
 @dataclass(frozen=True)

@@ -8,27 +8,33 @@ from __future__ import annotations
 
 import numpy as np
 
+from pipeline.motion.arcs import LEAST_SIGMA
 from pipeline.motion.image_track import centre_sigma
 
 SAME_PLACE = 0.5  # px: centres so near to each other have the same error
-MOST_AT_REST = 4  # frames of a body that rests that count
-LEAST_MOVING = 6  # frames in which a body moves, from which they tell its error
-SLOW_SIGMA = 0.1  # px: errors that change so slowly that neighbouring frames do not show them
-USUAL_SIGMA = 0.15  # px, where too few frames tell
+MOST_AT_REST = 4  # frames that are kept of each rest
+LEAST_MOVING = 6  # frames in which the body moves that its error can be estimated from
+USUAL_SIGMA = 0.15  # px, where there are fewer
 
 
 def centre_error(centre: np.ndarray) -> float:
-    """Standard deviation, px, of each coordinate of a body's centres (T, 2), by the frames in which it moves."""
+    """Standard deviation, px, of each coordinate of a body's centres (T, 2) px, from the frames in which it moves.
+
+    LEAST_SIGMA stands for errors that change so slowly that neighbouring frames do not show them.
+    """
     moves = np.linalg.norm(np.diff(centre, axis=0), axis=1) > SAME_PLACE
     moving = np.append(moves, False) | np.insert(moves, 0, False)
-    return float(np.hypot(centre_sigma(centre[moving]), SLOW_SIGMA)) if moving.sum() >= LEAST_MOVING else USUAL_SIGMA
+    return float(np.hypot(centre_sigma(centre[moving]), LEAST_SIGMA)) if moving.sum() >= LEAST_MOVING else USUAL_SIGMA
 
 
 def independent_frames(centre: np.ndarray) -> np.ndarray:
-    """(T,) bool: all frames but most of those in which a body rests, of which MOST_AT_REST are kept.
+    """The frames whose errors are nearly independent: those in which a body moves, and MOST_AT_REST of each rest.
 
     Args:
         centre: (T, 2) px, in the order of time.
+
+    Returns:
+        (T,) bool.
     """
     kept = np.zeros(len(centre), bool)
     first = 0

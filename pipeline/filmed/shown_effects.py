@@ -105,8 +105,8 @@ def _without_unshown(found: Discovery, motion: MeasuredMotion) -> tuple[Discover
 
 
 def _simpler(found: Discovery, motion: MeasuredMotion) -> tuple[Discovery, list[str]]:
-    """The discovery with an effect of fewer numbers, if there is one that is hardly worse and does not forecast the
-    clips worse, and a note on it."""
+    """The discovery with an effect of fewer numbers, if one fits nearly as well and does not forecast the clips worse,
+    and a note on it."""
     simpler = simpler_selection(found.selection)
     if simpler is found.selection:
         return found, []
@@ -143,7 +143,7 @@ def _gap_shows(found: Discovery, shorter: Candidate) -> bool:
 
 
 def _beside_none(found: Discovery, motion: MeasuredMotion) -> tuple[Unfitted, str | None]:
-    """The forecasts without any effect and with what is named, and their fault."""
+    """Forecasts without any effect and with what is named, and why the latter is not shown; None: it is."""
     unfitted = forecast_unfitted(found.selection, motion)
     return unfitted, _fault(found, found.selection.none, unfitted)
 

@@ -1,9 +1,10 @@
-"""Errors of centres: frames of a body that rests tell nothing of them."""
+"""Errors of centres are estimated from frames in which the body moves."""
 
 import numpy as np
 import pytest
 
-from pipeline.filmed.centre_errors import MOST_AT_REST, SLOW_SIGMA, USUAL_SIGMA, centre_error, independent_frames
+from pipeline.filmed.centre_errors import MOST_AT_REST, USUAL_SIGMA, centre_error, independent_frames
+from pipeline.motion.arcs import LEAST_SIGMA
 from pipeline.motion.image_track import centre_sigma
 
 
@@ -16,7 +17,7 @@ def stopping(moving: int, rests: int, sigma: float, rng: np.random.Generator) ->
 def test_frames_of_a_body_that_rests_do_not_tell_its_error(rng: np.random.Generator) -> None:
     sigma = 0.3
     found = [centre_error(stopping(14, 20, sigma, rng)) for _ in range(50)]
-    assert np.mean(found) == pytest.approx(np.hypot(sigma, SLOW_SIGMA), rel=0.3)
+    assert np.mean(found) == pytest.approx(np.hypot(sigma, LEAST_SIGMA), rel=0.3)
     assert np.mean([centre_sigma(stopping(14, 20, sigma, rng)) for _ in range(50)]) < sigma / 3
 
 

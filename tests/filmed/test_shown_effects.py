@@ -22,13 +22,23 @@ def unfitted(change: np.ndarray) -> Unfitted:
 
 
 @pytest.fixture(autouse=True)
-def gaps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a model leaves of the gap: what it says itself, or little where it has effects."""
+def models(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a model leaves of the gap: what it says itself, or little where it has effects. None has a simpler one."""
 
     def gap(_: Any, model: Any) -> float:
         return float(getattr(model, "left", 0.2 if model.effects else 1.0))
 
     monkeypatch.setattr(established, "left_of_gap", gap)
+    monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
+    monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
+    monkeypatch.setattr(shown_effects, "discovery_of", lambda selection: result(selection.chosen, selection.singles))
+
+
+def result(chosen: Any, singles: Sequence[Any] = ()) -> Any:
+    """The discovery that chooses a model."""
+    none = SimpleNamespace(effects=(), held_out=100.0, score=500.0)
+    selection = SimpleNamespace(none=none, chosen=chosen, answer=chosen, singles=singles, measured=None, baseline=none)
+    return SimpleNamespace(selection=selection, answer=chosen, problem=SimpleNamespace(held_out=("clip_3",)))
 
 
 def found(named: Sequence[str], gain: float, held: tuple[str, ...] = ("clip_3",), left: float = 0.2) -> Any:
@@ -39,7 +49,6 @@ def found(named: Sequence[str], gain: float, held: tuple[str, ...] = ("clip_3",)
         selection=SimpleNamespace(none=none, answer=answer, singles=()),
         answer=answer,
         problem=SimpleNamespace(held_out=held),
-        gain=gain,
     )
 
 
@@ -52,8 +61,6 @@ def names_after(
         return unfitted(change if selection.answer.effects else 0 * change)
 
     monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
-    monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
-    monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
     motion: Any = None
     shown = discover_shown(
         motion, ["drag", "wind"], lambda names: found([n for n in names if n == "drag"], gain, held, left)
@@ -97,11 +104,6 @@ def test_of_two_effects_each_has_to_be_shown_beside_the_other(
         SimpleNamespace(effects=effects, held_out=50.0, score=50.0) for effects in (("drag",), ("drag", "wind"))
     )
 
-    def result(chosen: Any) -> Any:
-        none = SimpleNamespace(effects=(), held_out=100.0, score=500.0)
-        selection = SimpleNamespace(none=none, chosen=chosen, answer=chosen, singles=(), measured=None, baseline=none)
-        return SimpleNamespace(selection=selection, answer=chosen, problem=SimpleNamespace(held_out=("clip_3",)))
-
     def forecast(found: Any, _: Any, before: Any = None) -> Unfitted:
         beside = before is not None and before.effects == ("drag",)
         return unfitted((slope if beside else 0.2) * np.linspace(0.5, 1, len(FRAMES)))
@@ -112,8 +114,6 @@ def test_of_two_effects_each_has_to_be_shown_beside_the_other(
     monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
     monkeypatch.setattr(shown_effects, "shorter_selections", shorter)
     monkeypatch.setattr(shown_effects, "leaves_noise", lambda *_: left_mm < 1.5)
-    monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
-    monkeypatch.setattr(shown_effects, "discovery_of", lambda selection: result(selection.chosen))
     motion: Any = None
     shown = discover_shown(motion, ["drag", "wind"], lambda _: result(both))
     assert list(shown.found.answer.effects) == named
@@ -128,8 +128,6 @@ def test_what_is_named_instead_of_a_dropped_effect_has_to_explain_half_as_much(
         return unfitted((-0.1 if "drag" in selection.answer.effects else 0.1) * np.linspace(0.5, 1, len(FRAMES)))
 
     monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
-    monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
-    monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
     motion: Any = None
     shown = discover_shown(motion, ["drag", second], lambda left: found(left[:1], 50.0))
     assert list(shown.found.answer.effects) == named
@@ -152,21 +150,13 @@ def test_where_the_gap_shows_nothing_forecasts_decide_between_effects_that_fit_a
 
     drag, wind = model("drag", 100.0), model("wind", score)
 
-    def result(chosen: Any) -> Any:
-        none = SimpleNamespace(effects=(), held_out=100.0, score=500.0)
-        selection = SimpleNamespace(none=none, chosen=chosen, answer=chosen, singles=(drag, wind))
-        return SimpleNamespace(selection=selection, answer=chosen, problem=SimpleNamespace(held_out=("clip_3",)))
-
     def forecast(_: Any, __: Any, before: Any = None) -> Unfitted:
         return unfitted((rise if before is drag else 0.2) * np.linspace(0.5, 1, len(FRAMES)))
 
     monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
-    monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
-    monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
-    monkeypatch.setattr(shown_effects, "with_single", lambda _, rival: result(rival).selection)
-    monkeypatch.setattr(shown_effects, "discovery_of", lambda selection: result(selection.chosen))
+    monkeypatch.setattr(shown_effects, "with_single", lambda _, rival: result(rival, (drag, wind)).selection)
     motion: Any = None
-    shown = discover_shown(motion, ["drag", "wind"], lambda _: result(drag))
+    shown = discover_shown(motion, ["drag", "wind"], lambda _: result(drag, (drag, wind)))
     assert shown.found.answer.effects == (named,)
     assert len(shown.notes) == (named == "wind")
 
@@ -177,20 +167,13 @@ def test_an_effect_of_fewer_numbers_is_named_instead_if_it_does_not_forecast_wor
 ) -> None:
     wind, tilt = (SimpleNamespace(effects=(n,), name=n, score=100.0, held_out=50.0, left=0.2) for n in ("wind", "tilt"))
 
-    def result(chosen: Any) -> Any:
-        none = SimpleNamespace(effects=(), held_out=100.0, score=500.0)
-        selection = SimpleNamespace(none=none, chosen=chosen, answer=chosen, singles=(wind, tilt))
-        return SimpleNamespace(selection=selection, answer=chosen, problem=SimpleNamespace(held_out=("clip_3",)))
-
     def forecast(_: Any, __: Any, before: Any = None) -> Unfitted:
         return unfitted((rise if before is wind else 0.2) * np.linspace(0.5, 1, len(FRAMES)))
 
     monkeypatch.setattr(shown_effects, "forecast_unfitted", forecast)
-    monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
-    monkeypatch.setattr(shown_effects, "simpler_selection", lambda _: result(tilt).selection)
-    monkeypatch.setattr(shown_effects, "discovery_of", lambda selection: result(selection.chosen))
+    monkeypatch.setattr(shown_effects, "simpler_selection", lambda _: result(tilt, (wind, tilt)).selection)
     motion: Any = None
-    shown = discover_shown(motion, ["wind", "tilt"], lambda _: result(wind))
+    shown = discover_shown(motion, ["wind", "tilt"], lambda _: result(wind, (wind, tilt)))
     assert shown.found.answer.effects == (named,)
     assert len(shown.notes) == (named == "tilt")
 
@@ -200,8 +183,6 @@ def test_where_no_clip_can_be_forecast_the_gap_has_to_be_halved(
     monkeypatch: pytest.MonkeyPatch, left: float, named: list[str]
 ) -> None:
     monkeypatch.setattr(shown_effects, "forecast_unfitted", lambda *_: Unfitted((), ()))
-    monkeypatch.setattr(shown_effects, "shorter_selections", lambda _: {})
-    monkeypatch.setattr(shown_effects, "simpler_selection", lambda selection: selection)
     motion: Any = None
     shown = discover_shown(motion, ["drag"], lambda names: found(names, 50.0, left=left))
     assert list(shown.found.answer.effects) == named
