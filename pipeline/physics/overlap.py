@@ -16,7 +16,7 @@ from pipeline.scene.scene import FixedBody, Scene, SceneObject, half_extents
 from pipeline.scene.solid import geom_sizes, reach_below, support
 
 TOLERANCE = 2e-4  # m of overlap that is not removed
-ROUNDS = 30
+ROUNDS = 60  # three crowded bodies can need more than 30
 
 
 @dataclass(frozen=True)
