@@ -103,9 +103,22 @@ def find_events(
 
     areas_px: (F, N) area of each object in each frame, px of 480x320. frame_steps: (F,) step of each frame.
     """
-    times = frame_steps / trace.rate
+    return told_events(
+        physical_events(trace, shapes, thresholds), areas_px, frame_steps / trace.rate, thresholds
+    )
+
+
+def physical_events(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds) -> list[Event]:
+    """Hits and changes of motion, seen or not."""
+    return [*collisions(trace, thresholds), *motion_changes(trace, shapes, thresholds)]
+
+
+def told_events(physical: list[Event], areas_px: np.ndarray, times: np.ndarray, thresholds: Thresholds) -> list[Event]:
+    """The events of `find_events`, from those of `physical_events` and what a camera sees.
+
+    areas_px: (F, N) area of each object in each frame, px of 480x320. times: (F,) of the frames, s.
+    """
     seen = areas_px >= thresholds.visible_px
-    physical = [*collisions(trace, thresholds), *motion_changes(trace, shapes, thresholds)]
     events = [*visibility(areas_px, times, thresholds), *(e for e in physical if _in_view(e, seen, times))]
     events.sort(key=lambda e: (round(e.time, 2), e.first, KINDS.index(e.kind), -1 if e.second is None else e.second))
     return _without_repeats(events)[: thresholds.most]

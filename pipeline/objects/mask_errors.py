@@ -10,6 +10,7 @@ The shares give a body an IoU of 0.69 on average over 246 bodies; the network fo
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import cv2
@@ -19,6 +20,7 @@ from pipeline.compiled import kernel
 
 FIELDS, PAD, SIGMA = 40, 64, 3.5  # fields of displacement, px around them, px of their correlation
 AMPLITUDE = (0.4, 1.4)  # px, standard deviation of an edge's error
+FARTHEST = 6.1  # standard deviations: no displacement is larger
 SHADOWED = 0.3  # share of bodies whose shadow counts in part
 MEETING = 0.3  # share of frames with touching boxes in which one body takes of the other
 SWALLOWED = 0.2  # of these, in which it takes all
@@ -103,28 +105,31 @@ def _displaced(mask: np.ndarray, amplitude: float, rng: np.random.Generator) -> 
     height, width = mask.shape
     field = _fields(height, width)[rng.integers(FIELDS)]
     a, b = rng.integers(PAD, size=2)
-    rows, columns = _moved(field[a : a + height, b : b + width], float(amplitude))
-    return _looked_up(mask, rows, columns)
-
-
-@kernel
-def _moved(field: np.ndarray, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
-    height, width = field.shape[:2]
-    rows, columns = np.empty((height, width), np.int16), np.empty((height, width), np.int16)
-    for y in range(height):
-        for x in range(width):
-            columns[y, x] = min(max(int(np.rint(x + amplitude * field[y, x, 0])), 0), width - 1)
-            rows[y, x] = min(max(int(np.rint(y + amplitude * field[y, x, 1])), 0), height - 1)
-    return rows, columns
-
-
-@kernel
-def _looked_up(mask: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    out = np.empty_like(mask)
-    for y in range(mask.shape[0]):
-        for x in range(mask.shape[1]):
-            out[y, x] = mask[rows[y, x], columns[y, x]]
+    out = np.zeros_like(mask)
+    left, top, wide, high = cv2.boundingRect(mask)
+    reach = math.ceil(FARTHEST * amplitude)
+    rows = (max(top - reach, 0), min(top + high + reach, height))
+    columns = (max(left - reach, 0), min(left + wide + reach, width))
+    _look_up(mask, field[a : a + height, b : b + width], float(amplitude), rows, columns, out)
     return out
+
+
+@kernel
+def _look_up(
+    mask: np.ndarray,
+    field: np.ndarray,
+    amplitude: float,
+    rows: tuple[int, int],
+    columns: tuple[int, int],
+    out: np.ndarray,
+) -> None:
+    """Within rows and columns (first, one past the last), each pixel of the mask from where the field (H, W, 2) says."""
+    height, width = mask.shape
+    for y in range(rows[0], rows[1]):
+        for x in range(columns[0], columns[1]):
+            column = min(max(int(np.rint(x + amplitude * field[y, x, 0])), 0), width - 1)
+            row = min(max(int(np.rint(y + amplitude * field[y, x, 1])), 0), height - 1)
+            out[y, x] = mask[row, column]
 
 
 @kernel

@@ -241,6 +241,7 @@ def _shade_frame(
     camera: np.ndarray,
     focal: float,
     antialias: bool,
+    wanted: np.ndarray,
     mask: np.ndarray,
     depth: np.ndarray,
     draft: np.ndarray,
@@ -255,6 +256,7 @@ def _shade_frame(
         camera: Rotation of the camera, (3, 3), columns right, up, back.
         focal: Focal length, px.
         antialias: Whether pixels with high contrast get four rays.
+        wanted: bool (H, W), which pixels are drawn; the others become 0.
         mask, depth: (H, W) of this frame, from `rasterise_frame`.
         draft: uint8 (H, W, 3), work space.
         lit: float32 (H, W), work space: number of visible lights.
@@ -266,6 +268,10 @@ def _shade_frame(
     for row in range(height):
         y = (0.5 * height - row - 0.5) / focal
         for col in range(width):
+            if not wanted[row, col]:
+                draft[row, col] = 0
+                lit[row, col] = 0.0
+                continue
             x = (col + 0.5 - 0.5 * width) / focal
             dx = camera[0, 0] * x + camera[0, 1] * y - camera[0, 2]
             dy = camera[1, 0] * x + camera[1, 1] * y - camera[1, 2]
@@ -282,7 +288,7 @@ def _shade_frame(
         return
     for row in range(height):
         for col in range(width):
-            if not _differs(draft, mask, lit, row, col):
+            if not wanted[row, col] or not _differs(draft, mask, lit, row, col):
                 continue
             red, green, blue = 0.0, 0.0, 0.0
             for part in range(4):
@@ -312,6 +318,7 @@ def shade(
     shadows: bool = True,
     antialias: bool = True,
     fixed: Sequence[FixedBody] = (),
+    wanted: np.ndarray | None = None,
 ) -> np.ndarray:
     """Shaded pictures uint8 (F, H, W, 3) of F frames.
 
@@ -327,6 +334,7 @@ def shade(
         shadows: Whether lights cast shadows.
         antialias: Whether pixels with high contrast get four rays.
         fixed: Bodies that do not move.
+        wanted: (F, H, W) bool, which pixels are drawn, the others become 0; None: all.
 
     Raises:
         SceneError: A body is a mesh.
@@ -360,8 +368,9 @@ def shade(
     body = np.empty((len(bodies), 17))
     body[:, KIND], body[:, HALF:CENTRE], body[:, RADIUS] = kinds, half_sizes, radius
     rotations = matrix_from_quaternion(quaternions).reshape(len(positions), len(bodies), 9)
+    everywhere = np.ones((height, width), bool)
     for k in range(len(positions)):
         rasterise_frame(kinds, half_sizes, positions[k], quaternions[k], eye, rotation, fov, background, mask, depth)
         body[:, CENTRE:AXES], body[:, AXES:RADIUS] = positions[k], rotations[k]
-        _shade_frame(body, *tables, eye, rotation, focal_px(fov, height), antialias, mask, depth, draft, lit, out[k])
+        _shade_frame(body, *tables, eye, rotation, focal_px(fov, height), antialias, everywhere if wanted is None else wanted[k], mask, depth, draft, lit, out[k])
     return out

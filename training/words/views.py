@@ -1,0 +1,418 @@
+"""Views of motions: what a camera sees of one, with the errors of masks and flow, and the text that is right for it.
+
+A motion is turned about the vertical, mirrored, shifted, scaled (lengths, velocities and gravity alike, which is the
+same motion in other units) and given other masses in one ratio; then a camera is drawn. None of this is simulated
+again. A view is kept if it passes the filters of the suites.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from pipeline.clips.view import areas_px
+from pipeline.compiled import kernel
+from pipeline.language.events import DEFAULT_THRESHOLDS, Event, told_events
+from pipeline.objects.fields import NOTHING, OBJECT_FIELDS, object_numbers
+from pipeline.objects.instances import FULL, HEIGHT, MARGIN, SIDE, WIDTH, Instances, instances_of
+from pipeline.objects.mask_errors import with_errors
+from pipeline.scene.canonical import canonical_object
+from pipeline.scene.rotation import quaternion_multiply
+from pipeline.scene.scene import BASIC_SHAPES, SIZE_KEYS, Camera, SceneObject, half_extents
+from pipeline.scene.solid import reach_below
+from pipeline.vision.flow.flow_noise import CELL_PX, RAFT_RANGES
+from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
+from pipeline.vision.rendering.camera import Pinhole, focal_px, pinhole, project
+from pipeline.vision.rendering.exact_flow import exact_flow_frame
+from pipeline.vision.rendering.shade import shade
+from pipeline.vision.rendering.rasteriser import fill_background, rasterise_frame, rasterise_frames
+from training.words.motions import (
+    DAMPING,
+    MASS,
+    PLACE,
+    ROLLING,
+    SIZE,
+    SLIDING,
+    SPIN,
+    TURN,
+    VELOCITY,
+    Motion,
+)
+
+FPS = 30
+FIRST = np.arange(10) * 3  # the first frame of each of the model's pairs
+TIMES = np.arange(30) / FPS
+SMALL = (120, 80)  # px, of the masks from which areas are taken
+AREA_PX, VISIBLE_PX = 8000, 32  # of 480x320: least area of all bodies at first, and of one that is in view
+TRIES = 6
+#: The sampler's ranges (params.yaml, sample.distribution).
+HEIGHTS, TARGETS, FOVS, DISTANCE = (0.5, 1.4), (0.0, 0.25), (28.0, 46.0), 2.0
+GRAVITIES, MASSES, ROLLINGS = (2.0, 12.0), (0.1, 4.0), (0.0, 0.01)
+SIZES = {"sphere": ((0.07, 0.24),), "cylinder": ((0.06, 0.2), (0.1, 0.4)), "box": ((0.12, 0.4),) * 3}
+PLACES = ((-0.7, 0.7), (-0.7, 0.8))
+CENTRE = (0.0, 0.05)
+SPEED = 2.1  # m/s along an axis, the most that a scaled motion has
+SCALES = (0.8, 1.25)
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A motion as another camera's world has it; bodies from left to right where they first appear."""
+
+    objects: list[SceneObject]
+    position: np.ndarray
+    quaternion: np.ndarray
+    camera: Camera
+    gravity: float
+    events: list[Event]
+    areas: np.ndarray
+
+
+def _limits(motion: Motion) -> tuple[float, float]:
+    """Scales that keep sizes, gravity and rolling friction within the sampler's ranges."""
+    low, high = SCALES
+    for shape, values in zip(motion.shapes, motion.values, strict=True):
+        for k, (least, most) in enumerate(SIZES[BASIC_SHAPES[shape]]):
+            low, high = max(low, least / values[SIZE + k]), min(high, most / values[SIZE + k])
+        if values[ROLLING] > 0:
+            high = min(high, ROLLINGS[1] / values[ROLLING])
+        fastest = float(np.abs(values[VELOCITY : VELOCITY + 3]).max())
+        high = min(high, SPEED / max(fastest, 1e-3))
+    low, high = max(low, GRAVITIES[0] / motion.gravity), min(high, GRAVITIES[1] / motion.gravity)
+    return min(low, 1.0), max(high, 1.0)
+
+
+def turned(motion: Motion, rng: np.random.Generator) -> Turned | None:
+    """The motion seen otherwise; None where no try passes the filters."""
+    n = len(motion.shapes)
+    low, high = _limits(motion)
+    masses = motion.values[:, MASS]
+    for _ in range(TRIES):
+        scale = math.exp(rng.uniform(math.log(low), math.log(high)))
+        angle, mirror = rng.uniform(-math.pi, math.pi), rng.random() < 0.5
+        shift = np.array([*CENTRE, 0.0]) + [*rng.uniform(-0.1, 0.1, 2), 0.0]
+        c, s = math.cos(angle), math.sin(angle)
+        flip = np.diag([-1.0 if mirror else 1.0, 1.0, 1.0])
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ flip
+        start = scale * (motion.position[0] - [*CENTRE, 0.0]) @ turn.T + shift
+        if any((start[:, k] < a).any() or (start[:, k] > b).any() for k, (a, b) in enumerate(PLACES)):
+            continue
+        height, target = rng.uniform(*HEIGHTS), rng.uniform(*TARGETS)
+        camera = Camera(
+            (0.0, -DISTANCE, height),
+            fov=rng.uniform(*FOVS),
+            pitch=-math.degrees(math.atan2(height - target, DISTANCE)),
+        )
+        position = scale * (motion.position - [*CENTRE, 0.0]) @ turn.T + shift
+        q = motion.quaternion * ([1, 1, -1, -1] if mirror else [1, 1, 1, 1])
+        about = np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)])
+        quaternion = quaternion_multiply(np.broadcast_to(about, q.shape), q)
+        sizes = scale * motion.values[:, SIZE : SIZE + 3].astype(float)
+        shapes = [BASIC_SHAPES[k] for k in motion.shapes]
+        kinds = motion.shapes.astype(np.int64)
+        halves = np.array([half_extents(SceneObject(shape=a, size=tuple(b[: len(SIZE_KEYS[a])]), mass=1.0)) for a, b in zip(shapes, sizes)])
+        seen_from = pinhole(camera)
+        areas = _areas(kinds, halves, position, quaternion, seen_from)
+        if areas[0].sum() < AREA_PX:
+            continue
+        visible = areas >= VISIBLE_PX
+        if np.count_nonzero(~visible[FIRST].any(0)) > 1:
+            continue
+        ratio = math.exp(rng.uniform(math.log(MASSES[0] / masses.min()), math.log(MASSES[1] / masses.max())))
+        objects = []
+        for k, shape in enumerate(shapes):
+            v = motion.values[k].astype(float)
+            objects.append(
+                SceneObject(
+                    shape=shape,
+                    size=tuple(sizes[k, : len(SIZE_KEYS[shape])]),
+                    mass=v[MASS] * ratio,
+                    sliding_friction=v[SLIDING],
+                    rolling_friction=v[ROLLING] * scale,
+                    damping=v[DAMPING],
+                    position=tuple(start[k]),
+                    orientation=tuple(quaternion[0, k]),
+                    velocity=tuple(scale * turn @ v[VELOCITY : VELOCITY + 3]),
+                    angular_velocity=tuple(_spin_turn(turn) @ v[SPIN : SPIN + 3]),
+                )
+            )
+        objects = [canonical_object(o) for o in objects]
+        seen = np.where(visible[FIRST].any(0), visible[FIRST].argmax(0), -1)
+        centre = np.array([position[FIRST[max(f, 0)], i] for i, f in enumerate(seen)])
+        order = np.lexsort([project(centre, seen_from, WIDTH, HEIGHT)[0][:, 0], seen < 0])
+        new = np.argsort(order)
+        physical = []
+        for e in motion.events:
+            first, second = int(new[e.first]), None if e.second is None else int(new[e.second])
+            if e.kind == "hits_object" and second < first:
+                first, second = second, first
+            physical.append(replace(e, first=first, second=second))
+        areas = areas[:, order]
+        return Turned(
+            [objects[i] for i in order],
+            np.ascontiguousarray(position[:, order]),
+            np.ascontiguousarray(quaternion[:, order]),
+            camera,
+            motion.gravity * scale,
+            told_events(physical, areas, TIMES, DEFAULT_THRESHOLDS),
+            areas,
+        )
+    return None
+
+
+def _spin_turn(turn: np.ndarray) -> np.ndarray:
+    """What turns angular velocities as `turn` turns vectors: a mirror changes their sign (they are axial)."""
+    return np.linalg.det(turn) * turn
+
+
+def _areas(kinds, halves, position, quaternion, camera: Pinhole) -> np.ndarray:
+    """(F, N) px of 480x320."""
+    width, height = SMALL
+    mask = np.empty((len(position), height, width), np.uint8)
+    depth = np.empty((len(position), height, width), np.float32)
+    back = np.empty((height, width), np.float32)
+    eye, rotation, fov = camera.position_world, camera.rotation_world, camera.fov_y_deg
+    fill_background(eye, rotation, fov, 0.0, back)
+    rasterise_frames(kinds, halves, position, quaternion, eye, rotation, fov, back, mask, depth)
+    return areas_px(mask, len(kinds))
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What is seen of the ten frames: masks (T, H, W), flow (T, H, W, 2), both exact; the rectangle of the bodies."""
+
+    masks: np.ndarray
+    flow: np.ndarray
+    within: np.ndarray
+
+
+def pictures(view: Turned, width: int = WIDTH, height: int = HEIGHT) -> Pictures:
+    """Exact masks and flow."""
+    camera = pinhole(view.camera)
+    eye, rotation, fov = camera.position_world, camera.rotation_world, camera.fov_y_deg
+    kinds = np.array([BASIC_SHAPES.index(o.shape) for o in view.objects], np.int64)
+    halves = np.array([half_extents(o) for o in view.objects], float)
+    sizes = _original_halves(view, halves)
+    masks = np.empty((len(FIRST), height, width), np.uint8)
+    depth = np.empty((height, width), np.float32)
+    back = np.empty((height, width), np.float32)
+    flow = np.zeros((len(FIRST), height, width, 2), np.float32)
+    within = np.empty((len(FIRST), 4), np.int64)
+    fill_background(eye, rotation, fov, 0.0, back)
+    p, q = view.position, view.quaternion
+    for t, f in enumerate(FIRST):
+        box = rasterise_frame(kinds, sizes, p[f], q[f], eye, rotation, fov, back, masks[t], depth)
+        exact_flow_frame(p[f], q[f], p[f + 1], q[f + 1], eye, rotation, fov, masks[t], depth, box, flow[t])
+        within[t] = box
+    return Pictures(masks, flow, within)
+
+
+def _original_halves(view: Turned, halves: np.ndarray) -> np.ndarray:
+    """Half extents in the frame of the motion's own quaternions: canonical boxes have their sizes permuted."""
+    out = halves.copy()
+    for k, o in enumerate(view.objects):
+        if o.shape == "box":
+            relative = quaternion_multiply(view.quaternion[0, k] * [1, -1, -1, -1], np.array(o.orientation))
+            w, x, y, z = relative
+            m = np.abs(
+                [
+                    [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                    [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                    [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+                ]
+            )
+            out[k] = halves[k, np.argmax(m, axis=1)]
+    return out
+
+
+NOISE_SIGMAS = (5.0, 7.0, 9.0)  # px of 240x160
+NOISE_PAD = 128
+
+
+class Fields:
+    """Smooth noise of unit deviation, made once: (K, H + PAD, W + PAD, 3) for each of NOISE_SIGMAS."""
+
+    def __init__(self, count: int = 6) -> None:
+        rng = np.random.default_rng(0)
+        self.fields = []
+        for sigma in NOISE_SIGMAS:
+            noise = rng.standard_normal((count, HEIGHT + NOISE_PAD, WIDTH + NOISE_PAD, 3)).astype(np.float32)
+            smooth = np.stack([cv2.GaussianBlur(n, (0, 0), sigma) for n in noise])
+            self.fields.append(smooth / smooth.std())
+
+    def draw(self, rng: np.random.Generator, sigma: float, height: int, width: int) -> np.ndarray:
+        """(height, width, 3)."""
+        fields = self.fields[int(np.argmin(np.abs(np.array(NOISE_SIGMAS) - sigma)))]
+        a, b = rng.integers(NOISE_PAD, size=2)
+        return fields[rng.integers(len(fields)), a : a + height, b : b + width]
+
+
+def noisy(flow: np.ndarray, masks: np.ndarray, within: np.ndarray, fields: Fields, rng: np.random.Generator) -> np.ndarray:
+    """Flow with errors on and near bodies like RAFT's (`pipeline.vision.flow.flow_noise`), at rest elsewhere."""
+    drawn = {k: float(np.exp(rng.uniform(*np.log(limits)))) for k, limits in RAFT_RANGES.items()}
+    size = masks.shape[2] / 480
+    blur = size * drawn["edge_px"]
+    margin = math.ceil(2 * blur)
+    out = flow.copy()
+    threshold = np.float32(math.sqrt(2) * _inverse_error(1 - 2 * drawn["dropout"]))
+    for t in range(len(flow)):
+        top, bottom, left, right = within[t]
+        part = np.s_[max(top - margin, 0) : bottom + margin, max(left - margin, 0) : right + margin]
+        piece = out[t][part]
+        if not piece.size:
+            continue
+        field = fields.draw(rng, size * drawn["correlation_px"], *piece.shape[:2])
+        _drop(piece, field, threshold)
+        piece[:] = cv2.GaussianBlur(piece, (0, 0), blur)
+        _waver(piece, field, size * drawn["waver_px"], drawn["waver_share"])
+    return out
+
+
+def _inverse_error(x: float) -> float:
+    """The inverse of the error function (Winitzki's approximation, to 2e-3)."""
+    a, ln = 0.147, math.log(1 - x * x)
+    b = 2 / (math.pi * a) + ln / 2
+    return math.copysign(math.sqrt(math.sqrt(b * b - ln / a) - b), x)
+
+
+@kernel
+def _drop(flow: np.ndarray, field: np.ndarray, threshold: float) -> None:
+    for y in range(flow.shape[0]):
+        for x in range(flow.shape[1]):
+            if field[y, x, 2] > threshold:
+                flow[y, x, 0] = flow[y, x, 1] = 0.0
+
+
+@kernel
+def _waver(flow: np.ndarray, field: np.ndarray, fixed: float, share: float) -> None:
+    for y in range(flow.shape[0]):
+        for x in range(flow.shape[1]):
+            u, v = flow[y, x, 0], flow[y, x, 1]
+            if u == 0.0 and v == 0.0:
+                continue
+            size = fixed + share * math.sqrt(u * u + v * v)
+            flow[y, x, 0] += np.float32(size * field[y, x, 0])
+            flow[y, x, 1] += np.float32(size * field[y, x, 1])
+
+
+def numbers_of(view: Turned) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(4,) numbers of the scene, (N,) shapes, (N, 19) numbers of the bodies."""
+    camera = view.camera
+    scene = np.array([camera.pitch, camera.position[2], camera.fov, view.gravity], np.float32)
+    shapes = np.array([BASIC_SHAPES.index(o.shape) for o in view.objects], np.int8)
+    return scene, shapes, np.array([object_numbers(o) for o in view.objects], np.float32)
+
+
+def motion_labels(view: Turned) -> np.ndarray:
+    """(N, T, 9) position, velocity and spin between the two frames of each pair."""
+    p, q = view.position, view.quaternion
+    turn = quaternion_multiply(q[FIRST + 1], q[FIRST] * [1, -1, -1, -1])
+    turn = turn * np.where(turn[..., :1] < 0, -1, 1)
+    sine = np.linalg.norm(turn[..., 1:], axis=-1, keepdims=True)
+    spin = turn[..., 1:] / np.maximum(sine, 1e-9) * (2 * np.arctan2(sine, turn[..., :1])) * FPS
+    velocity = (p[FIRST + 1] - p[FIRST]) * FPS
+    return np.concatenate([p[FIRST], velocity, spin], -1).transpose(1, 0, 2).astype(np.float32)
+
+
+def instances_with_errors(seen: Pictures, count: int, fields: Fields, rng: np.random.Generator) -> Instances:
+    """What the model reads of bodies: masks and flow as they are measured."""
+    flow = noisy(seen.flow, seen.masks, seen.within, fields, rng)
+    return instances_of(with_errors(seen.masks, count, rng), flow)
+
+
+def shown_rgb(view: Turned, rng: np.random.Generator, wanted: np.ndarray | None, width: int, height: int) -> np.ndarray:
+    """Frames (T, height, width, 3) uint8 with a drawn appearance and sensor; wanted: (T, height, width) bool."""
+    appearance = sample_appearance(rng, len(view.objects))
+    objects = [replace(o, size=_size_of(o, h)) for o, h in zip(view.objects, _halves(view), strict=True)]
+    frames = shade(
+        objects,
+        view.position[FIRST],
+        view.quaternion[FIRST],
+        pinhole(view.camera),
+        appearance,
+        width,
+        height,
+        antialias=False,
+        wanted=wanted,
+    )
+    return apply_sensor(frames, sample_sensor(rng), rng)
+
+
+def _halves(view: Turned) -> np.ndarray:
+    return _original_halves(view, np.array([half_extents(o) for o in view.objects], float))
+
+
+def _size_of(body: SceneObject, half: np.ndarray) -> tuple[float, ...]:
+    return tuple(2 * half) if body.shape == "box" else body.size
+
+
+def boxes_wanted(places: np.ndarray) -> np.ndarray:
+    """(T, HEIGHT, WIDTH) bool: the crops of instances with places (N, T, 14)."""
+    wanted = np.zeros((places.shape[1], HEIGHT, WIDTH), bool)
+    for body in places:
+        for t, v in enumerate(body):
+            if v[0]:
+                half = MARGIN * max(v[2] - v[1], v[4] - v[3]) / 2
+                x, y = (v[1] + v[2]) / 2, (v[3] + v[4]) / 2
+                rows = slice(max(int(y - half), 0), max(math.ceil(y + half), 0))
+                wanted[t, rows, max(int(x - half), 0) : max(math.ceil(x + half), 0)] = True
+    return wanted
+
+
+def rgb_crops(frames: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(N, T, 3, SIDE, SIDE) int8 of frames (T, HEIGHT, WIDTH, 3) uint8: -127 black, 127 white, 0 outside of the picture."""
+    crops = np.zeros((*places.shape[:2], 3, SIDE, SIDE), np.int8)
+    _crop_rgb(frames, places, crops)
+    return crops
+
+
+@kernel
+def _crop_rgb(frames: np.ndarray, places: np.ndarray, crops: np.ndarray) -> None:
+    _, height, width, _ = frames.shape
+    size = crops.shape[-1]
+    for i in range(len(places)):
+        for t in range(len(frames)):
+            v = places[i, t]
+            if v[0] == 0:
+                continue
+            side = MARGIN * max(v[2] - v[1], v[4] - v[3])
+            left, top = 0.5 * (v[1] + v[2]) - side / 2, 0.5 * (v[3] + v[4]) - side / 2
+            step = side / size
+            sub = 1 if step <= 0.75 else (2 if step <= 2 else 3)
+            for r in range(size):
+                for c in range(size):
+                    inside, red, green, blue = 0, 0.0, 0.0, 0.0
+                    for a in range(sub):
+                        y = math.floor(top + (r + (a + 0.5) / sub) * step)
+                        for b in range(sub):
+                            x = math.floor(left + (c + (b + 0.5) / sub) * step)
+                            if 0 <= x < width and 0 <= y < height:
+                                inside += 1
+                                red += frames[t, y, x, 0]
+                                green += frames[t, y, x, 1]
+                                blue += frames[t, y, x, 2]
+                    if inside:
+                        crops[i, t, 0, r, c] = int(red / inside * (2 * FULL / 255) - FULL)
+                        crops[i, t, 1, r, c] = int(green / inside * (2 * FULL / 255) - FULL)
+                        crops[i, t, 2, r, c] = int(blue / inside * (2 * FULL / 255) - FULL)
+
+
+FRAME = (192, 128)  # px, of a whole frame as the model sees it
+FASTEST = 20.0  # px of WIDTH per interval that are FULL in a frame's flow
+
+
+def frame_flow(flow: np.ndarray) -> np.ndarray:
+    """(T, 2, 128, 192) int8 of flow (T, HEIGHT, WIDTH, 2): right and down, on a scale that is finer near 0."""
+    small = np.stack([cv2.resize(f, FRAME, interpolation=cv2.INTER_AREA) for f in flow])
+    share = np.arcsinh(2 * small) / np.arcsinh(2 * FASTEST)
+    return np.rint(FULL * share.clip(-1, 1)).astype(np.int8).transpose(0, 3, 1, 2)
+
+
+def frame_rgb(frames: np.ndarray) -> np.ndarray:
+    """(T, 3, 128, 192) int8 of frames (T, H, W, 3) uint8."""
+    if frames.shape[1:3] != FRAME[::-1]:
+        frames = np.stack([cv2.resize(f, FRAME, interpolation=cv2.INTER_AREA) for f in frames])
+    return np.rint(frames * (2 * FULL / 255) - FULL).astype(np.int8).transpose(0, 3, 1, 2)
