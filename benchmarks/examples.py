@@ -10,13 +10,13 @@ import multiprocessing
 import time
 
 import torch
+from training.tiny.examples import CHUNK, LAYOUT, ExampleKind, make_examples
 
 from pipeline.evaluation.tables import markdown
 from pipeline.language.codec import Codec
 from pipeline.language.tokenizer import build_tokenizer
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from training.tiny.examples import CHUNK, LAYOUT, ExampleKind, make_examples
 
 KINDS = {"flow": "exact flow with noise", "rgb": "RGB", "raft": "RGB, then RAFT's flow"}
 

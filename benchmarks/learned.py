@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from pipeline.objects.answering import ObjectsModel, write_answers
 from tqdm import tqdm
 from transformers.utils import logging
 
@@ -52,10 +53,9 @@ from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base
 from pipeline.model.generate import generate
+from pipeline.model.instances import Instances
 from pipeline.model.patches import resize_frames
 from pipeline.model.sampling import Sampling
-from pipeline.objects.answering import ObjectsModel, write_answers
-from pipeline.objects.instances import Instances
 from pipeline.scene.scene import Scene
 from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.search.best_of_k import rank

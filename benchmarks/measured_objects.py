@@ -16,7 +16,7 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import frame_masks
 from pipeline.inference.measured_clip import shape_network
-from pipeline.objects.instances import Instances, instances_of
+from pipeline.model.instances import Instances, instances_of
 from pipeline.perception.found_bodies import moving_masks
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene

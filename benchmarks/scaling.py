@@ -15,6 +15,9 @@ from typing import Any
 
 import numpy as np
 import torch
+from training.tiny.card import measure
+from training.tiny.examples import CHUNK
+from training.tiny.trainer import read_checkpoint
 
 from benchmarks.learned import RESAMPLES, RESULTS
 from pipeline.csv_rows import write_rows
@@ -22,9 +25,6 @@ from pipeline.evaluation.tables import CHECKPOINT, markdown, scaling_table
 from pipeline.metrics.intervals import bootstrap_mean
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from training.tiny.card import measure
-from training.tiny.examples import CHUNK
-from training.tiny.trainer import read_checkpoint
 
 
 def checkpoint_rows(path: Path, params: Params, clips: int) -> list[dict[str, Any]]:

@@ -19,6 +19,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from pipeline.objects.answering import load_objects, write_scenes
+from pipeline.objects.network import ObjectsNetwork
+from training.objects.other_looks import read_clip
+from training.objects.self_training import held_out
 
 from benchmarks.kept_answers import kept_answers, kept_folder
 from benchmarks.mask_clips import data_folder
@@ -27,18 +31,14 @@ from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.scene_scores import Reference, measured_reference, score, true_reference
 from pipeline.evaluation.tables import cell, markdown
 from pipeline.metrics.intervals import bootstrap_mean
+from pipeline.model.instances import Instances, instances_of
 from pipeline.model.sampling import Sampling
-from pipeline.objects.answering import load_objects, write_scenes
-from pipeline.objects.instances import Instances, instances_of
-from pipeline.objects.network import ObjectsNetwork
 from pipeline.perception.mask_source import MaskSource
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import read_frames, with_masks
 from pipeline.vision.recordings.clip_folder import find_clips, masks_beside
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
-from training.objects.other_looks import read_clip
-from training.objects.self_training import held_out
 
 SEED = 11  # of the clips of the set `id`
 METRICS = {"iou": "IoU, sequence", "composition": "composition right", "iou_initial": "IoU, first frame"}

@@ -1,7 +1,7 @@
 """Fine-tune the base model on the training clips.
 
-Reads data/tokenize and data/flow (data/render with model.input=rgb; with model.input=objects data/sample,
-data/simulate, data/render and data/flow) of train and val, model.base. Writes data/finetune:
+Reads of train and val data/sample, data/simulate, data/events, data/render and data/flow (for a model with a tokenizer
+data/tokenize and data/flow, data/render with model.input=rgb); model.base. Writes data/finetune:
 model (a checkpoint, whose model_input.json records how its input is made), loss.csv and eval_loss.csv (plots). An
 interrupted run goes on from its last checkpoint. With infer.shots the base answers as it is: nothing is trained, and
 there is no model.
@@ -20,6 +20,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import trace_pairs
 from pipeline.csv_rows import write_rows
 from pipeline.errors import naming
+from pipeline.language.events import event_of_row
 from pipeline.model.model_input import ModelInput
 from pipeline.model.processes import in_processes, is_first
 from pipeline.model.training_plan import TrainingPlan
@@ -28,7 +29,7 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
-from stages.graph.clip_pictures import picture_stage, pictures
+from stages.graph.clip_pictures import check_sees, picture_stage, pictures
 from stages.graph.params import ModelSettings
 from stages.graph.run import DATA, folder, run
 from stages.graph.stage_params import load
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from pipeline.language.codec import Tokens
     from pipeline.model.base import Base
     from pipeline.model.trainer import ClipDataset
-    from pipeline.objects.example import Example
+    from pipeline.model.words_example import Arrays
 
 CURVES = ("loss", "eval_loss")
 
@@ -73,17 +74,17 @@ def make_in_each(
 
     from pipeline.inference.loading import load_answering
     from pipeline.model.finetune import finetune
-    from pipeline.objects.answering import ObjectsModel
-    from pipeline.objects.finetune import finetune_objects
+    from pipeline.model.words_finetune import finetune_words
+    from pipeline.model.words_model import WordsModel
 
     m, schedule = parameters.model, parameters.schedule
     with naming("model.base"):
         base = load_answering(m.base, m.width, m.height, schedule.model_frames, m.dtype)
     rows: list[dict] = []
     logging.set_verbosity_error()
-    if isinstance(base, ObjectsModel):
-        clips, val = (objects_dataset(part, parameters) for part in (inputs[:4], inputs[4:]))
-        finetune_objects(base, clips, val, parameters.plan, scratch, rows.append)
+    if isinstance(base, WordsModel):
+        clips, val = (words_dataset(part, parameters) for part in (inputs[:5], inputs[5:]))
+        finetune_words(base, clips, val, m.input == "rgb", parameters.plan, scratch, rows.append)
     else:
         clips, val = (text_dataset(part[0], part[1], base, parameters) for part in (inputs[:2], inputs[2:]))
         finetune(base, clips, val, parameters.plan, scratch, rows.append)
@@ -113,24 +114,34 @@ def text_dataset(tokens: ShardedDataset, source: ShardedDataset, base: "Base", p
     return ClipDataset(len(tokens), read)
 
 
-def objects_dataset(inputs: Sequence[ShardedDataset], parameters: Parameters) -> "ClipDataset":
-    """Clips as instances, with masks as a network for masks finds them, and what their scenes say of them.
+def words_dataset(inputs: Sequence[ShardedDataset], parameters: Parameters) -> "ClipDataset":
+    """Clips as bodies, with masks as a network for masks finds them, or frames; and answers that are right.
 
-    inputs: sample, simulate, render and flow.
+    inputs: sample, simulate, events, render and flow.
     """
+    from pipeline.model.mask_errors import with_errors
+    from pipeline.model.shown import flow_frames, rgb_frames, seen_bodies
     from pipeline.model.trainer import ClipDataset
-    from pipeline.objects.example import example_of
+    from pipeline.model.words_example import bodies_example, frames_example, motions, truth_of
 
-    sample, simulated, rendered, flow = inputs
-    schedule, seed = parameters.schedule, parameters.plan.seed
+    sample, simulated, happened, rendered, flow = inputs
+    schedule, seed, m = parameters.schedule, parameters.plan.seed, parameters.model
+    first, reasons = schedule.pairs[:, 0], [m.reasoning]
 
-    def read(index: int) -> "Example":
+    def read(index: int) -> "Arrays":
         scene = read_scene(sample[index].row()["scene"])
         clip = simulated[index]
         poses = trace_pairs(read_trace(clip.shard, clip.index), schedule)
-        masks = rendered[index].array("mask")[schedule.pairs[:, 0]]
+        motion = motions(*poses, 1 / schedule.fps)
+        events = [event_of_row(row) for row in happened[index].rows("events")]
+        truth = truth_of(scene, motion, events, schedule.seconds)
+        frames = rendered[index].array("rgb")[first] if m.input == "rgb" else None
+        if m.sees == "frame":
+            shown = flow_frames(flow[index].array("flow")) if frames is None else rgb_frames(frames)
+            return frames_example(shown, truth, reasons)
         rng = clip_rng(seed, sample.folder.name, index, "masks")
-        return example_of(scene, masks, flow[index].array("flow"), poses, schedule, rng)
+        masks = with_errors(rendered[index].array("mask")[first], len(scene.objects), rng)
+        return bodies_example(seen_bodies(masks, flow[index].array("flow"), frames), truth, reasons, rng)
 
     return ClipDataset(len(sample), read)
 
@@ -147,12 +158,17 @@ def main() -> None:
     if params.infer.shots:
         keep_folder("finetune", DATA / "finetune", skip, parameters=None)
         return
+    from pipeline.model.checkpoint import is_words  # imports transformers, which takes seconds
+
     m, f = params.model, params.flow
-    shown = ModelInput.of(m.input, f.picture, f.train_source, (f.width, f.height), f.iterations, m.reasoning)
+    words = is_words(m.base)
+    check_sees(m.base, m.sees, words)
+    picture = None if words else f.picture
+    shown = ModelInput.of(m.input, picture, f.train_source, (f.width, f.height), f.iterations, m.reasoning, m.sees)
     processes = processes_for(params, "finetune")
     plan = TrainingPlan(**params.finetune.model_dump(), seed=params.seed, processes=processes)
     parameters = Parameters(params.clip.schedule, m, shown, plan)
-    read = ["sample", "simulate", "render", "flow"] if m.input == "objects" else ["tokenize", picture_stage(m.input)]
+    read = ["sample", "simulate", "events", "render", "flow"] if words else ["tokenize", picture_stage(m.input)]
     inputs = [folder(stage, suite) for suite in ("train", "val") for stage in read]
     files = {"base": Path(m.base)} if Path(m.base).is_dir() else {}
     keep_folder(

@@ -1,7 +1,7 @@
 """Completions of clips: one greedy and K sampled, under the grammar, so that every answer parses.
 
 Reads the model that answers (data/finetune/model, or with prefer.enabled data/prefer/model) and data/flow/<suite> (with
-model.input=rgb data/render/<suite>, with model.input=objects both). With infer.shots=N the model is model.base as it
+model.input=rgb data/render/<suite>, with model.sees=bodies both). With infer.shots=N the model is model.base as it
 is, prompted with pipeline/language/few_shot.jinja and N worked examples (data/tokenize/train and data/flow/train or
 data/render/train).
 Writes data/infer/<suite>: clip, sample (-1 greedy, 0 … K-1), text, scene (canonical YAML), log_probability.
@@ -28,7 +28,7 @@ from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from pipeline.vision.flow.flow_picture import scaled_max_px
 from stages.graph.answering_model import answering_model
-from stages.graph.clip_pictures import check_input, clip_instances, pictures, shown_stages
+from stages.graph.clip_pictures import check_input, check_sees, pictures, seen_by_words, shown_stages
 from stages.graph.examples import Example, choose_examples, example_clip
 from stages.graph.params import InferSettings, ModelSettings
 from stages.graph.run import run, run_shards
@@ -37,8 +37,8 @@ from stages.graph.stage_params import load
 if TYPE_CHECKING:
     from pipeline.model.base import Base
     from pipeline.model.generate import Prompt
-    from pipeline.objects.answering import ObjectsModel
-    from pipeline.objects.instances import Instances
+    from pipeline.model.shown import SeenBodies, SeenFrames
+    from pipeline.model.words_model import WordsModel
 
 SCHEMA = pa.schema(
     {
@@ -73,7 +73,7 @@ class Parameters:
 
 
 @lru_cache(maxsize=1)
-def model(folder: str, width: int, height: int, frames: int, dtype: str) -> "Base | ObjectsModel":
+def model(folder: str, width: int, height: int, frames: int, dtype: str) -> "Base | WordsModel":
     # imported here, as below: it takes seconds, and mostly the shards are in the store
     from pipeline.inference.loading import load_answering
 
@@ -81,22 +81,22 @@ def model(folder: str, width: int, height: int, frames: int, dtype: str) -> "Bas
         return load_answering(folder, width, height, frames, dtype)
 
 
-def shown(clips: Sequence[Clip], base: "Base | ObjectsModel", p: Parameters) -> "np.ndarray | Instances":
+def shown(clips: Sequence[Clip], base: "Base | WordsModel", p: Parameters) -> "np.ndarray | SeenBodies | SeenFrames":
     """What the model sees of a clip, which is in the shards of `shown_stages`."""
     from pipeline.model.patches import fit_layout
-    from pipeline.objects.answering import ObjectsModel
+    from pipeline.model.words_model import WordsModel
 
-    if isinstance(base, ObjectsModel):
-        return clip_instances(clips[0], clips[1], p.schedule)
+    if isinstance(base, WordsModel):
+        return seen_by_words(clips, p.model.input, p.model.sees, p.schedule)
     return fit_layout(pictures(clips[0], p.model.input, p.schedule), base.layout)
 
 
-def prompt(base: "Base | ObjectsModel", p: Parameters) -> "Prompt | None":
+def prompt(base: "Base | WordsModel", p: Parameters) -> "Prompt | None":
     from pipeline.model.generate import bare_prompt, few_shot_prompt
     from pipeline.model.patches import fit_layout
-    from pipeline.objects.answering import ObjectsModel
+    from pipeline.model.words_model import WordsModel
 
-    if isinstance(base, ObjectsModel):
+    if isinstance(base, WordsModel):
         return None
     if not p.examples:
         return bare_prompt(base)
@@ -157,14 +157,17 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
 
 def main(suite: str) -> None:
     params = load("infer", suite)
+    from pipeline.model.checkpoint import is_words  # imports transformers, which takes seconds
+
     m, own, f = params.model, params.infer, params.flow
-    if own.shots and m.input == "objects":
-        raise ParamsError(
-            f"infer.shots: {own.shots} with model.input=objects, which takes no worked examples; valid: 0"
-        )
+    words = is_words(m.base)
+    if own.shots and words:
+        raise ParamsError(f"infer.shots: {own.shots}, but {m.base} takes no worked examples; valid: 0")
+    check_sees(m.base, m.sees, words)
     examples = choose_examples(own.shots, suite, m.input)
     checkpoint = Path(m.base) if examples else answering_model().folder
-    made = ModelInput.of(m.input, f.picture, f.source, (f.width, f.height), f.iterations, m.reasoning)
+    picture = None if words else f.picture
+    made = ModelInput.of(m.input, picture, f.source, (f.width, f.height), f.iterations, m.reasoning, m.sees)
     check_input(str(checkpoint), made, required=not examples)
     files = {"model": checkpoint} if checkpoint.is_dir() or not examples else {}
     parameters = Parameters(
@@ -180,7 +183,7 @@ def main(suite: str) -> None:
         suite,
         compute,
         parameters,
-        shown_stages(m.input),
+        shown_stages(m.input, m.sees),
         files={**files, "prompt": TEMPLATE},
         versions=["torch", "transformers"],
     )

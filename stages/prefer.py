@@ -3,7 +3,8 @@
 Reads data/finetune/model and of the suite prefer.suite data/render (masks) and data/flow. Writes data/prefer: which
 model answers from now on and which clips it has used (answering_model.json), curve.csv (plots, through `score`); where
 enabled, model (a checkpoint) and pairs.json. An interrupted run goes on from its pairs and its last checkpoint.
-Parameters: seed, clip, flow (but noise and train_source), model.input, model.reasoning, model.dtype, search.width,
+Parameters: seed, clip, flow (but noise and train_source), model.base, model.input, model.sees,
+model.reasoning, model.dtype, search.width,
 search.height, prefer, training, infer.shots. Run: python -m stages.prefer
 """
 
@@ -23,7 +24,7 @@ from pipeline.model.processes import in_processes, is_first
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keep_folder import keep_folder
 from stages.graph.answering_model import CURVE, FINETUNED, FOLDER, AnsweringModel, split_clips
-from stages.graph.clip_pictures import check_input, picture_stage, pictures
+from stages.graph.clip_pictures import check_input, check_sees, picture_stage, pictures
 from stages.graph.params import PreferSettings
 from stages.graph.run import folder, run
 from stages.graph.stage_params import load
@@ -173,9 +174,12 @@ def main() -> None:
             f"`prefer.enabled` is true and `infer.shots` is {params.infer.shots}; valid: one of the two, "
             "since with a prompt no model is fine-tuned that could be trained on"
         )
-    if m.input == "objects":
-        raise ParamsError("`prefer.enabled` is true with model.input=objects; valid: model.input flow or rgb")
-    shown = ModelInput.of(m.input, f.picture, f.source, (f.width, f.height), f.iterations, m.reasoning)
+    from pipeline.model.checkpoint import is_words  # imports transformers, which takes seconds
+
+    if is_words(m.base):
+        raise ParamsError(f"`prefer.enabled` is true, but {m.base} answers without a tokenizer; valid: false")
+    check_sees(m.base, m.sees, words=False)
+    shown = ModelInput.of(m.input, f.picture, f.source, (f.width, f.height), f.iterations, m.reasoning, m.sees)
     check_input(str(FINETUNED), shown, required=True)
     inputs = [folder("render", own.suite), folder("flow", own.suite)]
     clips = len(open_shards(inputs[0]))

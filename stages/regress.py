@@ -142,7 +142,7 @@ def write_curves(output: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 def main() -> None:
     params = load("regress")
     own = params.regress
-    kind = "rgb" if params.model.input == "rgb" else "flow"  # this baseline knows no objects
+    kind = params.model.input
     source = picture_stage(kind)
     if not own.enabled:
         keep_folder("regress", MODEL, skip, parameters=None)

@@ -1,7 +1,7 @@
 """Prompts, <think> and <answer> as token ids of the base model's own tokenizer.
 
 Reads data/sample/<suite>, data/events/<suite>, model.base's tokenizer. Writes data/tokenize/<suite>: clip, completion
-(text), ids, prompt_length, free (the model's to choose), numeric; no tokens where the base model reads objects.
+(text), ids, prompt_length, free (the model's to choose), numeric; the words model has no tokens of text.
 Parameters: clip, model.base, model.reasoning, model.width, model.height. Run: python -m stages.tokenize SUITE
 """
 
@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from pipeline.errors import naming
 from pipeline.language.completion import write_completion
-from pipeline.language.events import Event
+from pipeline.language.events import event_of_row
 from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -62,10 +62,9 @@ class Parameters:
 def codec(base: str, width: int, height: int, frames: int) -> "Codec | None":
     # imported here, as below: it takes seconds, and mostly the shards are in the store
     from pipeline.language.codec import Codec
-    from pipeline.model.checkpoint import load_tokenizer, read_layout
-    from pipeline.objects.checkpoint import is_objects
+    from pipeline.model.checkpoint import is_words, load_tokenizer, read_layout
 
-    if is_objects(base):
+    if is_words(base):
         return None
     with naming("model.base"):
         return Codec(load_tokenizer(base), read_layout(base, width, height, frames).tokens)
@@ -79,10 +78,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     reasoning, seconds = parameters.reasoning, parameters.seconds
     rows = []
     for row in sample.table().to_pylist():
-        events = [
-            Event(e["time"], e["kind"], e["first"], None if e["second"] < 0 else e["second"])
-            for e in happened.rows(row["clip"], "events")
-        ]
+        events = [event_of_row(e) for e in happened.rows(row["clip"], "events")]
         completion = write_completion(read_scene(row["scene"]), events if reasoning else None, seconds)
         tokens = writer.encode(completion, reasoning, seconds) if writer else NO_TOKENS
         rows.append(

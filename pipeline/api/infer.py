@@ -41,7 +41,7 @@ from pipeline.vision.recordings.corrections import Correction
 
 if TYPE_CHECKING:
     from pipeline.model.base import Base
-    from pipeline.objects.answering import ObjectsModel
+    from pipeline.model.words_model import WordsModel
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Inference(FolderResult):
     name: str
     clip: MeasuredClip
     settings: Settings
-    base: Base | ObjectsModel
+    base: Base | WordsModel
     scenes: FoundScenes
     seconds: dict[str, float]
 
@@ -135,7 +135,7 @@ def infer(
     masks: str | Path | None = None,
     prompts: Prompts | None = None,
     correction: Correction | None = None,
-    model: str | Base | ObjectsModel | LoadingModel = "models/objects",
+    model: str | Base | WordsModel | LoadingModel = "models/words",
     samples: int = 8,
     temperature: float = 1.0,
     top_p: float = 0.9,
@@ -234,7 +234,7 @@ def infer(
     )
 
 
-def _loading(model: str | Base | ObjectsModel | LoadingModel) -> LoadingModel:
+def _loading(model: str | Base | WordsModel | LoadingModel) -> LoadingModel:
     """A model that is being loaded, or is there."""
     if isinstance(model, LoadingModel):
         return model

@@ -15,7 +15,7 @@ Find the scene that a clip shows.
 
 The bodies that move are found (`dynamics masks` does only that), the clip is brought to 30 FPS and 480x320, and its
 optical flow is measured. The model is shown what its checkpoint says that it was trained with (model_input.json;
-models/objects: masks and flow of each body) and writes scenes, each is simulated and compared with the clip, and
+models/words: masks and flow of each body) and writes scenes, each is simulated and compared with the clip, and
 --search refines the best ones. OUT then has
 
   overlay.png     the clip with the outlines of the replay over it, and both flows: look at this first
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--samples", type=count, default=8, metavar="K", help="answers sampled beside the greedy one (8)")
     add("--search", type=count, default=0, metavar="N", help="refine the best answers with N simulations (0: do not)")
     add("--incline", action="store_true", help="the ground may slope in the picture: the search may roll the camera")
-    add("--model", default="models/objects", metavar="NAME", help="a folder or hub name (models/objects)")
+    add("--model", default="models/words", metavar="NAME", help="a folder or hub name (models/words)")
     add("--raft", type=Path, default=Path("models/raft-small"), metavar="PATH", help="RAFT weights (models/raft-small)")
     add(
         "--flow",

@@ -12,13 +12,13 @@ import numpy as np
 
 from pipeline.language.completion import Completion, read_completion
 from pipeline.model.sampling import Completed, Sampling, batches
-from pipeline.objects.answering import ObjectsModel, write_answers
-from pipeline.objects.instances import Instances
+from pipeline.model.shown import SeenBodies, SeenFrames
 from pipeline.scene.scene import Scene
 
 if TYPE_CHECKING:
     from pipeline.model.base import Base
     from pipeline.model.generate import Prompt
+    from pipeline.model.words_model import WordsModel
 
 GREEDY = -1  # the number of the greedy answer among the samples
 
@@ -53,8 +53,8 @@ def answer_seed(*labels: object) -> int:
 
 
 def ask(
-    base: Base | ObjectsModel,
-    show: Callable[[int], np.ndarray | Instances],
+    base: Base | WordsModel,
+    show: Callable[[int], np.ndarray | SeenBodies | SeenFrames],
     seeds: Sequence[int],
     sampling: Sampling,
     batch_size: int,
@@ -64,8 +64,8 @@ def ask(
 
     Args:
         base: The model.
-        show: What the model is shown of clip i: pictures (T, H, W, 3) uint8 in its layout, or instances; called when
-            it is needed.
+        show: What the model is shown of clip i: pictures (T, H, W, 3) uint8 in its layout, or bodies or frames for the
+            words model; called when it is needed.
         seeds: (B,) Of each clip's samples.
         sampling: Of the samples, K of each clip, which may be 0.
         batch_size: Sequences decoded at a time.
@@ -85,18 +85,19 @@ def ask(
 
 
 def _written(
-    base: Base | ObjectsModel,
-    shown: list[np.ndarray | Instances],
+    base: Base | WordsModel,
+    shown: list[np.ndarray | SeenBodies | SeenFrames],
     sampling: Sampling,
     seeds: list[int],
     prompt: Prompt | None,
 ) -> list[list[Completed]]:
     """The completions of some clips, one list for each."""
-    if isinstance(base, ObjectsModel):
-        instances = [one for one in shown if isinstance(one, Instances)]
-        assert len(instances) == len(shown), "a model of objects is shown instances"
-        assert prompt is None, "a model of objects takes no worked examples"
-        return [write_answers(base, one, sampling, seed) for one, seed in zip(instances, seeds, strict=True)]
-    from pipeline.model.generate import generate  # imports transformers, which takes seconds
+    from pipeline.model.words_model import WordsModel, write_answers  # imports transformers, which takes seconds
+
+    if isinstance(base, WordsModel):
+        assert prompt is None, "the words model takes no worked examples"
+        seen = [one for one in shown if not isinstance(one, np.ndarray)]
+        return [write_answers(base, one, sampling, seed) for one, seed in zip(seen, seeds, strict=True)]
+    from pipeline.model.generate import generate
 
     return generate(base, np.stack([one for one in shown if isinstance(one, np.ndarray)]), sampling, seeds, prompt)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pipeline.inference.measured_clip import MeasuredClip
     from pipeline.model.base import Base
     from pipeline.model.sampling import Sampling
-    from pipeline.objects.answering import ObjectsModel
+    from pipeline.model.words_model import WordsModel
     from pipeline.perception.user_clip import UserClip
     from pipeline.vision.recordings.video import Clip
 
@@ -62,12 +62,12 @@ class LoadingModel:
 
     name: str
     input: ModelInput | None
-    base: Future[Base | ObjectsModel]
+    base: Future[Base | WordsModel]
 
     @property
     def shown(self) -> ModelInput:
         """How its input is made. Raises ModelError."""
-        return self.input or input_of(self.base.result())
+        return self.input.asked if self.input else input_of(self.base.result())
 
 
 def ask_model(loading: LoadingModel, clip: MeasuredClip, question: Question) -> tuple[list[Answer], Sampling]:
@@ -91,7 +91,7 @@ def ask_model(loading: LoadingModel, clip: MeasuredClip, question: Question) -> 
     base = loading.base.result()
     shown, q = input_of(base), question
     taken, schedule = clip.taken, clip.schedule
-    sampling = Sampling(q.samples, q.temperature, q.top_p, shown.reasoning, schedule.seconds, middle=q.middle)
+    sampling = Sampling(q.samples, q.temperature, q.top_p, shown.reasoning is True, schedule.seconds, middle=q.middle)
     first = schedule.pairs[:, 0]
     frames, masks = taken.clip.frames[first], taken.masks[first]
     seen = shown_clip(base, shown, clip.flow, frames, masks, 1 / schedule.fps, clip.shape_prior)
@@ -151,14 +151,14 @@ def load_in_background(name: str, parameter: str = "model") -> LoadingModel:
         return LoadingModel(name, None, base)
 
 
-def loaded(base: Base | ObjectsModel) -> LoadingModel:
+def loaded(base: Base | WordsModel) -> LoadingModel:
     """A model that is there already."""
-    there: Future[Base | ObjectsModel] = Future()
+    there: Future[Base | WordsModel] = Future()
     there.set_result(base)
     return LoadingModel(base.name, input_of(base), there)
 
 
-def load_model(name: str, parameter: str = "model") -> Base | ObjectsModel:
+def load_model(name: str, parameter: str = "model") -> Base | WordsModel:
     """The model in a folder, or of that name in the local hub cache.
 
     Args:
@@ -177,11 +177,11 @@ def load_model(name: str, parameter: str = "model") -> Base | ObjectsModel:
         return base
 
 
-def input_of(base: Base | ObjectsModel) -> ModelInput:
+def input_of(base: Base | WordsModel) -> ModelInput:
     """How the model's input is made. Raises ModelError where the checkpoint has not recorded that."""
     if base.input is None:
         raise missing_input(base.name)
-    return base.input
+    return base.input.asked
 
 
 def flow_source(shown: ModelInput, flow: str | None, model: str) -> str:
@@ -195,6 +195,6 @@ def flow_source(shown: ModelInput, flow: str | None, model: str) -> str:
 
 
 def shipped(path: str | Path) -> Path:
-    """A path as given; where it is not there from here, the same path in this project (models/tiny), if it is there."""
+    """A path as given; where it is not there from here, the same path in this project, if it is there."""
     place = Path(path)
     return ROOT / place if not place.exists() and not place.is_absolute() and (ROOT / place).exists() else place

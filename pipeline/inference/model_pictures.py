@@ -8,12 +8,12 @@ import numpy as np
 
 from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout, fit_layout
-from pipeline.objects.answering import ObjectsModel
-from pipeline.objects.instances import Instances, instances_of
+from pipeline.model.shown import SeenBodies, SeenFrames, flow_frames, rgb_frames, seen_bodies
 from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
 
 if TYPE_CHECKING:
     from pipeline.model.base import Base
+    from pipeline.model.words_model import WordsModel
 
 
 def model_pictures(
@@ -39,14 +39,14 @@ def model_pictures(
 
 
 def shown_clip(
-    base: Base | ObjectsModel,
+    base: Base | WordsModel,
     model_input: ModelInput,
     flow: np.ndarray,
     frames: np.ndarray,
     masks: np.ndarray,
     interval: float,
     shape_prior: np.ndarray | None = None,
-) -> np.ndarray | Instances:
+) -> np.ndarray | SeenBodies | SeenFrames:
     """What a model takes of a clip.
 
     Args:
@@ -56,8 +56,24 @@ def shown_clip(
         frames: (P, h, w, 3) uint8, the first frame of each pair.
         masks: (P, h, w) uint8, its masks.
         interval: s between the two frames of a pair.
-        shape_prior: (N, 3) probability of each of `BASIC_SHAPES` for the masks' bodies, for a model of objects.
+        shape_prior: (N, 3) probability of each of `BASIC_SHAPES` for the masks' bodies, for the words model.
     """
-    if isinstance(base, ObjectsModel):
-        return instances_of(masks, flow, shape_prior)
+    from pipeline.model.words_model import WordsModel
+
+    if isinstance(base, WordsModel):
+        return seen_clip(model_input, flow, frames, masks, shape_prior)
     return model_pictures(model_input, base.layout, flow, frames, interval)
+
+
+def seen_clip(
+    model_input: ModelInput,
+    flow: np.ndarray,
+    frames: np.ndarray,
+    masks: np.ndarray,
+    shape_prior: np.ndarray | None = None,
+) -> SeenBodies | SeenFrames:
+    """What the words model takes of a clip; the arguments are those of `shown_clip`."""
+    colours = model_input.input == "rgb"
+    if model_input.sees == "frame":
+        return rgb_frames(frames) if colours else flow_frames(flow)
+    return seen_bodies(masks, flow, frames if colours else None, shape_prior)

@@ -9,7 +9,9 @@ off the ground it flies. What happens out of view is left out.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -67,6 +69,11 @@ class Event:
         return (self.first,) if self.second is None or self.kind == "hits_fixed" else (self.first, self.second)
 
 
+def event_of_row(row: Mapping[str, Any]) -> Event:
+    """The event in a row of the table `events`, where `second` is -1 for none."""
+    return Event(row["time"], row["kind"], row["first"], None if row["second"] < 0 else row["second"])
+
+
 @dataclass(frozen=True)
 class Thresholds:
     """From which values on something is an event.
@@ -103,9 +110,7 @@ def find_events(
 
     areas_px: (F, N) area of each object in each frame, px of 480x320. frame_steps: (F,) step of each frame.
     """
-    return told_events(
-        physical_events(trace, shapes, thresholds), areas_px, frame_steps / trace.rate, thresholds
-    )
+    return told_events(physical_events(trace, shapes, thresholds), areas_px, frame_steps / trace.rate, thresholds)
 
 
 def physical_events(trace: Trace, shapes: tuple[str, ...], thresholds: Thresholds) -> list[Event]:

@@ -38,7 +38,7 @@ def unavailable(name: str, error: Exception) -> ModelError:
     fetch = name if "/" in name and not Path(name).exists() else "Qwen/Qwen2.5-VL-3B-Instruct"
     return ModelError(
         f"{name!r} is neither a folder with a Qwen2.5-VL checkpoint (config.json, model.safetensors, tokenizer.json) "
-        f"nor in the local hub cache. Valid: models/tiny, or fetch it first on a machine with a network: hf download "
+        f"nor in the local hub cache. Valid: models/words, or fetch it first on a machine with a network: hf download "
         f"{fetch}. ({(str(error).strip() or type(error).__name__).splitlines()[0]})"
     )
 
@@ -105,3 +105,12 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
 
 def write_layout(folder: Path, layout: PatchLayout) -> None:
     (folder / LAYOUT_FILE).write_text(json.dumps(asdict(layout), indent=1) + "\n")
+
+
+def is_words(name: str) -> bool:
+    """Whether a folder has a checkpoint of the words model."""
+    file = Path(name) / "config.json"
+    try:
+        return file.is_file() and read_json(file, ModelError).get("model_type") == "words"
+    except ModelError:
+        return False

@@ -11,10 +11,10 @@ from torch import Tensor
 from transformers import DynamicCache
 
 from pipeline.model import decisions as d
+from pipeline.model.fields import BINS, NOTHING
+from pipeline.model.number_draws import greedy, sampler
 from pipeline.model.sampling import Sampling
 from pipeline.model.words_network import WordsNetwork
-from pipeline.objects.fields import BINS, NOTHING
-from pipeline.objects.number_chain import greedy, sampler
 
 
 @torch.no_grad()
@@ -41,7 +41,7 @@ def decide(
     rows = sampling.samples
     generator = torch.Generator().manual_seed(seed)
     draw = sampler(sampling.middle, generator) if sampling.temperature else greedy
-    cache = DynamicCache(config=network.qwen.config.text_config)
+    cache = DynamicCache(config=network.qwen.config.get_text_config())
     network.run(*prompt, cache)
     if rows > 1:
         cache.batch_repeat_interleave(rows)

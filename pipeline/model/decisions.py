@@ -8,12 +8,13 @@ answers are decoded with it.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from pipeline.objects.fields import FREE, NOTHING, OBJECT_FIELDS, SCENE_FIELDS, Field
+from pipeline.model.fields import FREE, NOTHING, OBJECT_FIELDS, SCENE_FIELDS, Field
 
 KINDS = (
     "hits_object",
@@ -217,7 +218,7 @@ def answer_of(places: Sequence[int], reason: bool, frame: bool, said: Said) -> A
         for taken in (AT, time, PLACE0 + places[who], KIND0 + kind, None if whom is None else PLACE0 + places[whom])
         if taken is not None
     ]
-    told = iter([*pending, *([ENOUGH] if len(said.events) < MOST_EVENTS else [])])
+    told: Iterator[Any] = iter([*pending, *([ENOUGH] if len(said.events) < MOST_EVENTS else [])])
     rows: list[tuple] = []
     before: tuple[int, float] = (REASON if reason else DIRECT, 0.0)
     step = next(steps)

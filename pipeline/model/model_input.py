@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 from pipeline.errors import ModelError
@@ -18,14 +18,14 @@ class ModelInput:
     clip_layout.json.
 
     Attributes:
-        input: What is shown: pictures of "flow", the frames themselves ("rgb"), or each body by itself ("objects"):
-            crops of its mask and flow, and its place as numbers.
-        picture: How flow becomes a picture: "channels" or "wheel"; None for "rgb" and "objects".
+        input: What is shown: "flow", or the frames themselves ("rgb"); "any": either, as it is asked.
+        picture: How flow becomes a picture: "channels" or "wheel"; None for "rgb", and for models that take numbers.
         flow_source: Where the flow in training came from: "exact" (with noise like RAFT's), "raft" or "dis"; None for
             "rgb". A model of exact flow may be shown measured flow; one of measured flow is shown that alone.
         flow_size: px, width and height, at which flow is estimated from frames; None for "rgb".
         flow_iterations: Of RAFT; None for "rgb".
-        reasoning: Whether the model writes `<think>` before `<answer>`.
+        reasoning: Whether the model writes `<think>` before `<answer>`; "any": as it is asked.
+        sees: Whole frames ("frame"), or each body by itself ("bodies"): crops of it, and its place as numbers; "any".
     """
 
     input: str
@@ -33,12 +33,13 @@ class ModelInput:
     flow_source: str | None
     flow_size: tuple[int, int] | None
     flow_iterations: int | None
-    reasoning: bool
+    reasoning: bool | str
+    sees: str = "frame"
 
     def __post_init__(self) -> None:
         _check_value("input", self.input, tuple(_VALID["input"]))
         has_flow = self.input != "rgb"
-        _check_value("picture", self.picture, _VALID["picture"] if self.input == "flow" else (None,))
+        _check_value("picture", self.picture, (*_VALID["picture"], None) if self.input == "flow" else (None,))
         _check_value("flow_source", self.flow_source, _VALID["flow_source"] if has_flow else (None,))
         numbers = [*(self.flow_size or ()), self.flow_iterations]
         if has_flow and not (len(numbers) == 3 and all(isinstance(n, int) and n > 0 for n in numbers)):
@@ -46,23 +47,34 @@ class ModelInput:
                 f"`flow_size` is {self.flow_size} and `flow_iterations` {self.flow_iterations}; valid: [width, height] "
                 "in px and a number of iterations"
             )
-        _check_value("reasoning", self.reasoning, (True, False))
+        _check_value("reasoning", self.reasoning, (True, False, ANY))
+        _check_value("sees", self.sees, _VALID["sees"])
 
     @classmethod
     def of(
         cls,
         input: str,
-        picture: str,
+        picture: str | None,
         flow_source: str,
         flow_size: tuple[int, int],
         flow_iterations: int,
         reasoning: bool,
+        sees: str = "frame",
     ) -> ModelInput:
         """From settings in which those of flow are given whatever the input is."""
         if input == "rgb":
-            return cls(input, None, None, None, None, reasoning)
-        shown = picture if input == "flow" else None
-        return cls(input, shown, flow_source, flow_size, flow_iterations, reasoning)
+            return cls(input, None, None, None, None, reasoning, sees)
+        return cls(input, picture, flow_source, flow_size, flow_iterations, reasoning, sees)
+
+    @property
+    def asked(self) -> ModelInput:
+        """With the usual choice wherever any is possible: each body by itself, by flow, with reasoning."""
+        return replace(
+            self,
+            input="flow" if self.input == ANY else self.input,
+            sees="bodies" if self.sees == ANY else self.sees,
+            reasoning=True if self.reasoning == ANY else self.reasoning,
+        )
 
     def check(self, name: str, given: object, parameter: str, checkpoint: str) -> None:
         """Raise ModelError where a setting contradicts what the checkpoint was trained with.
@@ -74,6 +86,8 @@ class ModelInput:
             checkpoint: Its name or folder.
         """
         own = getattr(self, name)
+        if own == ANY or (self.input == ANY and name == "picture"):
+            return
         if name == "flow_source" and own == "exact":
             return
         if given != own:
@@ -83,8 +97,10 @@ class ModelInput:
             )
 
 
+ANY = "any"
 _VALID: dict[str, tuple[str, ...]] = {
-    "input": ("flow", "rgb", "objects"),
+    "input": ("flow", "rgb", ANY),
+    "sees": ("frame", "bodies", ANY),
     "picture": ("channels", "wheel"),
     "flow_source": ("exact", "raft", "dis"),
 }

@@ -8,16 +8,16 @@ The answer is a row of decisions (`pipeline.model.decisions`).
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
-from transformers import Qwen2_5_VLConfig, Qwen2_5_VLForConditionalGeneration
+from transformers import PretrainedConfig, PreTrainedModel, Qwen2_5_VLConfig, Qwen2_5_VLForConditionalGeneration
 
 from pipeline.model import decisions as d
-from pipeline.objects.fields import BINS, NOTHING
-from pipeline.objects.instances import HEIGHT, SIDE, WIDTH
+from pipeline.model.fields import BINS, NOTHING
+from pipeline.model.instances import HEIGHT, SIDE, WIDTH
 
 FRAMES = 10
 PATCH, MERGE = 8, 2
@@ -28,21 +28,30 @@ WAVES = 8
 MOTION = 9  # numbers of a body's motion in a frame, learned beside the answer
 
 
-@dataclass(frozen=True)
-class WordsSize:
-    """Widths and depths of the language model and of the vision tower."""
+class WordsConfig(PretrainedConfig):
+    """Widths and depths of the language model and of the vision tower: config.json."""
 
-    width: int = 320
-    layers: int = 8
-    heads: int = 10
-    inner: int = 896
-    vision_width: int = 160
-    vision_depth: int = 4
-    vision_heads: int = 5
-    vision_inner: int = 416
+    model_type = "words"
+
+    def __init__(
+        self,
+        width: int = 320,
+        layers: int = 8,
+        heads: int = 10,
+        inner: int = 896,
+        vision_width: int = 160,
+        vision_depth: int = 4,
+        vision_heads: int = 5,
+        vision_inner: int = 416,
+        **rest: Any,
+    ) -> None:
+        self.width, self.layers, self.heads, self.inner = width, layers, heads, inner
+        self.vision_width, self.vision_depth = vision_width, vision_depth
+        self.vision_heads, self.vision_inner = vision_heads, vision_inner
+        super().__init__(**rest)
 
 
-def qwen_config(size: WordsSize) -> Qwen2_5_VLConfig:
+def qwen_config(size: WordsConfig) -> Qwen2_5_VLConfig:
     """The configuration of Qwen2.5-VL at this size."""
     head = size.width // size.heads
     section = head // 2 // 3
@@ -117,14 +126,17 @@ def place_features(places: Tensor, flow: Tensor) -> Tensor:
     return torch.cat(parts, -1) * seen
 
 
-class WordsNetwork(nn.Module):
+class WordsNetwork(PreTrainedModel):
     """From bodies or frames to a row of decisions."""
 
-    def __init__(self, size: WordsSize) -> None:
-        super().__init__()
+    config_class = WordsConfig
+    base_model_prefix = "words"
+    _supports_sdpa = True
+
+    def __init__(self, size: WordsConfig) -> None:
+        super().__init__(size)
         self.size = size
-        config = qwen_config(size)
-        self.qwen = Qwen2_5_VLForConditionalGeneration(config)
+        self.qwen = Qwen2_5_VLForConditionalGeneration(qwen_config(size))
         width = size.width
         self.number = nn.Linear(1 + 2 * WAVES, width, bias=False)
         self.ask = nn.Embedding(d.ASKS, width)
@@ -133,9 +145,8 @@ class WordsNetwork(nn.Module):
         self.bins = nn.Linear(width, BINS)
         #: Learned beside the answer: shape, motion, and which kinds of event come before the next frame.
         self.beside = nn.Linear(width, NOTHING + 1 + MOTION + len(d.KINDS))
-        for e in (self.ask, self.frame):
-            nn.init.normal_(e.weight, std=0.02)
         self._turns: dict[tuple, tuple[Tensor, Tensor]] = {}
+        self.post_init()
 
     @property
     def table(self) -> nn.Embedding:
@@ -173,7 +184,9 @@ class WordsNetwork(nn.Module):
             return (q * cos + torch.cat([-b, a], -1) * sin).to(q.dtype)
 
         for block in tower.blocks:
-            q, k, v = block.attn.qkv(block.norm1(x)).view(*x.shape[:2], 3, self.size.vision_heads, -1).permute(2, 0, 3, 1, 4)
+            q, k, v = (
+                block.attn.qkv(block.norm1(x)).view(*x.shape[:2], 3, self.size.vision_heads, -1).permute(2, 0, 3, 1, 4)
+            )
             seen = functional.scaled_dot_product_attention(turned(q), turned(k), v)
             x = x + block.attn.proj(seen.transpose(1, 2).reshape(x.shape))
             x = x + block.mlp(block.norm2(x))
@@ -212,7 +225,9 @@ class WordsNetwork(nn.Module):
     def _body_positions(self, frames: int, device: torch.device) -> Tensor:
         """(3, 1, 1, P) of a body's tokens from its first."""
         side = SIDE // PATCH // MERGE
-        grid = torch.stack(torch.meshgrid(*(torch.arange(k) for k in (frames // 2, side, side)), indexing="ij")).flatten(1)
+        grid = torch.stack(
+            torch.meshgrid(*(torch.arange(k) for k in (frames // 2, side, side)), indexing="ij")
+        ).flatten(1)
         one = torch.zeros(3, 1, dtype=torch.long)
         places = (1 + frames // 2 + torch.arange(frames)).expand(3, -1)
         return torch.cat([one, 1 + grid, places], 1)[:, None, None].to(device)
@@ -221,7 +236,9 @@ class WordsNetwork(nn.Module):
         """The same of whole frames (B, T, C, h, w) int8."""
         b, t, _, h, w = frames.shape
         seen = self.see(self.shown(frames, colours))
-        grid = torch.meshgrid(*(torch.arange(k) for k in (t // 2, h // PATCH // MERGE, w // PATCH // MERGE)), indexing="ij")
+        grid = torch.meshgrid(
+            *(torch.arange(k) for k in (t // 2, h // PATCH // MERGE, w // PATCH // MERGE)), indexing="ij"
+        )
         where = 2 + torch.stack(grid).flatten(1)[:, None].expand(-1, b, -1).to(seen.device)
         return self._with_head(seen, where, colours, d.FRAME)
 
@@ -243,7 +260,3 @@ class WordsNetwork(nn.Module):
             inputs_embeds=x, position_ids=where, use_cache=cache is not None, past_key_values=cache
         )
         return out.last_hidden_state
-
-    def settings(self) -> dict:
-        """The sizes, for config.json."""
-        return asdict(self.size)

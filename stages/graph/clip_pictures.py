@@ -1,12 +1,14 @@
 """What the model is shown of a clip, and whether it is what a checkpoint was trained with."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
+from pipeline.errors import ParamsError
 from pipeline.model.model_input import ModelInput, missing_input, read_input
-from pipeline.objects.instances import Instances, instances_of
+from pipeline.model.shown import SeenBodies, SeenFrames, flow_frames, rgb_frames, seen_bodies
 
 #: The parameters behind the fields of a checkpoint's record.
 PARAMETERS = {
@@ -16,6 +18,7 @@ PARAMETERS = {
     "flow_size": "flow.width, flow.height",
     "flow_iterations": "flow.iterations",
     "reasoning": "model.reasoning",
+    "sees": "model.sees",
 }
 
 
@@ -30,14 +33,25 @@ def picture_stage(kind: str) -> str:
     return {"flow": "flow", "rgb": "render"}[kind]
 
 
-def shown_stages(kind: str) -> list[str]:
-    """The stages whose shards have what the model is shown; of objects, masks and flow."""
-    return ["render", "flow"] if kind == "objects" else [picture_stage(kind)]
+def shown_stages(kind: str, sees: str) -> list[str]:
+    """The stages whose shards have what the model is shown; of bodies, masks and flow too."""
+    return ["render", "flow"] if sees == "bodies" else [picture_stage(kind)]
 
 
-def clip_instances(rendered: HasArrays, flow: HasArrays, schedule: Schedule) -> Instances:
-    """The bodies of a clip, by the masks and the flow of its shards."""
-    return instances_of(rendered.array("mask")[schedule.pairs[:, 0]], flow.array("flow"))
+def seen_by_words(clips: Sequence[HasArrays], kind: str, sees: str, schedule: Schedule) -> SeenBodies | SeenFrames:
+    """What the words model sees of a clip, which is in shards of `shown_stages`."""
+    first = schedule.pairs[:, 0]
+    if sees == "frame":
+        return flow_frames(clips[0].array("flow")) if kind == "flow" else rgb_frames(clips[0].array("rgb")[first])
+    rendered, flow = clips
+    frames = rendered.array("rgb")[first] if kind == "rgb" else None
+    return seen_bodies(rendered.array("mask")[first], flow.array("flow"), frames)
+
+
+def check_sees(base: str, sees: str, words: bool) -> None:
+    """Raise ParamsError where the model cannot be shown bodies one by one. words: whether it is a words model."""
+    if sees == "bodies" and not words:
+        raise ParamsError(f"model.sees: bodies, but {base} is shown whole frames; valid: frame")
 
 
 def pictures(clip: HasArrays, kind: str, schedule: Schedule) -> np.ndarray:

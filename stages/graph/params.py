@@ -184,7 +184,8 @@ class EventsSettings(Section):
 
 class ModelSettings(Section):
     base: str
-    input: Literal["flow", "rgb", "objects"]
+    input: Literal["flow", "rgb"]
+    sees: Literal["bodies", "frame"]
     reasoning: bool
     dtype: Literal["float32", "bfloat16"]
     width: Count

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import small_clip
 import torch
+from pipeline.objects.answering import ObjectsModel
+from pipeline.objects.network import ObjectsNetwork, ObjectsSize
 from ruamel.yaml import YAML
 
 import stages.compile
@@ -21,8 +23,6 @@ from pipeline.language.completion import write_completion
 from pipeline.model.base import load_base
 from pipeline.model.generate import generate
 from pipeline.model.model_input import ModelInput, read_input
-from pipeline.objects.answering import ObjectsModel
-from pipeline.objects.network import ObjectsNetwork, ObjectsSize
 from pipeline.scene.canonical import rounded_scene
 from pipeline.scene.text import load_scene, write_scene
 from pipeline.shards.code_hash import ROOT

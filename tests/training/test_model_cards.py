@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pipeline.objects.answering import load_objects
+from training.objects import card as objects_card
+from training.tiny import card as tiny_card
 
 from pipeline.model.base import load_base
-from pipeline.objects.answering import load_objects
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from training.model_card import CHECKED, LEARNED, SHOWN
-from training.objects import card as objects_card
-from training.tiny import card as tiny_card
 
 Measure = Callable[[Params, int], list[dict[str, float]]]
 MEASURES: dict[str, Measure] = {

@@ -12,6 +12,7 @@ import argparse
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -71,7 +72,7 @@ def write_motions(motions: list[Motion], path: Path) -> None:
     ]
     position = np.concatenate([m.position.transpose(1, 2, 0) for m in motions])  # (bodies, 3, F)
     quaternion = np.concatenate([m.quaternion.transpose(1, 2, 0) for m in motions])
-    arrays = {
+    arrays: dict[str, Any] = {
         "count": np.array([len(m.shapes) for m in motions], np.int8),
         "gravity": np.array([m.gravity for m in motions], np.float32),
         "shapes": np.concatenate([m.shapes for m in motions]),
@@ -181,7 +182,10 @@ def main() -> None:
         indices = range(file * FILE, (file + 1) * FILE)
         motions = drawn_motions(params, asked.seed, SUITE, indices, OBJECTS, params.suites.train.without)
         write_motions(motions, path)
-        print(f"{path.name}: {len(motions) / (time.perf_counter() - began):.0f} motions/s, {path.stat().st_size} B", flush=True)
+        print(
+            f"{path.name}: {len(motions) / (time.perf_counter() - began):.0f} motions/s, {path.stat().st_size} B",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

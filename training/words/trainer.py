@@ -12,57 +12,28 @@ import argparse
 import json
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
+from transformers.models.qwen2_5_vl.modeling_qwen2_5_vl import Qwen2_5_VLRMSNorm
 
 from pipeline.model import decisions as d
-from pipeline.model.words_network import WordsNetwork, WordsSize
-from training.words.loss import MIX, losses
+from pipeline.model.words_example import chosen
+from pipeline.model.words_loss import MIX, means
+from pipeline.model.words_network import WordsConfig, WordsNetwork
+from training.muon import Muon
 
 #: Shares of the steps.
 SHARES = {"flow": 0.62, "rgb": 0.17, "frame_flow": 0.14, "frame_rgb": 0.07}
 #: Examples that are kept of each kind, in GiB of a device with plenty and without.
 ROOM_GIB = {"cuda": {"flow": 24.0, "rgb": 12.0, "frame_flow": 10.0, "frame_rgb": 8.0}}
 ROOM_GIB["cpu"] = {kind: room / 20 for kind, room in ROOM_GIB["cuda"].items()}
-INTEGERS = ("token", "ask", "of", "position", "choice", "field")
 LONGEST = 132  # decisions of the longest answer that is kept, and 20 more for each body beyond four
 WARM_UP, CLIP_NORM = 60, 3.0
-
-
-class Muon(torch.optim.Optimizer):
-    """Muon (Jordan et al. 2024) over stacks of matrices of one shape, so that a step is few operations."""
-
-    def __init__(self, parameters, lr: float, momentum: float = 0.95, weight_decay: float = 0.0) -> None:
-        super().__init__(list(parameters), {"lr": lr, "momentum": momentum, "weight_decay": weight_decay})
-
-    @torch.no_grad()
-    def step(self, closure=None) -> None:
-        for group in self.param_groups:
-            shapes: dict[tuple, list[Tensor]] = {}
-            for p in group["params"]:
-                shapes.setdefault(tuple(p.shape), []).append(p)
-            for shape, ps in shapes.items():
-                state = self.state[ps[0]]
-                gradient = torch.stack([torch.zeros_like(p) if p.grad is None else p.grad for p in ps])
-                if "momentum" not in state:
-                    state["momentum"] = torch.zeros_like(gradient)
-                average = state["momentum"].mul_(group["momentum"]).add_(gradient)
-                x = gradient + group["momentum"] * average
-                x = x.bfloat16() if x.is_cuda else x
-                tall = shape[0] > shape[1]
-                x = x.transpose(1, 2) if tall else x
-                x = x / (x.norm(dim=(1, 2), keepdim=True) + 1e-7)
-                for _ in range(5):
-                    square = x @ x.transpose(1, 2)
-                    x = 3.4445 * x + (-4.7750 * square + 2.0315 * square @ square) @ x
-                x = x.transpose(1, 2) if tall else x
-                steps = list((x.to(gradient.dtype) * (0.2 * max(shape) ** 0.5)).unbind(0))
-                torch._foreach_mul_(ps, 1 - group["lr"] * group["weight_decay"])
-                torch._foreach_add_(ps, steps, alpha=-group["lr"])
 
 
 class Ring:
@@ -107,43 +78,28 @@ class Ring:
     def draw(self, count: int, rng: np.random.Generator) -> dict[str, Tensor]:
         rows = torch.from_numpy(rng.integers(0, len(self), count)).to(self.device)
         which = torch.from_numpy(rng.integers(0, self.arrays["ask"].shape[1], count)).to(self.device)
-        return group_of(self.arrays, rows, which)
-
-
-def group_of(arrays: dict[str, Tensor], rows: Tensor, which: Tensor) -> dict[str, Tensor]:
-    """Examples `rows` with their answers `which`, bodies in the order of the answer."""
-    out: dict[str, Tensor] = {}
-    if "frames" in arrays:
-        out["frames"] = arrays["frames"][rows]
-    else:
-        order = arrays["order"][rows, which].long()
-        for name in ("crops", "places", "shapes", "motion", "soon"):
-            x = arrays[name][rows]
-            index = order.view(*order.shape, *[1] * (x.ndim - 2)).expand(-1, -1, *x.shape[2:])
-            out[name] = x.gather(1, index)
-        out["shapes"] = out["shapes"].long()
-        out["numbers"] = arrays["numbers"][rows, which].long()
-    answer = {k: arrays[k][rows, which] for k in d.ANSWER_TYPES}
-    longest = int((answer["ask"] > 0).sum(1).max())
-    out |= {k: v[:, :longest].long() if k in INTEGERS else v[:, :longest] for k, v in answer.items()}
-    return out
+        return chosen(self.arrays, rows, which)
 
 
 class Pool:
     """Rings by kind and number of bodies, filled from files."""
 
-    def __init__(self, folder: Path, device: torch.device, shares: dict[str, float]) -> None:
-        self.folder, self.device, self.shares = folder, device, shares
+    def __init__(self, folder: Path, device: torch.device, shares: dict[str, float], keep: bool = False) -> None:
+        self.folder, self.device, self.shares, self.keep = folder, device, shares, keep
+        self.read: set[Path] = set()
         self.rings: dict[tuple[str, int], Ring] = {}
         self.made = 0
         self.stream = torch.cuda.Stream() if device.type == "cuda" else None
 
     def refresh(self, most: int = 20) -> int:
-        paths = sorted(self.folder.glob("[0-9]*.npz"))[:most]
+        paths = [p for p in sorted(self.folder.glob("[0-9]*.npz")) if p not in self.read][:most]
         for path in paths:
             with np.load(path) as stored:
                 arrays = {k: stored[k] for k in stored.files}
-            path.unlink()
+            if self.keep:
+                self.read.add(path)
+            else:
+                path.unlink()
             if self.stream is None:
                 self.add(arrays)
             else:
@@ -159,7 +115,7 @@ class Pool:
             self.made += len(rows["ask"])
 
     def ring(self, rng: np.random.Generator) -> Ring:
-        """One of a kind by the shares, of a number of bodies by how many there are, weighted by what a step then holds."""
+        """A ring of a kind drawn by the shares, and of a number of bodies by how many bodies there are."""
         kinds = [k for k in self.shares if any(kind == k for kind, _ in self.rings)]
         share = np.array([self.shares[k] for k in kinds])
         kind = kinds[rng.choice(len(kinds), p=share / share.sum())]
@@ -171,10 +127,12 @@ class Pool:
 def fast_norms(model: nn.Module) -> None:
     """PyTorch's own RMS norm in place of the one in several operations."""
     for m in model.modules():
-        if type(m).__name__.endswith("RMSNorm"):
-            m.forward = (  # type: ignore[method-assign]
-                lambda m: lambda x: functional.rms_norm(x, (x.shape[-1],), m.weight.to(x.dtype), m.variance_epsilon)
-            )(m)
+        if isinstance(m, Qwen2_5_VLRMSNorm):
+            m.forward = partial(_rms_norm, m)  # type: ignore[method-assign]
+
+
+def _rms_norm(norm: Qwen2_5_VLRMSNorm, x: Tensor) -> Tensor:
+    return functional.rms_norm(x, (x.shape[-1],), norm.weight.to(x.dtype), norm.variance_epsilon)
 
 
 INNER = ("language_model.layers.", "visual.blocks.", "visual.merger.mlp")
@@ -192,15 +150,6 @@ def optimisers(model: nn.Module, rate: float, muon: float, fused: bool) -> list[
     ]
 
 
-def sums_of(model: WordsNetwork, ring_kind: str, group: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Mean losses: the scene's by clip, others by body."""
-    frame = ring_kind.startswith("frame")
-    found = losses(model, group, ring_kind.endswith("rgb"), frame)
-    clips = len(group["ask"])
-    bodies = 2.4 * clips if frame else group["shapes"].numel()
-    return {k: v / (clips if k == "scene" else bodies) for k, v in found.items()}
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("examples", type=Path)
@@ -216,7 +165,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=6, help="files to wait for at the beginning")
     parser.add_argument("--shares", type=json.loads, default=SHARES, help="JSON of the kinds' shares of the steps")
     parser.add_argument("--fresh", type=float, default=1e9, help="views read, at most, for each that is seen")
-    parser.add_argument("--size", type=json.loads, default={}, help="JSON of WordsSize")
+    parser.add_argument("--size", type=json.loads, default={}, help="JSON of WordsConfig")
     asked = parser.parse_args()
     device = torch.device(asked.device)
     cuda = device.type == "cuda"
@@ -225,14 +174,15 @@ def main() -> None:
         torch.set_float32_matmul_precision("high")
     torch.manual_seed(0)
     asked.out.mkdir(parents=True, exist_ok=True)
-    model = WordsNetwork(WordsSize(**asked.size)).to(device)
+    model = WordsNetwork(WordsConfig(**asked.size))
+    model.to(device)  # type: ignore[arg-type]
     fast_norms(model)
     if asked.start:
         model.load_state_dict({k: v.float() for k, v in torch.load(asked.start, map_location=device).items()})
     print("parameters", round(sum(p.numel() for p in model.parameters()) / 1e6, 2), "million", flush=True)
     began = time.time()
     pool = Pool(asked.examples, device, asked.shares)
-    held = Pool(asked.examples / "held", torch.device("cpu"), SHARES)
+    held = Pool(asked.examples / "held", torch.device("cpu"), SHARES, keep=True)
     read = 0
     while read < asked.first:
         read += pool.refresh()
@@ -270,9 +220,9 @@ def main() -> None:
                     arrays = {name: v[: len(ring)].to(device) for name, v in ring.arrays.items()}
                     rows = torch.arange(len(ring), device=device)
                     with torch.no_grad(), torch.autocast(device.type, torch.bfloat16, enabled=cuda):
-                        means = sums_of(model, kind, group_of(arrays, rows, torch.zeros_like(rows)))
+                        found = means(model, chosen(arrays, rows, torch.zeros_like(rows)), kind.endswith("rgb"))
                     clips += len(ring)
-                    for name, v in means.items():
+                    for name, v in found.items():
                         total[name] = total.get(name, 0.0) + float(v) * len(ring)
             if clips:
                 out[kind] = {name: round(v / clips, 3) for name, v in total.items()}
@@ -293,8 +243,8 @@ def main() -> None:
                 optimiser.param_groups[0]["lr"] = share * peak
                 optimiser.zero_grad(set_to_none=True)
             with torch.autocast(device.type, torch.bfloat16, enabled=cuda):
-                means = sums_of(model, ring.kind, group)
-                loss = sum(MIX[k] * v for k, v in means.items())
+                found = means(model, group, ring.kind.endswith("rgb"))
+                loss = sum(MIX[k] * v for k, v in found.items())
             loss.backward()  # type: ignore[union-attr]
             nn.utils.clip_grad_norm_(steps[0].param_groups[0]["params"], CLIP_NORM)
             for optimiser in steps:
@@ -303,7 +253,7 @@ def main() -> None:
             seen += len(group["ask"])
             if step % 4 == 0:
                 torch._foreach_lerp_(kept, now, 1 - max(1 - 8 / (step / 4), 0))
-            for k, v in means.items():
+            for k, v in found.items():
                 name = f"{ring.kind}.{k}"
                 sums[name] = sums.get(name, torch.zeros((), device=device)) + v.detach()
                 counts[name] = counts.get(name, 0) + 1
@@ -320,7 +270,9 @@ def main() -> None:
                 log.write(json.dumps(row) + "\n")
                 log.flush()
                 flow = {k: row["train"].get(f"flow.{k}") for k in MIX}  # type: ignore[index, union-attr]
-                print(step, round(gone), "s seen", seen, "made", pool.made, "train", flow, "held", row["held"], flush=True)
+                print(
+                    step, round(gone), "s seen", seen, "made", pool.made, "train", flow, "held", row["held"], flush=True
+                )
                 sums.clear()
                 counts.clear()
                 save()

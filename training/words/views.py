@@ -16,28 +16,25 @@ import numpy as np
 from pipeline.clips.view import areas_px
 from pipeline.compiled import kernel
 from pipeline.language.events import DEFAULT_THRESHOLDS, Event, told_events
-from pipeline.objects.fields import NOTHING, OBJECT_FIELDS, object_numbers
-from pipeline.objects.instances import FULL, HEIGHT, MARGIN, SIDE, WIDTH, Instances, instances_of
-from pipeline.objects.mask_errors import with_errors
+from pipeline.model.instances import HEIGHT, MARGIN, WIDTH, Instances, instances_of
+from pipeline.model.mask_errors import with_errors
+from pipeline.model.words_example import motions
 from pipeline.scene.canonical import canonical_object
 from pipeline.scene.rotation import quaternion_multiply
-from pipeline.scene.scene import BASIC_SHAPES, SIZE_KEYS, Camera, SceneObject, half_extents
-from pipeline.scene.solid import reach_below
-from pipeline.vision.flow.flow_noise import CELL_PX, RAFT_RANGES
+from pipeline.scene.scene import BASIC_SHAPES, SIZE_KEYS, Camera, Scene, SceneObject, half_extents
+from pipeline.vision.flow.flow_noise import RAFT_RANGES
 from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
-from pipeline.vision.rendering.camera import Pinhole, focal_px, pinhole, project
+from pipeline.vision.rendering.camera import Pinhole, pinhole, project
 from pipeline.vision.rendering.exact_flow import exact_flow_frame
-from pipeline.vision.rendering.shade import shade
 from pipeline.vision.rendering.rasteriser import fill_background, rasterise_frame, rasterise_frames
+from pipeline.vision.rendering.shade import shade
 from training.words.motions import (
     DAMPING,
     MASS,
-    PLACE,
     ROLLING,
     SIZE,
     SLIDING,
     SPIN,
-    TURN,
     VELOCITY,
     Motion,
 )
@@ -53,7 +50,7 @@ HEIGHTS, TARGETS, FOVS, DISTANCE = (0.5, 1.4), (0.0, 0.25), (28.0, 46.0), 2.0
 GRAVITIES, MASSES, ROLLINGS = (2.0, 12.0), (0.1, 4.0), (0.0, 0.01)
 SIZES = {"sphere": ((0.07, 0.24),), "cylinder": ((0.06, 0.2), (0.1, 0.4)), "box": ((0.12, 0.4),) * 3}
 PLACES = ((-0.7, 0.7), (-0.7, 0.8))
-CENTRE = (0.0, 0.05)
+CENTRE = np.array([0.0, 0.05])
 SPEED = 2.1  # m/s along an axis, the most that a scaled motion has
 SCALES = (0.8, 1.25)
 
@@ -62,13 +59,19 @@ SCALES = (0.8, 1.25)
 class Turned:
     """A motion as another camera's world has it; bodies from left to right where they first appear."""
 
-    objects: list[SceneObject]
+    scene: Scene
     position: np.ndarray
     quaternion: np.ndarray
-    camera: Camera
-    gravity: float
     events: list[Event]
-    areas: np.ndarray
+
+    @property
+    def objects(self) -> tuple[SceneObject, ...]:
+        return self.scene.objects
+
+    @property
+    def camera(self) -> Camera:
+        assert self.scene.camera is not None
+        return self.scene.camera
 
 
 def _limits(motion: Motion) -> tuple[float, float]:
@@ -87,13 +90,12 @@ def _limits(motion: Motion) -> tuple[float, float]:
 
 def turned(motion: Motion, rng: np.random.Generator) -> Turned | None:
     """The motion seen otherwise; None where no try passes the filters."""
-    n = len(motion.shapes)
     low, high = _limits(motion)
     masses = motion.values[:, MASS]
     for _ in range(TRIES):
         scale = math.exp(rng.uniform(math.log(low), math.log(high)))
         angle, mirror = rng.uniform(-math.pi, math.pi), rng.random() < 0.5
-        shift = np.array([*CENTRE, 0.0]) + [*rng.uniform(-0.1, 0.1, 2), 0.0]
+        shift = np.array([*(CENTRE + rng.uniform(-0.1, 0.1, 2)), 0.0])
         c, s = math.cos(angle), math.sin(angle)
         flip = np.diag([-1.0 if mirror else 1.0, 1.0, 1.0])
         turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ flip
@@ -113,7 +115,12 @@ def turned(motion: Motion, rng: np.random.Generator) -> Turned | None:
         sizes = scale * motion.values[:, SIZE : SIZE + 3].astype(float)
         shapes = [BASIC_SHAPES[k] for k in motion.shapes]
         kinds = motion.shapes.astype(np.int64)
-        halves = np.array([half_extents(SceneObject(shape=a, size=tuple(b[: len(SIZE_KEYS[a])]), mass=1.0)) for a, b in zip(shapes, sizes)])
+        halves = np.array(
+            [
+                half_extents(SceneObject(shape=a, size=tuple(b[: len(SIZE_KEYS[a])]), mass=1.0))
+                for a, b in zip(shapes, sizes, strict=True)
+            ]
+        )
         seen_from = pinhole(camera)
         areas = _areas(kinds, halves, position, quaternion, seen_from)
         if areas[0].sum() < AREA_PX:
@@ -147,18 +154,14 @@ def turned(motion: Motion, rng: np.random.Generator) -> Turned | None:
         physical = []
         for e in motion.events:
             first, second = int(new[e.first]), None if e.second is None else int(new[e.second])
-            if e.kind == "hits_object" and second < first:
+            if second is not None and second < first:
                 first, second = second, first
             physical.append(replace(e, first=first, second=second))
-        areas = areas[:, order]
         return Turned(
-            [objects[i] for i in order],
+            Scene(tuple(objects[i] for i in order), camera, (0.0, 0.0, -motion.gravity * scale)),
             np.ascontiguousarray(position[:, order]),
             np.ascontiguousarray(quaternion[:, order]),
-            camera,
-            motion.gravity * scale,
-            told_events(physical, areas, TIMES, DEFAULT_THRESHOLDS),
-            areas,
+            told_events(physical, areas[:, order], TIMES, DEFAULT_THRESHOLDS),
         )
     return None
 
@@ -250,14 +253,16 @@ class Fields:
         return fields[rng.integers(len(fields)), a : a + height, b : b + width]
 
 
-def noisy(flow: np.ndarray, masks: np.ndarray, within: np.ndarray, fields: Fields, rng: np.random.Generator) -> np.ndarray:
+def noisy(
+    flow: np.ndarray, masks: np.ndarray, within: np.ndarray, fields: Fields, rng: np.random.Generator
+) -> np.ndarray:
     """Flow with errors on and near bodies like RAFT's (`pipeline.vision.flow.flow_noise`), at rest elsewhere."""
     drawn = {k: float(np.exp(rng.uniform(*np.log(limits)))) for k, limits in RAFT_RANGES.items()}
     size = masks.shape[2] / 480
     blur = size * drawn["edge_px"]
     margin = math.ceil(2 * blur)
     out = flow.copy()
-    threshold = np.float32(math.sqrt(2) * _inverse_error(1 - 2 * drawn["dropout"]))
+    threshold = math.sqrt(2) * _inverse_error(1 - 2 * drawn["dropout"])
     for t in range(len(flow)):
         top, bottom, left, right = within[t]
         part = np.s_[max(top - margin, 0) : bottom + margin, max(left - margin, 0) : right + margin]
@@ -298,23 +303,10 @@ def _waver(flow: np.ndarray, field: np.ndarray, fixed: float, share: float) -> N
             flow[y, x, 1] += np.float32(size * field[y, x, 1])
 
 
-def numbers_of(view: Turned) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(4,) numbers of the scene, (N,) shapes, (N, 19) numbers of the bodies."""
-    camera = view.camera
-    scene = np.array([camera.pitch, camera.position[2], camera.fov, view.gravity], np.float32)
-    shapes = np.array([BASIC_SHAPES.index(o.shape) for o in view.objects], np.int8)
-    return scene, shapes, np.array([object_numbers(o) for o in view.objects], np.float32)
-
-
 def motion_labels(view: Turned) -> np.ndarray:
     """(N, T, 9) position, velocity and spin between the two frames of each pair."""
-    p, q = view.position, view.quaternion
-    turn = quaternion_multiply(q[FIRST + 1], q[FIRST] * [1, -1, -1, -1])
-    turn = turn * np.where(turn[..., :1] < 0, -1, 1)
-    sine = np.linalg.norm(turn[..., 1:], axis=-1, keepdims=True)
-    spin = turn[..., 1:] / np.maximum(sine, 1e-9) * (2 * np.arctan2(sine, turn[..., :1])) * FPS
-    velocity = (p[FIRST + 1] - p[FIRST]) * FPS
-    return np.concatenate([p[FIRST], velocity, spin], -1).transpose(1, 0, 2).astype(np.float32)
+    pairs = np.stack([FIRST, FIRST + 1], 1)
+    return motions(view.position[pairs], view.quaternion[pairs], 1 / FPS)
 
 
 def instances_with_errors(seen: Pictures, count: int, fields: Fields, rng: np.random.Generator) -> Instances:
@@ -360,59 +352,3 @@ def boxes_wanted(places: np.ndarray) -> np.ndarray:
                 rows = slice(max(int(y - half), 0), max(math.ceil(y + half), 0))
                 wanted[t, rows, max(int(x - half), 0) : max(math.ceil(x + half), 0)] = True
     return wanted
-
-
-def rgb_crops(frames: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(N, T, 3, SIDE, SIDE) int8 of frames (T, HEIGHT, WIDTH, 3) uint8: -127 black, 127 white, 0 outside of the picture."""
-    crops = np.zeros((*places.shape[:2], 3, SIDE, SIDE), np.int8)
-    _crop_rgb(frames, places, crops)
-    return crops
-
-
-@kernel
-def _crop_rgb(frames: np.ndarray, places: np.ndarray, crops: np.ndarray) -> None:
-    _, height, width, _ = frames.shape
-    size = crops.shape[-1]
-    for i in range(len(places)):
-        for t in range(len(frames)):
-            v = places[i, t]
-            if v[0] == 0:
-                continue
-            side = MARGIN * max(v[2] - v[1], v[4] - v[3])
-            left, top = 0.5 * (v[1] + v[2]) - side / 2, 0.5 * (v[3] + v[4]) - side / 2
-            step = side / size
-            sub = 1 if step <= 0.75 else (2 if step <= 2 else 3)
-            for r in range(size):
-                for c in range(size):
-                    inside, red, green, blue = 0, 0.0, 0.0, 0.0
-                    for a in range(sub):
-                        y = math.floor(top + (r + (a + 0.5) / sub) * step)
-                        for b in range(sub):
-                            x = math.floor(left + (c + (b + 0.5) / sub) * step)
-                            if 0 <= x < width and 0 <= y < height:
-                                inside += 1
-                                red += frames[t, y, x, 0]
-                                green += frames[t, y, x, 1]
-                                blue += frames[t, y, x, 2]
-                    if inside:
-                        crops[i, t, 0, r, c] = int(red / inside * (2 * FULL / 255) - FULL)
-                        crops[i, t, 1, r, c] = int(green / inside * (2 * FULL / 255) - FULL)
-                        crops[i, t, 2, r, c] = int(blue / inside * (2 * FULL / 255) - FULL)
-
-
-FRAME = (192, 128)  # px, of a whole frame as the model sees it
-FASTEST = 20.0  # px of WIDTH per interval that are FULL in a frame's flow
-
-
-def frame_flow(flow: np.ndarray) -> np.ndarray:
-    """(T, 2, 128, 192) int8 of flow (T, HEIGHT, WIDTH, 2): right and down, on a scale that is finer near 0."""
-    small = np.stack([cv2.resize(f, FRAME, interpolation=cv2.INTER_AREA) for f in flow])
-    share = np.arcsinh(2 * small) / np.arcsinh(2 * FASTEST)
-    return np.rint(FULL * share.clip(-1, 1)).astype(np.int8).transpose(0, 3, 1, 2)
-
-
-def frame_rgb(frames: np.ndarray) -> np.ndarray:
-    """(T, 3, 128, 192) int8 of frames (T, H, W, 3) uint8."""
-    if frames.shape[1:3] != FRAME[::-1]:
-        frames = np.stack([cv2.resize(f, FRAME, interpolation=cv2.INTER_AREA) for f in frames])
-    return np.rint(frames * (2 * FULL / 255) - FULL).astype(np.int8).transpose(0, 3, 1, 2)

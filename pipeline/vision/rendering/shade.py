@@ -372,5 +372,18 @@ def shade(
     for k in range(len(positions)):
         rasterise_frame(kinds, half_sizes, positions[k], quaternions[k], eye, rotation, fov, background, mask, depth)
         body[:, CENTRE:AXES], body[:, AXES:RADIUS] = positions[k], rotations[k]
-        _shade_frame(body, *tables, eye, rotation, focal_px(fov, height), antialias, everywhere if wanted is None else wanted[k], mask, depth, draft, lit, out[k])
+        _shade_frame(
+            body,
+            *tables,
+            eye,
+            rotation,
+            focal_px(fov, height),
+            antialias,
+            everywhere if wanted is None else wanted[k],
+            mask,
+            depth,
+            draft,
+            lit,
+            out[k],
+        )
     return out

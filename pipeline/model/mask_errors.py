@@ -123,7 +123,7 @@ def _look_up(
     columns: tuple[int, int],
     out: np.ndarray,
 ) -> None:
-    """Within rows and columns (first, one past the last), each pixel of the mask from where the field (H, W, 2) says."""
+    """Fill rows and columns (first, one past the last) of `out` with the mask moved by amplitude times the field."""
     height, width = mask.shape
     for y in range(rows[0], rows[1]):
         for x in range(columns[0], columns[1]):

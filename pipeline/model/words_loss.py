@@ -1,4 +1,4 @@
-"""The loss of the words model on groups of examples of one kind."""
+"""The loss of the words model on groups of examples of one kind and number of bodies."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipeline.model import decisions as d
+from pipeline.model.fields import BINS, NOTHING, SCENE_FIELDS
 from pipeline.model.words_network import FRAMES, MOTION, WordsNetwork
-from pipeline.objects.fields import BINS, NOTHING, SCENE_FIELDS
 
 #: How much each part counts.
 MIX = {"shape": 2.0, "events": 0.5, "time": 0.5, "scene": 1.0, "numbers": 1.0, "beside": 0.3}
+USUAL_BODIES = 2.4  # of a clip of whole frames
 MOTION_SCALE = [0.5] * 3 + [0.8] * 3 + [4.0] * 3  # m, m/s, rad/s that count as 1
 
 
@@ -27,7 +28,7 @@ def soft_targets(number: Tensor, field: Tensor) -> Tensor:
     return soft / soft.sum(-1, keepdim=True)
 
 
-def losses(model: WordsNetwork, group: dict[str, Tensor], colours: bool, frame: bool) -> dict[str, Tensor]:
+def losses(model: WordsNetwork, group: dict[str, Tensor], colours: bool) -> dict[str, Tensor]:
     """Sums of losses.
 
     Args:
@@ -35,8 +36,8 @@ def losses(model: WordsNetwork, group: dict[str, Tensor], colours: bool, frame: 
         group: crops (B, N, T, C, S, S) int8, places (B, N, T, 14), numbers (B, N), shapes (B, N), motion (B, N, T, 9),
             soon (B, N, T, 8) of bodies, or frames (B, T, C, h, w) int8; and the arrays of `Answer` (B, L).
         colours: Whether the pictures show colours.
-        frame: Whether they are whole frames.
     """
+    frame = "frames" in group
     if frame:
         prompt, where = model.frame_prompt(group["frames"], colours)
     else:
@@ -49,6 +50,13 @@ def losses(model: WordsNetwork, group: dict[str, Tensor], colours: bool, frame: 
     if not frame:
         out["beside"] = _beside(model, h[:, 2:p], group)
     return out
+
+
+def means(model: WordsNetwork, group: dict[str, Tensor], colours: bool) -> dict[str, Tensor]:
+    """Mean losses: the scene's by clip, others by body."""
+    clips = len(group["ask"])
+    bodies = group["shapes"].numel() if "shapes" in group else USUAL_BODIES * clips
+    return {k: v / (clips if k == "scene" else bodies) for k, v in losses(model, group, colours).items()}
 
 
 def _of_answer(model: WordsNetwork, said: Tensor, group: dict[str, Tensor]) -> dict[str, Tensor]:
