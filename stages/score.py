@@ -1,11 +1,12 @@
 """Score every answer of every suite, and write the report.
 
-Reads data/{sample,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite>, data/finetune, data/prefer, with
+Reads data/{sample,events,render,flow,infer,best_of_k,cmaes,fit,predict}/<suite>, data/finetune, data/prefer, with
 regress.enabled data/regress, reports/README.md, and the tables and texts of benchmarks/results/{learned,starts}.
-Writes reports/: scores.json (metrics), scores.csv, scores.md, parameters.md, prediction.md, determined.md, times.md,
-clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
+Writes reports/: scores.json (metrics), scores.csv, scores.md, events.md, parameters.md, prediction.md, determined.md,
+times.md, clips.csv (a row per clip and method), plots/*.csv (plots), index.html.
 Clips that preference optimisation has used are summed up apart, as the suite "<suite>, used by prefer".
-Parameters: seed, clip, score, regress.enabled, and for the page's head model, flow.source, infer.shots.
+Parameters: seed, clip, events, sample.filters.visible_px, score, regress.enabled, and for the page's head model,
+flow.source, infer.shots.
 Run: python -m stages.score
 """
 
@@ -18,11 +19,14 @@ from typing import Any
 
 from pipeline.csv_rows import read_rows, write_rows
 from pipeline.evaluation.determined import determined_table, spreads_by_kind
+from pipeline.evaluation.event_scores import EVENT_METRICS, KIND_METRICS
+from pipeline.evaluation.event_table import EVENTS, events_table
 from pipeline.evaluation.scene_scores import METRICS
 from pipeline.evaluation.scores_page import RunScores, scores_page, shown_clips
 from pipeline.evaluation.suite import AnsweredSuite, forecast_rows
-from pipeline.evaluation.summary import as_csv, as_json, summarise
+from pipeline.evaluation.summary import COUNTS, as_csv, as_json, summarise, with_metrics
 from pipeline.evaluation.tables import ERRORS, FORECAST, SCORES, markdown, metrics_table, times_table
+from pipeline.language.events import Thresholds
 from pipeline.shards.contents import check_contents
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
@@ -38,12 +42,14 @@ BENCHMARKS = Path("benchmarks/results")
 UNFINISHED = REPORTS / ".clips.csv.partial"
 STAGES = ("render", "flow", "infer", "best_of_k", "cmaes", "fit")
 SUITES = ("id", "held_out", "more", "real")
+WITH_EVENTS = ("id", "held_out", "more")  # suites whose clips have known events
 PREDICTED_SUITES = ("id", "real")
 CLIP_COLUMNS = (
     *("suite", "clip", "method", "simulations", "iou_initial", "iou", "foreground_iou", "epe_first", "epe"),
     *("epe_frame", "penetration", "valid", "composition", "error.camera_height", "error.camera_pitch", "error.fov"),
     *("error.gravity", "error.mass", "error.sliding_friction", "error.rolling_friction", "error.damping"),
     *("error.position", "error.velocity", "error.angular_velocity", "error.size", "error.orientation"),
+    *(f"{metric}.{count}" for metric in EVENT_METRICS for count in COUNTS),
 )
 PRINTED = ("composition", "iou_initial", "iou", "epe_frame")
 
@@ -92,7 +98,8 @@ def write_tables(found: RunScores) -> None:
     (REPORTS / "scores.json").write_text(json.dumps(as_json(found.summary), indent=1) + "\n")
     (REPORTS / "scores.csv").write_text(as_csv(found.summary))
     made_on = f"\nMade on: {machine_kind()}. Results of the searches differ in the third digit between processors.\n"
-    (REPORTS / "scores.md").write_text(markdown(*metrics_table(found.summary, SCORES)) + made_on)
+    (REPORTS / "scores.md").write_text(markdown(*metrics_table(found.summary, {**SCORES, **EVENTS})) + made_on)
+    (REPORTS / "events.md").write_text(markdown(*events_table(found.events)))
     (REPORTS / "parameters.md").write_text(markdown(*metrics_table(found.summary, ERRORS)))
     (REPORTS / "prediction.md").write_text(markdown(*metrics_table(found.forecast, FORECAST)))
     (REPORTS / "times.md").write_text(markdown(*times_table(found.summary)))
@@ -102,13 +109,17 @@ def write_tables(found: RunScores) -> None:
 def main() -> None:
     params = load("score")
     schedule = params.clip.schedule
+    thresholds = Thresholds(**params.events.model_dump(), visible_px=params.sample.filters.visible_px)
     model = answering_model()
     stages = [*STAGES, *["regress"] * params.regress.enabled]
+    of_suite = {name: [*stages, *["events"] * (name in WITH_EVENTS)] for name in SUITES}
     used = {name: frozenset(clip for clip in model.used if model.has_used(name, clip)) for name in SUITES}
-    suites = [AnsweredSuite(name, open_suite(name, stages), used[name]) for name in SUITES]
+    suites = [AnsweredSuite(name, open_suite(name, of_suite[name]), used[name]) for name in SUITES]
+    event_metrics = [*EVENT_METRICS, *KIND_METRICS]
     with writing_to(REPORTS):
-        rows = written((row for suite in suites for row in suite.score_rows(schedule)), UNFINISHED)
-        summary = summarise(rows, [*METRICS, *ERRORS], params.score.bootstrap, params.seed)
+        rows = written((row for suite in suites for row in suite.score_rows(schedule, thresholds)), UNFINISHED)
+        scores = summarise(rows, [*METRICS, *ERRORS], params.score.bootstrap, params.seed, event_metrics)
+    summary = with_metrics(scores, [*METRICS, *EVENT_METRICS, *ERRORS])
     forecasts = (row for name in PREDICTED_SUITES for row in forecast_rows(name, open_shards(folder("predict", name))))
     found = RunScores(
         summary=summary,
@@ -117,6 +128,7 @@ def main() -> None:
         training=read_losses(),
         determined=spreads_by_kind(clip for suite in suites for clip in suite.certainties()),
         forecast=summarise(forecasts, list(FORECAST), params.score.bootstrap, params.seed),
+        events=with_metrics(scores, event_metrics),
     )
     gallery = {suite.name: shown_clips(suite, params.score.gallery, schedule) for suite in suites if len(suite)}
     text = scores_page(found, gallery, facts(params, model, suites), REPORTS, BENCHMARKS)

@@ -54,11 +54,27 @@ METRICS: dict[str, bool] = {
 }
 
 
-def score(scene: Scene, reference: Reference, schedule: Schedule) -> dict[str, float]:
-    """The metrics of one answer. A replay that becomes unstable scores as an empty view, with `valid` 0.
+@dataclass(frozen=True)
+class SceneScores:
+    """How well one answer replays its clip.
 
-    Parameter errors (`error.<name>`) are added where the true scene is known and the composition right.
+    Attributes:
+        metrics: By name: those of `METRICS`, and parameter errors (`error.<name>`) where the true scene is known and
+            the composition right.
+        pairs: (P, 2) Which object of the answer was assigned to which true object, once for the clip.
     """
+
+    metrics: dict[str, float]
+    pairs: np.ndarray
+
+
+def score(scene: Scene, reference: Reference, schedule: Schedule) -> dict[str, float]:
+    """The metrics of one answer, as `SceneScores` has them."""
+    return score_with_pairs(scene, reference, schedule).metrics
+
+
+def score_with_pairs(scene: Scene, reference: Reference, schedule: Schedule) -> SceneScores:
+    """The scores of one answer. A replay that becomes unstable scores as an empty view, with `valid` 0."""
     try:
         own = replay_poses(scene, schedule)
         masks, flow, valid = own.masks, own.frame_flow, 1.0
@@ -84,7 +100,7 @@ def score(scene: Scene, reference: Reference, schedule: Schedule) -> dict[str, f
         out["composition"] = float(scene.composition == reference.scene.composition)
         if out["composition"]:
             out |= parameter_errors(scene, reference.scene, pairs)
-    return out
+    return SceneScores(out, pairs)
 
 
 def parameter_errors(scene: Scene, truth: Scene, pairs: np.ndarray) -> dict[str, float]:

@@ -15,6 +15,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import read_rows
 from pipeline.evaluation.clip_pictures import PANELS, animation, as_jpeg, as_webp, stills
 from pipeline.evaluation.determined import KindSpreads, determined_table
+from pipeline.evaluation.event_table import EVENTS, events_table
 from pipeline.evaluation.figures import bars, curves
 from pipeline.evaluation.report import Section, drawing, folded, html_table, page, picture, prose_by_heading
 from pipeline.evaluation.suite import AnsweredSuite, greedy_row
@@ -56,6 +57,7 @@ class RunScores:
         training: Losses of the fine-tuning by name, as (steps, losses).
         determined: Spreads by kind of parameter.
         forecast: Scores of forecasts by suite and method.
+        events: F1 of events by suite and method, in all and by kind.
     """
 
     summary: Summary
@@ -64,6 +66,7 @@ class RunScores:
     training: Mapping[str, Curve]
     determined: Mapping[str, KindSpreads]
     forecast: Summary
+    events: Summary
 
 
 @dataclass(frozen=True)
@@ -133,8 +136,9 @@ def scores_page(
     """
     text = prose_by_heading(reports / "README.md")
     tables = {
-        "Scores": metrics_table(run.summary, SCORES),
+        "Scores": metrics_table(run.summary, {**SCORES, **EVENTS}),
         "Parameter errors": metrics_table(run.summary, ERRORS, costs=False),
+        "Events": events_table(run.events),
         "What a clip determines": determined_table(run.determined),
         "Forecasts": metrics_table(run.forecast, FORECAST),
     }

@@ -11,8 +11,10 @@ import numpy as np
 from tqdm import tqdm
 
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.scene_scores import Reference, measured_reference, score, true_reference
+from pipeline.evaluation.event_scores import score_events
+from pipeline.evaluation.scene_scores import Reference, measured_reference, score_with_pairs, true_reference
 from pipeline.evaluation.summary import best_of_k_curve, mean_best_so_far
+from pipeline.language.events import Event, Thresholds
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
 from pipeline.shards.dataset import ShardedDataset
@@ -49,8 +51,8 @@ class AnsweredSuite:
 
     Attributes:
         name: Of the suite.
-        stages: Its shards by stage: render, flow, infer, best_of_k, cmaes, fit; sample where clips were sampled;
-            regress where that is enabled.
+        stages: Its shards by stage: render, flow, infer, best_of_k, cmaes, fit; sample and events where clips were
+            sampled; regress where that is enabled.
         used: The clips that preference optimisation used. Their scores are summed up apart: they say nothing about
             clips that the model has not seen.
     """
@@ -87,6 +89,21 @@ class AnsweredSuite:
             "search": (fitted["scene"], len(ranked) + fitted["simulations"]),
         }
 
+    def completions(self, clip: int) -> dict[str, str]:
+        """By method: the text that the model wrote. Searches and other models give a scene without words."""
+        ranked = self.stages["best_of_k"][clip].rows()
+        best = next(row for row in self.stages["infer"][clip].rows() if row["sample"] == ranked[0]["sample"])
+        return {"greedy": greedy_row(self.stages, clip)["text"], f"best@{len(ranked)}": best["text"]}
+
+    def true_events(self, clip: int) -> list[Event] | None:
+        """What happens in a clip; None where it is not known."""
+        if "events" not in self.stages:
+            return None
+        return [
+            Event(row["time"], row["kind"], row["first"], None if row["second"] < 0 else row["second"])
+            for row in self.stages["events"][clip].rows("events")
+        ]
+
     def seconds_by_method(self) -> dict[str, float]:
         """Seconds of one worker a clip, for best-of-K and the searches; NaN where the store no longer has them."""
         spent = {stage: self.stages[stage].compute_seconds() for stage in ("best_of_k", "cmaes", "fit")}
@@ -108,12 +125,24 @@ class AnsweredSuite:
                 ],
             )
 
-    def score_rows(self, schedule: Schedule) -> Iterator[Row]:
-        """A row of scores for each clip and method."""
+    def score_rows(self, schedule: Schedule, thresholds: Thresholds) -> Iterator[Row]:
+        """A row of scores for each clip and method, with counts of events where the clip's events are known.
+
+        Args:
+            schedule: Of the clips.
+            thresholds: By which the true events were found.
+        """
         for clip, answers in self.answered():
-            truth = reference(self.stages, clip, schedule)
-            for head, scene in answers:
-                yield {**head, **score(read_scene(scene), truth, schedule)}
+            truth, events = reference(self.stages, clip, schedule), self.true_events(clip)
+            completions = {} if events is None else self.completions(clip)
+            for head, text in answers:
+                scene = read_scene(text)
+                found = score_with_pairs(scene, truth, schedule)
+                row = {**head, **found.metrics}
+                if events is not None:
+                    said = completions.get(head["method"])
+                    row |= score_events(scene, found.pairs, said, events, schedule, thresholds)
+                yield row
 
     def best_of_k_rows(self) -> list[Row]:
         """What more samples gain: rows of series, k, iou, the mean over clips that the model has not seen."""

@@ -6,14 +6,15 @@ import csv
 import io
 from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from pipeline.metrics.intervals import NO_CLIPS, MeanInterval, bootstrap_mean
+from pipeline.metrics.intervals import NO_CLIPS, MeanInterval, bootstrap_mean, bootstrap_ratio
 
 COSTS = ("simulations", "seconds")
+COUNTS = ("matched", "found", "true")  # behind an F1, in this order: 2 matched / (found + true)
 History = tuple[Sequence[int] | np.ndarray, Sequence[float] | np.ndarray]
 
 
@@ -25,35 +26,59 @@ class Summary:
         intervals: [suite, method][metric].
         simulations: [suite, method], the mean a clip.
         seconds: [suite, method], the mean a clip; NaN where it is not known.
+        counts: [suite, method][metric], the sums over clips of `COUNTS` behind each F1.
     """
 
     intervals: dict[tuple[str, str], dict[str, MeanInterval]]
     simulations: dict[tuple[str, str], float]
     seconds: dict[tuple[str, str], float]
+    counts: dict[tuple[str, str], dict[str, tuple[int, ...]]] = field(default_factory=dict)
 
 
-def summarise(rows: Iterable[Mapping[str, Any]], metrics: Sequence[str], resamples: int, seed: int = 0) -> Summary:
+def summarise(
+    rows: Iterable[Mapping[str, Any]],
+    metrics: Sequence[str],
+    resamples: int,
+    seed: int = 0,
+    f1_metrics: Sequence[str] = (),
+) -> Summary:
     """Sum up the scores of clips. Rows are taken one after the other, and of each only 8 bytes a number are held.
 
     Args:
         rows: A row for each clip and method, with suite, method, simulations, seconds and some of the metrics. A metric
             that a row lacks is left out of that metric's mean.
-        metrics: The metrics.
+        metrics: The metrics of which means are taken.
         resamples: Bootstrap resamples behind each interval.
         seed: Of the resamples.
+        f1_metrics: F1 scores. Of each, rows have the columns `<metric>.<count>` for each of `COUNTS`; the F1 is that of
+            the sums of these over the clips.
     """
+    columns = [*metrics, *(f"{metric}.{count}" for metric in f1_metrics for count in COUNTS)]
     groups: dict[tuple[str, str], dict[str, array[float]]] = {}
     for row in rows:
         key = row["suite"], row["method"]
         if key not in groups:
-            groups[key] = {name: array("d") for name in (*metrics, *COSTS)}
+            groups[key] = {name: array("d") for name in (*columns, *COSTS)}
         for name, numbers in groups[key].items():
             numbers.append(row[name] if name in COSTS else row.get(name, np.nan))
     intervals = {
         key: {m: bootstrap_mean(np.array(group[m]), resamples, seed) for m in metrics} for key, group in groups.items()
     }
-    spent = [{key: float(np.mean(group[name])) for key, group in groups.items()} for name in COSTS]
-    return Summary(intervals, *spent)
+    counts: dict[tuple[str, str], dict[str, tuple[int, ...]]] = {key: {} for key in groups}
+    for key, group in groups.items():
+        for metric in f1_metrics:
+            matched, found, true = (np.array(group[f"{metric}.{count}"]) for count in COUNTS)
+            intervals[key][metric] = bootstrap_ratio(2 * matched, found + true, resamples, seed)
+            counts[key][metric] = tuple(int(np.nansum(of_clips)) for of_clips in (matched, found, true))
+    simulations, seconds = ({key: float(np.mean(group[name])) for key, group in groups.items()} for name in COSTS)
+    return Summary(intervals, simulations, seconds, counts)
+
+
+def with_metrics(summary: Summary, metrics: Sequence[str]) -> Summary:
+    """The summary of these metrics alone."""
+    intervals = {key: {m: found[m] for m in metrics} for key, found in summary.intervals.items()}
+    counts = {key: {m: found[m] for m in metrics if m in found} for key, found in summary.counts.items()}
+    return Summary(intervals, summary.simulations, summary.seconds, counts)
 
 
 def as_json(summary: Summary) -> dict[str, Any]:

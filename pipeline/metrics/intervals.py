@@ -1,4 +1,4 @@
-"""Confidence intervals: of means by the bootstrap, of shares by Wilson's score interval."""
+"""Confidence intervals: of means and of pooled ratios by the bootstrap, of shares by Wilson's score interval."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ BATCH_NUMBERS = 2**20  # that are drawn at a time, so that memory does not grow 
 
 @dataclass(frozen=True)
 class MeanInterval:
-    """A mean over clips with its 95 % interval (percentile bootstrap).
+    """A mean over clips, or a ratio of sums over clips, with its 95 % interval (percentile bootstrap).
 
     Attributes:
-        mean: The mean; NaN where n is 0, and so are the limits.
+        mean: The mean or the ratio; NaN where n is 0, and so are the limits.
         low: Lower limit.
         high: Upper limit.
         n: Number of clips.
@@ -68,6 +68,36 @@ def bootstrap_mean(values: np.ndarray, resamples: int, seed: int = 0) -> MeanInt
         rng=np.random.default_rng(seed),
     ).confidence_interval
     return MeanInterval(mean, float(interval.low), float(interval.high), len(kept))
+
+
+def bootstrap_ratio(part: np.ndarray, whole: np.ndarray, resamples: int, seed: int = 0) -> MeanInterval:
+    """The ratio of two sums over clips, with its percentile-bootstrap interval; clips are resampled, with both numbers.
+
+    Args:
+        part: (n,) of each clip; a clip with NaN is left out.
+        whole: (n,) of each clip, 0 or more; a clip with NaN is left out.
+        resamples: Number of resamples. Those in which the whole is 0 have no ratio and are left out.
+        seed: Of the resamples, as in `bootstrap_mean`.
+
+    Returns:
+        `NO_CLIPS` where the sum of `whole` is 0.
+    """
+    kept = ~(np.isnan(part) | np.isnan(whole))
+    part, whole = part[kept], whole[kept]
+    if not whole.any():
+        return NO_CLIPS
+    rng, clips = np.random.default_rng(seed), len(part)
+    batch = max(1, BATCH_NUMBERS // clips)
+    ratios = []
+    for start in range(0, resamples, batch):
+        drawn = rng.integers(clips, size=(min(batch, resamples - start), clips))
+        parts, wholes = part[drawn].sum(1), whole[drawn].sum(1)
+        ratios.append(parts[wholes > 0] / wholes[wholes > 0])
+    tail = (1 - CONFIDENCE) / 2
+    ratio = float(part.sum() / whole.sum())
+    drawn_ratios = np.concatenate(ratios)
+    low, high = np.quantile(drawn_ratios, [tail, 1 - tail]) if len(drawn_ratios) else (ratio, ratio)
+    return MeanInterval(ratio, float(low), float(high), clips)
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:

@@ -54,7 +54,17 @@ READS: dict[str, tuple[str, ...]] = {
     "discover": ("seed", "discover"),
     "hide_filmed": ("seed", "hide_filmed"),
     "discover_filmed": ("seed", "discover"),
-    "score": ("seed", "clip", "score", "model", "flow.source", "infer.shots", "regress.enabled"),
+    "score": (
+        "seed",
+        "clip",
+        "events",
+        "sample.filters.visible_px",
+        "score",
+        "model",
+        "flow.source",
+        "infer.shots",
+        "regress.enabled",
+    ),
 }
 """The keys that each stage reads, as narrow as can be; `{suite}` is the suite that the stage runs for."""
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.evaluation.determined import KindSpreads
+from pipeline.evaluation.event_scores import EVENT_METRICS, KIND_METRICS
 from pipeline.evaluation.report import prose_by_heading
 from pipeline.evaluation.scores_page import RunScores, ShownClip, benchmark_tables, scores_page
 from pipeline.evaluation.summary import summarise
@@ -32,6 +33,7 @@ def run_of(rng: np.random.Generator) -> RunScores:
         training=losses,
         determined=spreads,
         forecast=summarise(rows, list(FORECAST), 50),
+        events=summarise(rows, [], 50, f1_metrics=[*EVENT_METRICS, *KIND_METRICS]),
     )
 
 

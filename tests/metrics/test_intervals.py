@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.metrics import intervals
-from pipeline.metrics.intervals import MeanInterval, bootstrap_mean, wilson
+from pipeline.metrics.intervals import MeanInterval, bootstrap_mean, bootstrap_ratio, wilson
 
 
 def test_an_interval_holds_the_mean_and_covers_the_true_mean_in_about_95_of_100(rng: np.random.Generator) -> None:
@@ -46,3 +46,29 @@ def test_the_ends_of_wilsons_interval_are_1_96_standard_errors_from_the_share(hi
         if 0 < end < 1:
             assert abs(hits / count - end) == pytest.approx(1.959964 * np.sqrt(end * (1 - end) / count), rel=1e-5)
     assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_a_pooled_ratio_of_equal_wholes_is_a_mean() -> None:
+    part = np.random.default_rng(1).random(12)
+    e, of_means = bootstrap_ratio(part, np.ones(12), 4000, 2), bootstrap_mean(part, 4000, 3)
+    assert e.mean == pytest.approx(of_means.mean) and e.n == 12
+    assert (e.low, e.high) == pytest.approx((of_means.low, of_means.high), abs=0.02)
+
+
+def test_a_pooled_ratio_weighs_clips_by_their_wholes_and_resamples_whole_clips() -> None:
+    part, whole = np.array([0.0, 9.0]), np.array([1.0, 9.0])
+    e = bootstrap_ratio(part, whole, 500)
+    assert (e.mean, e.low, e.high) == (0.9, 0, 1)  # a resample has the first clip twice, both, or the second twice
+
+
+def test_clips_without_a_ratio_are_left_out_of_the_pooled_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    part, whole = np.array([1.0, np.nan, 0.0, 2.0]), np.array([2.0, np.nan, 0.0, 4.0])
+    e = bootstrap_ratio(part, whole, 300)
+    assert e == MeanInterval(0.5, 0.5, 0.5, 3)
+    assert bootstrap_ratio(np.full(3, np.nan), np.full(3, np.nan), 10).n == 0
+    assert bootstrap_ratio(np.zeros(3), np.zeros(3), 10).n == 0
+    rng = np.random.default_rng(3)
+    part, whole = rng.integers(5, size=9).astype(float), rng.integers(5, 9, size=9).astype(float)
+    at_once = bootstrap_ratio(part, whole, 500, 2)
+    monkeypatch.setattr(intervals, "BATCH_NUMBERS", 100)
+    assert bootstrap_ratio(part, whole, 500, 2) == at_once

@@ -1,9 +1,12 @@
 """The stage `score`."""
 
+from pipeline.evaluation.event_scores import EVENT_METRICS
 from pipeline.evaluation.scene_scores import METRICS
+from pipeline.evaluation.summary import COUNTS
 from pipeline.evaluation.tables import ERRORS
 from stages.score import CLIP_COLUMNS
 
 
-def test_the_table_of_clips_has_a_column_for_every_metric_and_parameter() -> None:
-    assert sorted(CLIP_COLUMNS[4:]) == sorted([*METRICS, *ERRORS])
+def test_the_table_of_clips_has_a_column_for_every_metric_parameter_and_count_of_events() -> None:
+    counts = [f"{metric}.{count}" for metric in EVENT_METRICS for count in COUNTS]
+    assert sorted(CLIP_COLUMNS[4:]) == sorted([*METRICS, *ERRORS, *counts])
