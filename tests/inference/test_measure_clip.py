@@ -16,7 +16,7 @@ from pipeline.perception.video_stretch import VideoStretch
 from pipeline.shards.code_hash import ROOT
 
 VIDEO = ROOT / "data" / "samples" / "cross_engine_17" / "video.mp4"
-SHOWN = ModelInput("objects", None, "dis", (240, 160), 1, True)
+SHOWN = ModelInput("flow", None, "dis", (240, 160), 1, True, "bodies")
 
 
 @pytest.fixture

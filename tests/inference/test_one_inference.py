@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 import small_clip
 import torch
-from pipeline.objects.answering import ObjectsModel
-from pipeline.objects.network import ObjectsNetwork, ObjectsSize
 from ruamel.yaml import YAML
 
 import stages.compile
@@ -23,6 +21,8 @@ from pipeline.language.completion import write_completion
 from pipeline.model.base import load_base
 from pipeline.model.generate import generate
 from pipeline.model.model_input import ModelInput, read_input
+from pipeline.model.words_model import WordsModel
+from pipeline.model.words_network import WordsConfig, WordsNetwork
 from pipeline.scene.canonical import rounded_scene
 from pipeline.scene.text import load_scene, write_scene
 from pipeline.shards.code_hash import ROOT
@@ -32,7 +32,7 @@ from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
-from stages import best_of_k, finetune, fit, flow, import_clips, prefer, render, sample, simulate, tokenize
+from stages import best_of_k, events, finetune, fit, flow, import_clips, prefer, render, sample, simulate, tokenize
 from stages.graph.answering_model import FINETUNED
 
 SEED, SIMULATIONS = 5, 1800  # enough for a classical guess, too
@@ -49,6 +49,7 @@ def write_params(**changes: Any) -> None:
         "flow__iterations": 1,
         "model__base": "base",
         "model__input": "flow",
+        "model__sees": "frame",
         "finetune__steps": 1,
         "finetune__batch_size": 1,
         "finetune__checkpoint_steps": 1,
@@ -112,6 +113,16 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def write_small_words(folder: Path) -> None:
+    """A words model with random weights."""
+    torch.manual_seed(0)
+    size = WordsConfig(
+        width=24, layers=1, heads=1, inner=48, vision_width=16, vision_depth=1, vision_heads=1, vision_inner=32
+    )
+    shown = ModelInput("any", None, "exact", (240, 160), 1, "any", "any")
+    WordsModel(WordsNetwork(size), shown).save(folder)
+
+
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
     """What models are shown, each time that one is asked."""
@@ -149,18 +160,23 @@ def test_a_tuned_checkpoint_is_shown_what_it_was_tuned_on(
     assert mean[0] == pytest.approx(mean[1], abs=1.0), "the same pictures, but for their size"
 
 
-def test_a_tuned_model_of_objects_answers_alike(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("kind", "sees", "reasoning"),
+    [("flow", "bodies", True), ("rgb", "bodies", False), ("flow", "frame", True), ("rgb", "frame", True)],
+)
+def test_a_tuned_words_model_answers_alike(
+    project: Path, monkeypatch: pytest.MonkeyPatch, kind: str, sees: str, reasoning: bool
+) -> None:
     monkeypatch.setattr("pipeline.inference.answers.answer_seed", lambda *_: answer_seed(SEED, 0))
-    suites = {f"suites__{suite}__clips": 1 for suite in ("train", "val")}
-    write_params(model__input="objects", flow__source="dis", sample__shard_size=1, **suites)
-    torch.manual_seed(0)
-    size = ObjectsSize(width=24, heads=2, own_blocks=1, blocks=1, channels=(4, 4, 4))
-    ObjectsModel(ObjectsNetwork(size), None).save(project / "base")
+    changes = {f"suites__{suite}__clips": 1 for suite in ("train", "val")}
+    changes |= {"model__input": kind, "model__sees": sees, "model__reasoning": reasoning, "render__backend": "raycast"}
+    write_params(flow__source="dis", sample__shard_size=1, **changes)
+    write_small_words(project / "base")
     for suite in ("train", "val"):
-        for stage in (sample, stages.compile, simulate, render, flow):
+        for stage in (sample, stages.compile, simulate, events, render, flow):
             stage.main(suite)
     finetune.main()
-    assert read_input(str(FINETUNED)) == ModelInput.of("objects", "channels", "exact", (240, 160), 1, True)
+    assert read_input(str(FINETUNED)) == ModelInput.of(kind, None, "exact", (240, 160), 1, reasoning, sees)
     prefer.main()
     import_clips.main()
     flow.main("real")
@@ -168,8 +184,8 @@ def test_a_tuned_model_of_objects_answers_alike(project: Path, monkeypatch: pyte
     found = infer(project / "clips" / "one", model=str(FINETUNED), samples=2, flow="dis", seed=SEED)
     answers = open_shards(project / "data/infer/real")[0].rows()
     assert [row["text"] for row in answers] == [a.text for a in found.scenes.answers]
-    write_params(model__input="flow", **suites)
-    with pytest.raises(ModelError, match=r'model\.input is "flow", but .* was trained with input "objects"'):
+    write_params(**changes | {"model__reasoning": not reasoning})
+    with pytest.raises(ModelError, match=r"model\.reasoning is .*, but .* was trained with reasoning"):
         stages.infer.main("real")
 
 
