@@ -4,15 +4,15 @@ Asks one model about the clips of a finished graph. In a clone, on fresh clips:
 
     dvc exp run -S seed=11 -S suites.id.clips=200 -S suites.held_out.clips=48 -S suites.more.clips=48 \\
         -S suites.real.path=CROSS_ENGINE best_of_k@id best_of_k@held_out best_of_k@more best_of_k@real
-    python -m benchmarks.learned tiny [--model models/tiny] [--samples 32] [--suites id,held_out,more,real]
+    python -m benchmarks.learned words [--model models/words] [--samples 32] [--suites id,held_out,more,real]
 
-The name is that of a row in the tables; the pairs of rows in COMPARED are compared clip by clip. `--numbers tokens`
-chooses numbers token by token, `--without-reasoning` asks for the scene only, `--input noisy` shows exact flow with the
-noise of the training instead of RAFT's flow, `--input rgb` the frames. A model of objects (`--model
-models/objects`) sees RAFT's flow with masks that the network for masks finds in the frames, with `--input true` the
-true ones, and the probability of each body's shape by the network for shapes, unless `--without-shape-prior`. Each
-answer is appended to benchmarks/results/learned/answers.jsonl, so that a stopped run can be continued; learned.csv,
-differences.csv and learned.md beside it sum them up, and the report shows them. Without a name it only sums up.
+The name is that of a row in the tables; pairs of rows in COMPARED are compared clip by clip. `--input rgb` shows the
+frames instead of RAFT's flow, `--sees frame` whole pictures instead of each body by itself, `--without-reasoning` asks
+for the scene only. Bodies are those that the network for masks finds in the frames, with `--true-masks` the true ones,
+with the probability of each body's shape by the network for shapes, unless `--without-shape-prior`. A model with a
+tokenizer of its own is shown pictures of the flow or the frames. Each answer is appended to
+benchmarks/results/learned/answers.jsonl, so that a stopped run can be continued; learned.csv, differences.csv and
+learned.md beside it sum them up, and the report shows them. Without a name it only sums up.
 """
 
 from __future__ import annotations
@@ -27,12 +27,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from pipeline.objects.answering import ObjectsModel, write_answers
 from tqdm import tqdm
 from transformers.utils import logging
 
 from benchmarks.kept_answers import kept_answers
-from benchmarks.measured_objects import MEASURED, kept, measure
+from benchmarks.measured_clips import MEASURED, kept, measure
 from benchmarks.starts import shapes_of
 from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
@@ -53,17 +52,15 @@ from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.base import Base
 from pipeline.model.generate import generate
-from pipeline.model.instances import Instances
 from pipeline.model.patches import resize_frames
 from pipeline.model.sampling import Sampling
+from pipeline.model.shown import SeenBodies, SeenFrames
+from pipeline.model.words_model import WordsModel, write_answers
 from pipeline.scene.scene import Scene
 from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.target import make_target
-from pipeline.shards.clip_rng import clip_rng
-from pipeline.vision.flow.flow_noise import add_raft_noise
-from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
 from stages.graph.clip_pictures import picture_stage, pictures
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
@@ -73,66 +70,55 @@ RESULTS = Path("benchmarks/results/learned")
 ANSWERS = RESULTS / "answers.jsonl"
 SUITES = ("id", "held_out", "more", "real")
 COMPARED = (  # first minus second, by clip
-    ("objects", "tiny"),
-    ("objects", "objects without shape prior"),
-    ("objects", "objects with true masks"),
-    ("tiny", "tokens"),
-    ("tiny", "noisy"),
-    ("tiny", "silent"),
-    ("flow", "rgb"),
-    ("flow", "none"),
-    ("objects for one body", "flow"),
-    ("objects for one body", "rgb"),
-    ("objects for one body", "none"),
+    ("words", "words without reasoning"),
+    ("words", "words by colours"),
+    ("words", "words of frames"),
+    ("words", "words without shape prior"),
+    ("words", "words with true masks"),
+    ("words", "regressor"),
 )
 RESAMPLES = 10_000
 
 
-def answers(
-    base: Base | ObjectsModel, shown: np.ndarray | Instances, sampling: Sampling, seed: int
-) -> tuple[list[Scene], float]:
+Shown = np.ndarray | SeenBodies | SeenFrames
+
+
+def answers(base: Base | WordsModel, shown: Shown, sampling: Sampling, seed: int) -> tuple[list[Scene], float]:
     """The scenes that the model answers to one clip, and the seconds that it took."""
     began = time.perf_counter()
-    if isinstance(shown, Instances):
-        assert isinstance(base, ObjectsModel)
-        each = write_answers(base, shown, sampling, seed)
-    else:
+    if isinstance(shown, np.ndarray):
         assert isinstance(base, Base)
         (each,) = generate(base, shown[None], sampling, [seed])
+    else:
+        assert isinstance(base, WordsModel)
+        each = write_answers(base, shown, sampling, seed)
     seconds = time.perf_counter() - began
     return [read_completion(answer.text).scene for answer in each], seconds
 
 
 def shown_of_clip(
-    suite: Suite, label: str, clip: int, kind: str, params: Params, base: Base | ObjectsModel, shape_prior: bool
-) -> np.ndarray | Instances:
-    """What the model sees of a clip: pictures (T, H, W, 3) uint8, or instances; kind: flow, noisy or rgb; of objects,
-    `found` or `true` masks, with or without the shapes that the network for shapes sees."""
+    suite: Suite, label: str, clip: int, asked: argparse.Namespace, params: Params, base: Base | WordsModel
+) -> Shown:
+    """What the model sees of a clip."""
     schedule = params.clip.schedule
-    if isinstance(base, ObjectsModel):
+    if isinstance(base, WordsModel):
         rendered = suite["render"][clip]
         times = rendered.row()["recorded"] if label == "real" else schedule.frame_steps / STEPS_PER_SECOND
         frames, masks = rendered.array("rgb"), rendered.array("mask")
         file = MEASURED / f"{params.seed}" / label / f"{clip:04d}.npz"
         measured = kept(file, lambda: measure(frames, masks, np.asarray(times), schedule, params))
-        seen = frames[schedule.pairs[:, 0]] if shape_prior else None
-        return measured.instances("true" if kind == "true" else "found", seen)
-    if kind == "noisy":
-        view, rng = suite["render"][clip], clip_rng(params.seed, label, clip, "flow noise")
-        masks = view.array("mask")[schedule.pairs[:, 0]]
-        flow = add_raft_noise(rng, view.array("flow"), masks)
-        found = flow_picture(flow, params.flow.picture, scaled_max_px(flow.shape[2], 1 / params.clip.fps))
-    else:
-        found = pictures(suite[picture_stage(kind)][clip], kind, schedule)
+        first = frames[schedule.pairs[:, 0]]
+        return measured.seen(first, asked.input, asked.sees, asked.true_masks, not asked.without_shape_prior)
+    found = pictures(suite[picture_stage(asked.input)][clip], asked.input, schedule)
     return resize_frames(found, base.layout.width, base.layout.height)
 
 
 def rows_of(
-    asked: argparse.Namespace, base: Base | ObjectsModel, suite: Suite, label: str, clip: int, params: Params
+    asked: argparse.Namespace, base: Base | WordsModel, suite: Suite, label: str, clip: int, params: Params
 ) -> Iterator[dict[str, Any]]:
     """The scores of the greedy answer to a clip, and of the best of the samples."""
     schedule = Schedule(**params.clip.model_dump())
-    shown = shown_of_clip(suite, label, clip, asked.input, params, base, not asked.without_shape_prior)
+    shown = shown_of_clip(suite, label, clip, asked, params, base)
     truth, shapes = reference(suite, clip, schedule), shapes_of(suite, clip, params)
 
     def scored(scene: Scene) -> dict[str, float]:
@@ -148,7 +134,7 @@ def rows_of(
         "middle": params.infer.middle,
     }
     head = {"suite": label, "clip": clip}
-    if isinstance(shown, Instances) and not len(shown):  # the network for masks found nothing: no answer
+    if isinstance(shown, SeenBodies) and not len(shown.instances):  # the network for masks found nothing: no answer
         nothing = {"seconds": 0.0, **dict.fromkeys(("composition", "iou_initial", "iou", "valid"), 0.0)}
         yield {**head, "method": asked.name, "simulations": 0, **nothing}
         if asked.samples:
@@ -235,7 +221,7 @@ def summary_text(summary: Summary, differing: list[dict[str, Any]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("name", nargs="?", help="of the row; without it, only sum up the answers so far")
-    parser.add_argument("--model", default="models/tiny", help="a folder, or a hub name in the local cache")
+    parser.add_argument("--model", default="models/words", help="a folder, or a hub name in the local cache")
     parser.add_argument("--suites", default=",".join(SUITES))
     parser.add_argument("--clips", type=int, default=None, help="of each suite, at most")
     parser.add_argument("--objects", type=int, default=None, help="of a clip, at most")
@@ -243,8 +229,10 @@ def main() -> None:
     parser.add_argument("--temperature", type=float, default=read_params_file(PARAMS_FILE, Params).infer.temperature)
     parser.add_argument("--without-reasoning", action="store_true", help="without reasoning")
     parser.add_argument("--numbers", default="quantiles", choices=("quantiles", "tokens"), help="how they are chosen")
-    parser.add_argument("--input", default="flow", choices=("flow", "noisy", "rgb", "found", "true"))
-    parser.add_argument("--without-shape-prior", action="store_true", help="without the network for shapes, of objects")
+    parser.add_argument("--input", default="flow", choices=("flow", "rgb"))
+    parser.add_argument("--sees", default="bodies", choices=("bodies", "frame"))
+    parser.add_argument("--true-masks", action="store_true", help="in place of those that the network finds")
+    parser.add_argument("--without-shape-prior", action="store_true", help="without the network for shapes")
     parser.add_argument("--threads", type=int, default=2)
     asked = parser.parse_args()
     logging.set_verbosity_error()

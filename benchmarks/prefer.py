@@ -1,6 +1,6 @@
 """Preference optimisation on another engine's clips: scores of greedy answers to unseen clips, before and after.
 
-    python -m benchmarks.prefer [--model models/tiny] [--samples 12] [--steps 30] [--seeds 1]
+    python -m benchmarks.prefer --model PATH [--samples 12] [--steps 30] [--seeds 1]
 
 Two folds: the model is optimised on one half of the clips, without their labels, and answers the other half, and vice
 versa, so that each clip is answered by a model that was not optimised on it. Masks are given, flow is RAFT's, all other
@@ -143,7 +143,7 @@ def table(before: list[dict], after: list[list[dict]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     own = read_params_file(PARAMS_FILE, Params).prefer
-    parser.add_argument("--model", default="models/tiny")
+    parser.add_argument("--model", required=True, help="a model with a tokenizer of its own")
     for name in (
         "samples",
         "temperature",

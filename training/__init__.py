@@ -1,1 +1,1 @@
-"""How the weights in `models` were trained: `python -m training.tiny`, `python -m training.raft`."""
+"""How the weights in `models` were trained: `python -m training.words.trainer`, `python -m training.raft`."""

@@ -29,7 +29,6 @@ from pipeline.evaluation.tables import (
     headline_table,
     metrics_table,
     samples_table,
-    scaling_table,
     starts_table,
 )
 from pipeline.scene.text import read_scene
@@ -116,7 +115,6 @@ def benchmark_tables(results: Path) -> dict[str, dict[str, Table]]:
             "More samples": samples_table(learned),
             "Parameter errors of the model": metrics_table(learned, ERRORS, costs=False),
             "Reasoning, frames, and RAFT's flow": differences_table(read_rows(results / "learned" / "differences.csv")),
-            "More clips": scaling_table(read_rows(results / "learned" / "scaling.csv")),
         },
         "starts": {"Starts and budgets": starts_table(read_rows(results / "starts" / "starts.csv"))},
     }

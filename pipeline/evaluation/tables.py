@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from pipeline.evaluation.summary import COSTS, Summary
 from pipeline.metrics.intervals import NO_CLIPS, MeanInterval
 
@@ -44,11 +42,9 @@ ERRORS = {
 #: The same for forecasts of the second half of a clip.
 FORECAST = {"iou": "IoU, unseen half", "seen": "IoU, seen half"}
 #: The same for the checkpoints of a training.
-CHECKPOINT = {"composition": "composition", "iou_initial": "IoU, first frame", "iou": "IoU, sequence"}
 #: The same for searches, at their largest budget.
 LARGEST_BUDGET = {"epe": "EPE, foreground", "epe_frame": "EPE, whole frame", "composition": "composition"}
 SAMPLES = (1, 2, 4, 8, 16, 32)
-EXTRAPOLATED = (10, 100)  # times the clips of the last checkpoint
 NONE = "–"
 
 
@@ -108,33 +104,6 @@ def differences_table(rows: Rows) -> Table:
         [*key, str(e["difference"].n), cell(e["first"]), cell(e["second"]), cell(e["difference"])]
         for key, e in found.items()
     ]
-
-
-def scaling_table(rows: Rows) -> Table:
-    """A line per checkpoint, from rows of clips_seen, minutes, metric and interval.
-
-    From three checkpoints on, further lines extrapolate to `EXTRAPOLATED` times as many clips: a straight line through
-    the scores' logits against the logarithm of the clips, with the range when any one checkpoint is left out.
-    """
-    seen = sorted({int(r["clips_seen"]) for r in rows})
-    found = {(int(r["clips_seen"]), r["metric"]): MeanInterval.of_row(r) for r in rows}
-    minutes = {int(r["clips_seen"]): float(r["minutes"]) for r in rows}
-    lines = [[f"{n:,}", f"{minutes[n]:.0f}", *(cell(found[n, m]) for m in CHECKPOINT)] for n in seen]
-    if len(seen) > 2:
-        for factor in EXTRAPOLATED:
-            cells = [_extrapolated(seen, [found[n, m].mean for n in seen], factor) for m in CHECKPOINT]
-            lines.append([f"{factor * seen[-1]:,} (extrapolated)", NONE, *cells])
-    return ["clips seen", "minutes", *CHECKPOINT.values()], lines
-
-
-def _extrapolated(seen: Sequence[int], values: Sequence[float], factor: int) -> str:
-    x, y = np.log(np.array(seen, float)), np.clip(values, 1e-3, 1 - 1e-3)
-    logit = np.log(y / (1 - y))
-    without_one = [np.arange(len(x)) != k for k in range(len(x))]
-    at = np.log(factor * seen[-1])
-    odds = np.exp([np.polyval(np.polyfit(x[k], logit[k], 1), at) for k in (slice(None), *without_one)])
-    of_all, *others = odds / (1 + odds)
-    return f"{of_all:.3g} ({min(others):.3g} to {max(others):.3g})"
 
 
 def starts_table(rows: Rows) -> Table:

@@ -100,8 +100,7 @@ def _advance(
 def _with_prior(p: Tensor, prior: np.ndarray) -> Tensor:
     """Probabilities (M, 3 or 4) of shapes, and of NOTHING, those of shapes weighted by prior (M, 3)."""
     real = p[:, :NOTHING]
-    both = real * torch.from_numpy(prior).to(real)
-    both = both * (real.sum(-1, keepdim=True) / both.sum(-1, keepdim=True).clamp(min=1e-12))
+    both = (real.log() + torch.from_numpy(prior).to(real).log()).softmax(-1) * real.sum(-1, keepdim=True)
     return torch.cat([both, p[:, NOTHING:]], -1)
 
 
@@ -109,7 +108,6 @@ def _picked(p: Tensor, sampling: Sampling, generator: torch.Generator) -> Tensor
     """Indices (M,) by their probabilities (M, K): the likeliest, or of the nucleus."""
     if not sampling.temperature:
         return p.argmax(-1)
-    sharp = p ** (1 / sampling.temperature)
-    ordered, order = (sharp / sharp.sum(-1, keepdim=True)).sort(-1, descending=True)
+    ordered, order = (p.log() / sampling.temperature).softmax(-1).sort(-1, descending=True)
     ordered = ordered * (ordered.cumsum(-1) - ordered < sampling.top_p)
     return order.gather(1, torch.multinomial(ordered, 1, generator=generator))[:, 0]

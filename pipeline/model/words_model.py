@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from pipeline.errors import ModelError
-from pipeline.language.completion import write_completion
+from pipeline.language.completion import MAX_OBJECTS, write_completion
 from pipeline.language.events import Event
 from pipeline.model import decisions as d
 from pipeline.model.checkpoint import LOADING_ERRORS, load_weights
@@ -40,8 +40,8 @@ class WordsModel:
 
     def save(self, folder: Path) -> None:
         """Weights (float16), configuration and input, as `load_words` reads them."""
-        self.model.half().save_pretrained(folder)
-        self.model.float()
+        halves = {name: value.half() for name, value in self.model.state_dict().items()}
+        self.model.save_pretrained(folder, state_dict=halves)
         if self.input is not None:
             write_input(folder, self.input)
 
@@ -64,7 +64,7 @@ def write_answers(model: WordsModel, seen: SeenBodies | SeenFrames, sampling: Sa
 
     Args:
         model: The model.
-        seen: What it is shown. Of more than PLACES bodies, those that are seen longest count.
+        seen: What it is shown. Of more than MAX_OBJECTS bodies, those that are seen longest count.
         sampling: How completions are drawn; temperature 0: the likeliest, with one sample.
         seed: Makes them repeatable.
 
@@ -72,7 +72,7 @@ def write_answers(model: WordsModel, seen: SeenBodies | SeenFrames, sampling: Sa
         ModelError: Where there are no bodies.
     """
     if isinstance(seen, SeenBodies):
-        seen = most_seen(seen, d.PLACES)
+        seen = most_seen(seen, MAX_OBJECTS)
         if not len(seen.instances):
             raise ModelError("the model reads bodies one by one, and the masks of this clip have none")
     prompt, places = prompt_of(model.model, seen)

@@ -55,7 +55,7 @@ def test_a_checkpoint_without_a_layout_takes_the_frames_of_the_parameters(saved:
 @pytest.mark.parametrize("name", ["models/nowhere", "Qwen/Qwen2.5-VL-3B-Instruct-that-nobody-has"])
 def test_a_model_that_is_not_there_is_told_how_to_get(name: str) -> None:
     for load in (load_base, load_tokenizer):
-        with pytest.raises(ModelError, match=rf"^'{name}'.*Valid: models/tiny, or fetch .*hf download") as caught:
+        with pytest.raises(ModelError, match=rf"^'{name}'.*Valid: models/words, or fetch .*hf download") as caught:
             load(name)
         assert "\n" not in str(caught.value)
 

@@ -31,7 +31,7 @@ def test_a_record_of_dataclasses_and_sections_is_plain_json() -> None:
     assert plain(outer) == {
         "seed": 1,
         "clip": {"seconds": 1.0, "fps": 30, "model_frames": 10},
-        "parts": [{"weights": {"2": 0.5}, "path": "models/tiny"}],
+        "parts": [{"weights": {"2": 0.5}, "path": "models/words"}],
     }
     assert json.loads(json.dumps(plain(outer))) == plain(outer)
 

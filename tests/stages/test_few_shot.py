@@ -54,7 +54,7 @@ def write_params(**infer_values: Any) -> None:
     yaml = YAML()
     params = yaml.load(ROOT / "params.yaml")
     params["clip"]["model_frames"] = LAYOUT.frames
-    params["model"] |= {"base": "base", "input": "flow"}
+    params["model"] |= {"base": "base", "input": "flow", "sees": "frame"}
     params["infer"] |= {"samples": 2, "decode_batch_size": 2, **infer_values}
     params["executor"]["workers"] = 1
     yaml.dump(params, Path("params.yaml"))

@@ -42,7 +42,7 @@ def write_params(**prefer_values: Any) -> None:
     yaml = YAML()
     params = yaml.load(ROOT / "params.yaml")
     params["clip"]["model_frames"] = LAYOUT.frames
-    params["model"]["input"] = "flow"
+    params["model"] |= {"base": "base", "input": "flow", "sees": "frame"}
     params["prefer"] |= {
         "samples": 4,
         "steps": 4,

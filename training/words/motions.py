@@ -31,8 +31,8 @@ class Motion:
 
     Attributes:
         shapes: (N,) int8 index of the basic shape.
-        values: (N, 19) float32: sizes (3), mass, sliding friction, rolling friction, damping, position (3), orientation
-            (4), velocity (3), spin (2 of 3 …) as `ROW` names them.
+        values: (N, 20) float32: sizes (3), mass, sliding friction, rolling friction, damping, position (3), orientation
+            (4), velocity (3) and angular velocity (3).
         gravity: m/s².
         position: (F, N, 3) m.
         quaternion: (F, N, 4).
@@ -49,7 +49,6 @@ class Motion:
 
 #: Columns of `values`.
 SIZE, MASS, SLIDING, ROLLING, DAMPING, PLACE, TURN, VELOCITY, SPIN = 0, 3, 4, 5, 6, 7, 10, 14, 17
-COLUMNS = 20
 
 
 def _packed(values: np.ndarray, step: float) -> np.ndarray:

@@ -51,7 +51,7 @@ GRAVITIES, MASSES, ROLLINGS = (2.0, 12.0), (0.1, 4.0), (0.0, 0.01)
 SIZES = {"sphere": ((0.07, 0.24),), "cylinder": ((0.06, 0.2), (0.1, 0.4)), "box": ((0.12, 0.4),) * 3}
 PLACES = ((-0.7, 0.7), (-0.7, 0.8))
 CENTRE = np.array([0.0, 0.05])
-SPEED = 2.1  # m/s along an axis, the most that a scaled motion has
+SPEED = 2.1  # m/s along the ground, the most that a scaled motion has
 SCALES = (0.8, 1.25)
 
 
@@ -82,7 +82,7 @@ def _limits(motion: Motion) -> tuple[float, float]:
             low, high = max(low, least / values[SIZE + k]), min(high, most / values[SIZE + k])
         if values[ROLLING] > 0:
             high = min(high, ROLLINGS[1] / values[ROLLING])
-        fastest = float(np.abs(values[VELOCITY : VELOCITY + 3]).max())
+        fastest = float(np.linalg.norm(values[VELOCITY : VELOCITY + 2]))
         high = min(high, SPEED / max(fastest, 1e-3))
     low, high = max(low, GRAVITIES[0] / motion.gravity), min(high, GRAVITIES[1] / motion.gravity)
     return min(low, 1.0), max(high, 1.0)

@@ -1,7 +1,6 @@
-"""Clips as a model of objects sees them: frames rendered with random looks, masks by the network and true, RAFT's flow.
+"""Clips as the words model sees them: masks by the network and true ones, RAFT's flow, the frames.
 
-The clips are those that the graph draws for a seed and a suite. What is measured of a clip is kept, so that models are
-compared on the same.
+What is measured of a clip is kept, so that models are compared on the same.
 """
 
 from __future__ import annotations
@@ -14,25 +13,18 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import frame_masks
 from pipeline.inference.measured_clip import shape_network
-from pipeline.model.instances import Instances, instances_of
+from pipeline.model.shown import SeenBodies, SeenFrames, flow_frames, rgb_frames, seen_bodies
 from pipeline.perception.found_bodies import moving_masks
-from pipeline.physics.simulate import simulate
-from pipeline.scene.scene import Scene
 from pipeline.segmentation import MaskNetworks, load_mask_networks
 from pipeline.segmentation.body_shapes import shape_probabilities
-from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.flow.measured_flow import measured_flow
 from pipeline.vision.flow.raft import RAFT, load_raft
 from pipeline.vision.flow.supported_flow import supported_flow
-from pipeline.vision.rendering.render_backend import choose_backend
 from stages.graph.params import Params
-from stages.render import Pictures
-from training.drawn_scenes import drawn_scenes
 
 NETWORK = Path("models/masks")
-MEASURED = Path(".train/measured_objects")  # what is kept, by seed and suite
+MEASURED = Path(".train/measured_clips")  # what is kept, by seed and suite
 
 
 @dataclass(frozen=True)
@@ -51,12 +43,23 @@ class Measured:
     flow_true: np.ndarray
     flow_found: np.ndarray
 
-    def instances(self, masks: str, frames: np.ndarray | None = None) -> Instances:
-        """What the model sees; masks: "true" or "found". frames: (P, H, W, 3) uint8, in which the network for shapes
-        sees the bodies; None: it is not asked."""
-        ids, flow = (self.true, self.flow_true) if masks == "true" else (self.found, self.flow_found)
-        prior = None if frames is None else shape_probabilities(frames, ids, int(ids.max()), shape_network())
-        return instances_of(ids, flow, prior)
+    def seen(
+        self, frames: np.ndarray, input: str, sees: str, true_masks: bool, shape_prior: bool
+    ) -> SeenBodies | SeenFrames:
+        """What the model is shown.
+
+        Args:
+            frames: (P, H, W, 3) uint8, the first ones of the pairs.
+            input: "flow" or "rgb".
+            sees: "bodies" or "frame".
+            true_masks: Whether the true masks count.
+            shape_prior: Whether the network for shapes is asked about the bodies.
+        """
+        ids, flow = (self.true, self.flow_true) if true_masks else (self.found, self.flow_found)
+        if sees == "frame":
+            return rgb_frames(frames) if input == "rgb" else flow_frames(flow)
+        prior = shape_probabilities(frames, ids, int(ids.max()), shape_network()) if shape_prior else None
+        return seen_bodies(ids, flow, frames if input == "rgb" else None, prior)
 
 
 @lru_cache(maxsize=1)
@@ -87,25 +90,6 @@ def measure(frames: np.ndarray, masks: np.ndarray, times: np.ndarray, schedule: 
     return Measured(masks[seen], found[seen], filled(masks), filled(found))
 
 
-def measured_clip(scene: Scene, suite: str, clip: int, params: Params) -> Measured:
-    """What is measured of a sampled clip, rendered as the graph renders it.
-
-    Args:
-        scene: Of the clip.
-        suite: Of the clip.
-        clip: Its index.
-        params: All parameters of the experiment, with the seed of the clips.
-    """
-    schedule, r = params.clip.schedule, params.render
-    size = (r.width, r.height)
-    trace = simulate(scene, schedule.seconds)
-    settings = r.model_dump(exclude={"width", "height"}) | {"backend": choose_backend(r.backend)[0]}
-    looks = clip_rng(params.seed, suite, clip, "appearance")
-    frames = Pictures(seed=params.seed, **settings).render(scene, trace, schedule, size, looks)
-    masks = frame_masks(scene, trace, schedule, *size)
-    return measure(frames, masks, np.arange(len(frames)) / schedule.fps, schedule, params)
-
-
 def kept(file: Path, make: Callable[[], Measured]) -> Measured:
     """What is in a file, else what `make` measures, which is written there."""
     if file.is_file():
@@ -115,9 +99,3 @@ def kept(file: Path, make: Callable[[], Measured]) -> Measured:
     file.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(file, **vars(measured))
     return measured
-
-
-def suite_scenes(params: Params, suite: str, clips: int) -> list[Scene]:
-    """The first scenes that the graph draws for a suite."""
-    own = getattr(params.suites, suite)
-    return drawn_scenes(params, params.seed, suite, range(clips), own.objects, own.without, own.only)
