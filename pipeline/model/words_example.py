@@ -166,10 +166,14 @@ def stacked(examples: Sequence[Arrays]) -> Arrays:
 
 
 def groups_of(examples: Sequence[Arrays]) -> Iterator[dict[str, Tensor]]:
-    """The examples as tensors, with the first answer of each; those with equally many bodies together."""
+    """The examples as tensors, with the first answer of each; those with equally many bodies together.
+
+    Clips in which no body is seen are left out.
+    """
     groups: dict[int, list[Arrays]] = defaultdict(list)
     for e in examples:
-        groups[0 if "frames" in e else len(e["shapes"])].append(e)
+        if "frames" in e or len(e["shapes"]):
+            groups[0 if "frames" in e else len(e["shapes"])].append(e)
     for members in groups.values():
         arrays = {k: torch.from_numpy(np.ascontiguousarray(v)) for k, v in stacked(members).items()}
         rows = torch.arange(len(members))

@@ -26,7 +26,7 @@ def finetune_words(
     """Train `model` in place on examples; colours: whether they show them. The rest as `finetune`."""
 
     def objective(rows: Sequence[Arrays]) -> tuple[torch.Tensor, Mapping[str, float]]:
-        total = torch.zeros(())
+        total = 0 * next(model.model.parameters()).sum()  # of a batch in which no body is seen
         for group in groups_of(rows):
             found = means(model.model, group, colours)
             each = sum((MIX[name] * value for name, value in found.items()), torch.zeros(()))

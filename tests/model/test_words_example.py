@@ -302,3 +302,16 @@ def test_the_target_of_an_exact_zero_is_its_own_bin_where_the_field_has_one() ->
             share = torch.tensor([d.share_of(0.0, k)], dtype=torch.float32)
             (target,) = soft_targets(share, torch.tensor([k]))
             assert (target.max() == 1) == field.zero, field.name
+
+
+def test_a_clip_in_which_no_body_is_seen_is_left_out() -> None:
+    nothing = seen_bodies(np.zeros((10, 160, 240), np.uint8), np.zeros((10, 160, 240, 2), np.float32), None)
+    truth = Truth(
+        np.zeros(4, np.float32),
+        np.zeros(1, np.int8),
+        np.zeros((1, 19), np.float32),
+        np.zeros((1, 10, 9), np.float32),
+        [],
+    )
+    example = bodies_example(nothing, truth, [True], np.random.default_rng(0))
+    assert list(groups_of([example])) == []
