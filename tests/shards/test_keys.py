@@ -27,7 +27,7 @@ class Outer:
 
 
 def test_a_record_of_dataclasses_and_sections_is_plain_json() -> None:
-    outer = Outer(1, CLIP, (Inner({2: 0.5}, Path("models") / "tiny"),))
+    outer = Outer(1, CLIP, (Inner({2: 0.5}, Path("models") / "words"),))
     assert plain(outer) == {
         "seed": 1,
         "clip": {"seconds": 1.0, "fps": 30, "model_frames": 10},
