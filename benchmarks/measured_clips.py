@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.inference.measured_clip import shape_network
-from pipeline.model.shown import SeenBodies, SeenFrames, flow_frames, rgb_frames, seen_bodies
+from pipeline.model.shown import SeenBodies, SeenFrames, seen_clip
 from pipeline.perception.found_bodies import moving_masks
 from pipeline.segmentation import MaskNetworks, load_mask_networks
 from pipeline.segmentation.body_shapes import shape_probabilities
@@ -56,10 +56,9 @@ class Measured:
             shape_prior: Whether the network for shapes is asked about the bodies.
         """
         ids, flow = (self.true, self.flow_true) if true_masks else (self.found, self.flow_found)
-        if sees == "frame":
-            return rgb_frames(frames) if input == "rgb" else flow_frames(flow)
-        prior = shape_probabilities(frames, ids, int(ids.max()), shape_network()) if shape_prior else None
-        return seen_bodies(ids, flow, frames if input == "rgb" else None, prior)
+        asked = shape_prior and sees == "bodies"
+        prior = shape_probabilities(frames, ids, int(ids.max()), shape_network()) if asked else None
+        return seen_clip(input, sees, ids, flow, frames, prior)
 
 
 @lru_cache(maxsize=1)

@@ -11,6 +11,7 @@ infer.shots. Run: python -m stages.finetune
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ from pipeline.clips.view import trace_pairs
 from pipeline.csv_rows import write_rows
 from pipeline.errors import naming
 from pipeline.language.events import event_of_row
-from pipeline.model.model_input import ModelInput
+from pipeline.model.model_input import ModelInput, is_words
 from pipeline.model.processes import in_processes, is_first
 from pipeline.model.training_plan import TrainingPlan
 from pipeline.physics.trace_shards import read_trace
@@ -29,7 +30,7 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
-from stages.graph.clip_pictures import check_sees, picture_stage, pictures
+from stages.graph.clip_pictures import check_sees, picture_stage, pictures, seen_by_words
 from stages.graph.params import ModelSettings
 from stages.graph.run import DATA, folder, run
 from stages.graph.stage_params import load
@@ -120,13 +121,13 @@ def words_dataset(inputs: Sequence[ShardedDataset], parameters: Parameters) -> "
     inputs: sample, simulate, events, render and flow.
     """
     from pipeline.model.mask_errors import with_errors
-    from pipeline.model.shown import flow_frames, rgb_frames, seen_bodies
+    from pipeline.model.shown import SeenFrames
     from pipeline.model.trainer import ClipDataset
     from pipeline.model.words_example import bodies_example, frames_example, motions, truth_of
 
     sample, simulated, happened, rendered, flow = inputs
     schedule, seed, m = parameters.schedule, parameters.plan.seed, parameters.model
-    first, reasons = schedule.pairs[:, 0], [m.reasoning]
+    reasons = [m.reasoning]
 
     def read(index: int) -> "Arrays":
         scene = read_scene(sample[index].row()["scene"])
@@ -135,13 +136,12 @@ def words_dataset(inputs: Sequence[ShardedDataset], parameters: Parameters) -> "
         motion = motions(*poses, 1 / schedule.fps)
         events = [event_of_row(row) for row in happened[index].rows("events")]
         truth = truth_of(scene, motion, events, schedule.seconds)
-        frames = rendered[index].array("rgb")[first] if m.input == "rgb" else None
-        if m.sees == "frame":
-            shown = flow_frames(flow[index].array("flow")) if frames is None else rgb_frames(frames)
-            return frames_example(shown, truth, reasons)
         rng = clip_rng(seed, sample.folder.name, index, "masks")
-        masks = with_errors(rendered[index].array("mask")[first], len(scene.objects), rng)
-        return bodies_example(seen_bodies(masks, flow[index].array("flow"), frames), truth, reasons, rng)
+        worsen = partial(with_errors, objects=len(scene.objects), rng=rng)
+        seen = seen_by_words(rendered[index], flow[index], m.input, m.sees, schedule, worsen)
+        if isinstance(seen, SeenFrames):
+            return frames_example(seen, truth, reasons)
+        return bodies_example(seen, truth, reasons, rng)
 
     return ClipDataset(len(sample), read)
 
@@ -158,8 +158,6 @@ def main() -> None:
     if params.infer.shots:
         keep_folder("finetune", DATA / "finetune", skip, parameters=None)
         return
-    from pipeline.model.checkpoint import is_words  # imports transformers, which takes seconds
-
     m, f = params.model, params.flow
     words = is_words(m.base)
     check_sees(m.base, m.sees, words)

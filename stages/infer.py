@@ -1,7 +1,7 @@
 """Completions of clips: one greedy and K sampled, under the grammar, so that every answer parses.
 
 Reads the model that answers (data/finetune/model, or with prefer.enabled data/prefer/model) and data/flow/<suite> (with
-model.input=rgb data/render/<suite>, with model.sees=bodies both). With infer.shots=N the model is model.base as it
+model.input=rgb data/render/<suite>, for the words model both). With infer.shots=N the model is model.base as it
 is, prompted with pipeline/language/few_shot.jinja and N worked examples (data/tokenize/train and data/flow/train or
 data/render/train).
 Writes data/infer/<suite>: clip, sample (-1 greedy, 0 … K-1), text, scene (canonical YAML), log_probability.
@@ -20,7 +20,7 @@ import pyarrow as pa
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError, naming
 from pipeline.language.few_shot import TEMPLATE, instructions
-from pipeline.model.model_input import ModelInput
+from pipeline.model.model_input import ModelInput, is_words
 from pipeline.scene.text import write_scene
 from pipeline.shards.dataset import Clip
 from pipeline.shards.opened_shard import OpenShard
@@ -87,7 +87,8 @@ def shown(clips: Sequence[Clip], base: "Base | WordsModel", p: Parameters) -> "n
     from pipeline.model.words_model import WordsModel
 
     if isinstance(base, WordsModel):
-        return seen_by_words(clips, p.model.input, p.model.sees, p.schedule)
+        rendered, flow = clips
+        return seen_by_words(rendered, flow, p.model.input, p.model.sees, p.schedule)
     return fit_layout(pictures(clips[0], p.model.input, p.schedule), base.layout)
 
 
@@ -157,8 +158,6 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
 
 def main(suite: str) -> None:
     params = load("infer", suite)
-    from pipeline.model.checkpoint import is_words  # imports transformers, which takes seconds
-
     m, own, f = params.model, params.infer, params.flow
     words = is_words(m.base)
     if own.shots and words:
@@ -183,7 +182,7 @@ def main(suite: str) -> None:
         suite,
         compute,
         parameters,
-        shown_stages(m.input, m.sees),
+        shown_stages(m.input, words),
         files={**files, "prompt": TEMPLATE},
         versions=["torch", "transformers"],
     )

@@ -19,7 +19,7 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
 from pipeline.errors import ParamsError
-from pipeline.model.model_input import ModelInput
+from pipeline.model.model_input import ModelInput, is_words
 from pipeline.model.processes import in_processes, is_first
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keep_folder import keep_folder
@@ -174,8 +174,6 @@ def main() -> None:
             f"`prefer.enabled` is true and `infer.shots` is {params.infer.shots}; valid: one of the two, "
             "since with a prompt no model is fine-tuned that could be trained on"
         )
-    from pipeline.model.checkpoint import is_words  # imports transformers, which takes seconds
-
     if is_words(m.base):
         raise ParamsError(f"`prefer.enabled` is true, but {m.base} answers without a tokenizer; valid: false")
     check_sees(m.base, m.sees, words=False)

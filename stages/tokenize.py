@@ -16,6 +16,7 @@ import pyarrow as pa
 from pipeline.errors import naming
 from pipeline.language.completion import write_completion
 from pipeline.language.events import event_of_row
+from pipeline.model.model_input import is_words
 from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -62,7 +63,7 @@ class Parameters:
 def codec(base: str, width: int, height: int, frames: int) -> "Codec | None":
     # imported here, as below: it takes seconds, and mostly the shards are in the store
     from pipeline.language.codec import Codec
-    from pipeline.model.checkpoint import is_words, load_tokenizer, read_layout
+    from pipeline.model.checkpoint import load_tokenizer, read_layout
 
     if is_words(base):
         return None

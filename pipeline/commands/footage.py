@@ -20,7 +20,7 @@ from pipeline.api.simulate import run_schedule
 from pipeline.clips.replay import Replay, replay_trace
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import OutputError, SceneError, ShardError
-from pipeline.language.events import Event
+from pipeline.language.events import Event, event_of_row
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.physics.trace_shards import STATE_NAMES, read_trace
@@ -269,10 +269,7 @@ def _trace(opened: Opened, scene: Scene) -> Trace:
 def _events(opened: Opened) -> tuple[Event, ...]:
     for clip in opened.clips.values():
         if "events" in clip.shard.tables:
-            return tuple(
-                Event(e["time"], e["kind"], e["first"], None if e["second"] < 0 else e["second"])
-                for e in clip.rows("events")
-            )
+            return tuple(event_of_row(row) for row in clip.rows("events"))
     return ()
 
 

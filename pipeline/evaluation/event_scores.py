@@ -16,7 +16,7 @@ from pipeline.evaluation.summary import COUNTS
 from pipeline.language.completion import read_completion
 from pipeline.language.events import Event, Thresholds, find_events
 from pipeline.language.said_events import said_events
-from pipeline.metrics.events import COMPARED_KINDS, EventCounts, count_by_kind, true_numbers, with_objects
+from pipeline.metrics.events import ANSWERED_KINDS, EventCounts, count_by_kind, true_numbers, with_objects
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
 
@@ -24,7 +24,7 @@ SAID, SIMULATED, CONSISTENCY = "events_f1_said", "events_f1_simulated", "events_
 #: What is compared: said events with true ones, simulated events with true ones, said events with simulated ones.
 EVENT_METRICS = (SAID, SIMULATED, CONSISTENCY)
 #: The metrics of each kind alone, `events_f1_said.hits_ground`.
-KIND_METRICS = tuple(f"{metric}.{kind}" for metric in EVENT_METRICS for kind in COMPARED_KINDS)
+KIND_METRICS = tuple(f"{metric}.{kind}" for metric in EVENT_METRICS for kind in ANSWERED_KINDS)
 
 
 def read_said_events(text: str) -> list[Event] | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pipeline.evaluation.event_scores import CONSISTENCY, SAID, SIMULATED
 from pipeline.evaluation.summary import Summary
 from pipeline.evaluation.tables import NONE, Table, cell
-from pipeline.metrics.events import COMPARED_KINDS, EventCounts
+from pipeline.metrics.events import ANSWERED_KINDS, EventCounts
 
 #: Metric -> heading of the table of scores.
 EVENTS = {
@@ -27,12 +27,12 @@ def events_table(summary: Summary) -> Table:
     """A line per suite, method, comparison and kind of event, without those that no clip has.
 
     Args:
-        summary: With the metrics of `EVENTS`, and `<metric>.<kind>` for each of `COMPARED_KINDS`.
+        summary: With the metrics of `EVENTS`, and `<metric>.<kind>` for each of `ANSWERED_KINDS`.
     """
     rows = []
     for (suite, method), counts in summary.counts.items():
         for metric, compared in COMPARED.items():
-            for kind in (ALL_KINDS, *COMPARED_KINDS):
+            for kind in (ALL_KINDS, *ANSWERED_KINDS):
                 name = metric if kind == ALL_KINDS else f"{metric}.{kind}"
                 c = EventCounts(*counts[name])
                 if c.found or c.true:

@@ -14,7 +14,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.event_scores import score_events
 from pipeline.evaluation.scene_scores import Reference, measured_reference, score_with_pairs, true_reference
 from pipeline.evaluation.summary import best_of_k_curve, mean_best_so_far
-from pipeline.language.events import Event, Thresholds
+from pipeline.language.events import Event, Thresholds, event_of_row
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
 from pipeline.shards.dataset import ShardedDataset
@@ -99,10 +99,7 @@ class AnsweredSuite:
         """What happens in a clip; None where it is not known."""
         if "events" not in self.stages:
             return None
-        return [
-            Event(row["time"], row["kind"], row["first"], None if row["second"] < 0 else row["second"])
-            for row in self.stages["events"][clip].rows("events")
-        ]
+        return [event_of_row(row) for row in self.stages["events"][clip].rows("events")]
 
     def seconds_by_method(self) -> dict[str, float]:
         """Seconds of one worker a clip, for best-of-K and the searches; NaN where the store no longer has them."""

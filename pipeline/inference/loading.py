@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from pipeline.model.model_input import is_words
+
 if TYPE_CHECKING:
     from pipeline.model.base import Base
     from pipeline.model.words_model import WordsModel
@@ -17,10 +19,8 @@ def load_answering(
     Raises:
         ModelError: Where it cannot be loaded.
     """
-    from pipeline.model.checkpoint import is_words  # imports transformers, which takes seconds
-
     if is_words(name):
-        from pipeline.model.words_model import load_words
+        from pipeline.model.words_model import load_words  # imports transformers, which takes seconds
 
         return load_words(name, frames)
     from pipeline.model.base import load_base

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout, fit_layout
-from pipeline.model.shown import SeenBodies, SeenFrames, flow_frames, rgb_frames, seen_bodies
+from pipeline.model.shown import SeenBodies, SeenFrames, seen_clip
 from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
 
 if TYPE_CHECKING:
@@ -61,19 +61,5 @@ def shown_clip(
     from pipeline.model.words_model import WordsModel
 
     if isinstance(base, WordsModel):
-        return seen_clip(model_input, flow, frames, masks, shape_prior)
+        return seen_clip(model_input.input, model_input.sees, masks, flow, frames, shape_prior)
     return model_pictures(model_input, base.layout, flow, frames, interval)
-
-
-def seen_clip(
-    model_input: ModelInput,
-    flow: np.ndarray,
-    frames: np.ndarray,
-    masks: np.ndarray,
-    shape_prior: np.ndarray | None = None,
-) -> SeenBodies | SeenFrames:
-    """What the words model takes of a clip; the arguments are those of `shown_clip`."""
-    colours = model_input.input == "rgb"
-    if model_input.sees == "frame":
-        return rgb_frames(frames) if colours else flow_frames(flow)
-    return seen_bodies(masks, flow, frames if colours else None, shape_prior)

@@ -49,6 +49,8 @@ KINDS = (
     "starts_sliding",
     "stops_sliding",
 )
+#: Those that an answer can have: it has no fixed bodies.
+ANSWERED_KINDS = tuple(kind for kind in KINDS if kind != "hits_fixed")
 
 
 @dataclass(frozen=True)

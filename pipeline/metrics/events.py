@@ -11,12 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.language.events import KINDS, Event
+from pipeline.language.events import ANSWERED_KINDS, Event
 
 TOLERANCE_S = 0.1  # largest difference of the times of two events that match
 ROUNDING_S = 1e-9  # times are decimal numbers of a text
-#: Hits of fixed bodies are left out: no answer of the model has a fixed body.
-COMPARED_KINDS = tuple(kind for kind in KINDS if kind != "hits_fixed")
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,7 @@ def count_events(found: Sequence[Event], true: Sequence[Event]) -> EventCounts:
 
 
 def count_by_kind(found: Sequence[Event], true: Sequence[Event]) -> dict[str, EventCounts]:
-    """The counts of each of `COMPARED_KINDS`.
+    """The counts of each of `ANSWERED_KINDS`.
 
     Args:
         found: Events that are judged.
@@ -67,7 +65,7 @@ def count_by_kind(found: Sequence[Event], true: Sequence[Event]) -> dict[str, Ev
     """
     matched = [found[i].kind for i, _ in match_events(found, true)]
     sides = matched, [e.kind for e in found], [e.kind for e in true]
-    return {kind: EventCounts(*(side.count(kind) for side in sides)) for kind in COMPARED_KINDS}
+    return {kind: EventCounts(*(side.count(kind) for side in sides)) for kind in ANSWERED_KINDS}
 
 
 def match_events(found: Sequence[Event], true: Sequence[Event]) -> list[tuple[int, int]]:

@@ -105,12 +105,3 @@ def read_layout(name: str, width: int, height: int, frames: int) -> PatchLayout:
 
 def write_layout(folder: Path, layout: PatchLayout) -> None:
     (folder / LAYOUT_FILE).write_text(json.dumps(asdict(layout), indent=1) + "\n")
-
-
-def is_words(name: str) -> bool:
-    """Whether a folder has a checkpoint of the words model."""
-    file = Path(name) / "config.json"
-    try:
-        return file.is_file() and read_json(file, ModelError).get("model_type") == "words"
-    except ModelError:
-        return False

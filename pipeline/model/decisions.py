@@ -14,18 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.language.events import ANSWERED_KINDS
 from pipeline.model.fields import FREE, NOTHING, OBJECT_FIELDS, SCENE_FIELDS, Field
 
-KINDS = (
-    "hits_object",
-    "hits_ground",
-    "enters",
-    "leaves",
-    "starts_rolling",
-    "stops_rolling",
-    "starts_sliding",
-    "stops_sliding",
-)
+KINDS = ANSWERED_KINDS
 MOST_EVENTS = 12
 PLACES = 8  # of bodies, in prompt and answer
 MOST_IN_FRAME = 6  # bodies that are asked for where none are pointed out
@@ -46,7 +38,8 @@ ASKS = ASK_FIELD + len(FIELDS)
 
 # Rotary positions. Each part of prompt and answer has its own, whatever the number of bodies, so that none is new
 # where there are more bodies than in training.
-TOKENS_OF_BODY, ANSWER_AT = 16, 2 + 16 * PLACES
+TOKENS_OF_BODY = 16
+ANSWER_AT = 2 + TOKENS_OF_BODY * PLACES
 SHAPES_AT = ANSWER_AT + 1
 EVENTS_AT = SHAPES_AT + PLACES
 SCENE_AT = EVENTS_AT + 5 * MOST_EVENTS + 1
@@ -200,6 +193,10 @@ ANSWER_TYPES = {
     "field": np.int16,
     "number": np.float32,
 }
+
+
+#: What stands behind the end of an answer in a longer array, where it is not 0.
+FILL = {"choice": -1, "field": -1}
 
 
 def share_of(value: float, index: int) -> float:

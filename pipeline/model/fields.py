@@ -1,4 +1,4 @@
-"""The numbers of a scene as the model of objects writes them: their order, range and scale."""
+"""The numbers of a scene as the words model writes them: their order, range and scale."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from pipeline.scene.solid import reach_below
 
 BINS = 65
 NOTHING = len(BASIC_SHAPES)  # the class of an instance that is no body
+MOTION = 9  # position (m), velocity (m/s) and spin (rad/s) of a body in a frame, learned beside the answer
 LEAST_SIZE, LEAST_MASS, LEAST_DAMPING = 0.03, 0.05, 0.05
 LEAST_REAL = 0.5  # of an orientation in canonical form
 ON_GROUND = 0.0021  # m; less than that above the ground counts as on it

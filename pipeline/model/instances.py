@@ -1,4 +1,4 @@
-"""What a model of objects is shown: of each body in each frame a crop at its own scale, and numbers of its place."""
+"""The bodies of a clip as the words model reads them: of each in each frame a crop at its own scale, and its place."""
 
 from __future__ import annotations
 
@@ -121,6 +121,19 @@ def _measure(masks: np.ndarray, flow: np.ndarray, places: np.ndarray) -> None:
 
 
 @kernel
+def crop_square(place: np.ndarray) -> tuple[float, float, float]:
+    """Left and top edge and side, px, of the crop of a body with `PLACES` (14,)."""
+    side = MARGIN * max(place[2] - place[1], place[4] - place[3])
+    return 0.5 * (place[1] + place[2]) - side / 2, 0.5 * (place[3] + place[4]) - side / 2, side
+
+
+@kernel
+def samples_along(step: float) -> int:
+    """Samples of a crop's pixel along each side, for pixels of `step` px of the picture."""
+    return 1 if step <= 0.75 else (2 if step <= 2 else 3)
+
+
+@kernel
 def _crop(masks: np.ndarray, flow: np.ndarray, places: np.ndarray, crops: np.ndarray) -> None:
     """Fill crops (N, T, 4, S, S)."""
     frames, height, width = masks.shape
@@ -130,10 +143,9 @@ def _crop(masks: np.ndarray, flow: np.ndarray, places: np.ndarray, crops: np.nda
             v = places[i, t]
             if v[0] == 0:
                 continue
-            side = MARGIN * max(v[2] - v[1], v[4] - v[3])
-            left, top = 0.5 * (v[1] + v[2]) - side / 2, 0.5 * (v[3] + v[4]) - side / 2
+            left, top, side = crop_square(v)
             step = side / size
-            sub = 1 if step <= 0.75 else (2 if step <= 2 else 3)
+            sub = samples_along(step)
             gain = FULL * FLOW_GAIN / (side / 2)
             for r in range(size):
                 for c in range(size):

@@ -131,6 +131,15 @@ def read_input(name: str) -> ModelInput | None:
         raise ModelError(f"{file} cannot be used ({error}); valid: an object with {keys}") from None
 
 
+def is_words(name: str) -> bool:
+    """Whether a folder has a checkpoint of the words model, by its config.json."""
+    file = Path(name) / "config.json"
+    try:
+        return file.is_file() and read_json(file, ModelError).get("model_type") == "words"
+    except ModelError:
+        return False
+
+
 def write_input(folder: Path, model_input: ModelInput) -> None:
     (folder / INPUT_FILE).write_text(json.dumps(asdict(model_input), indent=1) + "\n")
 

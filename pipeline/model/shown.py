@@ -9,7 +9,16 @@ import cv2
 import numpy as np
 
 from pipeline.compiled import kernel
-from pipeline.model.instances import FULL, HEIGHT, MARGIN, SIDE, WIDTH, Instances, instances_of
+from pipeline.model.instances import (
+    FULL,
+    HEIGHT,
+    SIDE,
+    WIDTH,
+    Instances,
+    crop_square,
+    instances_of,
+    samples_along,
+)
 
 FRAME_SIZE = (192, 128)  # px, width and height of a whole frame
 FASTEST = 20.0  # px of WIDTH per interval that are FULL in a frame's flow
@@ -64,6 +73,30 @@ def seen_bodies(
     return SeenBodies(instances, None if frames is None else rgb_crops(frames, instances.places))
 
 
+def seen_clip(
+    input: str,
+    sees: str,
+    masks: np.ndarray,
+    flow: np.ndarray,
+    frames: np.ndarray | None,
+    shape_prior: np.ndarray | None = None,
+) -> SeenBodies | SeenFrames:
+    """What the words model is shown of a clip, as it is asked.
+
+    Args:
+        input: "flow" or "rgb".
+        sees: "bodies" or "frame".
+        masks: As `seen_bodies` takes them; so flow and shape_prior.
+        flow: (T, h, w, 2).
+        frames: (T, h, w, 3) uint8; may be None where flow is shown.
+        shape_prior: (M, 3) or None.
+    """
+    if input == "flow":
+        return flow_frames(flow) if sees == "frame" else seen_bodies(masks, flow, None, shape_prior)
+    assert frames is not None
+    return rgb_frames(frames) if sees == "frame" else seen_bodies(masks, flow, frames, shape_prior)
+
+
 def own_less_others(instances: Instances) -> np.ndarray:
     """(N, T, SIDE, SIDE) int8: share of the body less half that of others; negative outside of the picture."""
     own, others = instances.crops[:, :, 0].astype(np.int16), instances.crops[:, :, 1].astype(np.int16)
@@ -97,10 +130,9 @@ def _crop(frames: np.ndarray, places: np.ndarray, crops: np.ndarray) -> None:
             v = places[i, t]
             if v[0] == 0:
                 continue
-            side = MARGIN * max(v[2] - v[1], v[4] - v[3])
-            left, top = 0.5 * (v[1] + v[2]) - side / 2, 0.5 * (v[3] + v[4]) - side / 2
+            left, top, side = crop_square(v)
             step = side / size
-            sub = 1 if step <= 0.75 else (2 if step <= 2 else 3)
+            sub = samples_along(step)
             for r in range(size):
                 for c in range(size):
                     inside, red, green, blue = 0, 0.0, 0.0, 0.0

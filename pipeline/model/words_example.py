@@ -12,12 +12,19 @@ from torch import Tensor
 
 from pipeline.language.events import Event
 from pipeline.model import decisions as d
-from pipeline.model.fields import NOTHING, OBJECT_FIELDS, SCENE_FIELDS, object_numbers, on_scale, scene_numbers
+from pipeline.model.fields import (
+    MOTION,
+    NOTHING,
+    OBJECT_FIELDS,
+    SCENE_FIELDS,
+    object_numbers,
+    on_scale,
+    scene_numbers,
+)
 from pipeline.model.shown import SeenBodies, SeenFrames
 from pipeline.scene.rotation import quaternion_conjugate, quaternion_multiply
 from pipeline.scene.scene import BASIC_SHAPES, Scene
 
-MOTION = 9  # position (m), velocity (m/s) and spin (rad/s) of a body in a frame
 Arrays = dict[str, np.ndarray]
 
 
@@ -147,9 +154,8 @@ def _soon(events: list[Event], index: dict[int, int], shape: tuple[int, int]) ->
 
 def padded(row: np.ndarray, length: int, name: str) -> np.ndarray:
     """An array of answers (…, L), longer."""
-    fill = -1 if name in ("choice", "field") else 0
     width = [(0, 0)] * (row.ndim - 1) + [(0, length - row.shape[-1])]
-    return np.pad(row, width, constant_values=fill)
+    return np.pad(row, width, constant_values=d.FILL.get(name, 0))
 
 
 def _joined(rows: list[Arrays]) -> Arrays:
@@ -180,9 +186,6 @@ def groups_of(examples: Sequence[Arrays]) -> Iterator[dict[str, Tensor]]:
         yield chosen(arrays, rows, torch.zeros_like(rows))
 
 
-INTEGERS = ("token", "ask", "of", "position", "choice", "field")
-
-
 def chosen(arrays: dict[str, Tensor], rows: Tensor, which: Tensor) -> dict[str, Tensor]:
     """Examples `rows` (B,) with their answers `which` (B,), bodies in the order of the answer: a group for `losses`."""
     out: dict[str, Tensor] = {}
@@ -198,4 +201,4 @@ def chosen(arrays: dict[str, Tensor], rows: Tensor, which: Tensor) -> dict[str, 
         out["numbers"] = arrays["numbers"][rows, which].long()
     answer = {k: arrays[k][rows, which] for k in d.ANSWER_TYPES}
     longest = int((answer["ask"] > 0).sum(1).max())
-    return out | {k: v[:, :longest].long() if k in INTEGERS else v[:, :longest] for k, v in answer.items()}
+    return out | {k: v[:, :longest] if v.is_floating_point() else v[:, :longest].long() for k, v in answer.items()}

@@ -7,8 +7,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipeline.model import decisions as d
-from pipeline.model.fields import BINS, NOTHING, SCENE_FIELDS
-from pipeline.model.words_network import FRAMES, MOTION, WordsNetwork
+from pipeline.model.fields import BINS, MOTION, NOTHING, SCENE_FIELDS
+from pipeline.model.words_network import FRAMES, WordsNetwork
 
 #: How much each part counts.
 MIX = {"shape": 2.0, "events": 0.5, "time": 0.5, "scene": 1.0, "numbers": 1.0, "beside": 0.3}

@@ -16,16 +16,14 @@ from torch.nn import functional
 from transformers import PretrainedConfig, PreTrainedModel, Qwen2_5_VLConfig, Qwen2_5_VLForConditionalGeneration
 
 from pipeline.model import decisions as d
-from pipeline.model.fields import BINS, NOTHING
+from pipeline.model.fields import BINS, MOTION, NOTHING
 from pipeline.model.instances import HEIGHT, SIDE, WIDTH
 
 FRAMES = 10
 PATCH, MERGE = 8, 2
 #: Of a picture: colours, flow, and the share of the body less that of others. What is not shown is 0.
 CHANNELS = ("red", "green", "blue", "right", "down", "mask")
-FRAME_SIZE = (192, 128)  # px, width and height
 WAVES = 8
-MOTION = 9  # numbers of a body's motion in a frame, learned beside the answer
 
 
 class WordsConfig(PretrainedConfig):

@@ -1,6 +1,6 @@
 """What the model is shown of a clip, and whether it is what a checkpoint was trained with."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
 from pipeline.model.model_input import ModelInput, missing_input, read_input
-from pipeline.model.shown import SeenBodies, SeenFrames, flow_frames, rgb_frames, seen_bodies
+from pipeline.model.shown import SeenBodies, SeenFrames, seen_clip
 
 #: The parameters behind the fields of a checkpoint's record.
 PARAMETERS = {
@@ -33,19 +33,23 @@ def picture_stage(kind: str) -> str:
     return {"flow": "flow", "rgb": "render"}[kind]
 
 
-def shown_stages(kind: str, sees: str) -> list[str]:
-    """The stages whose shards have what the model is shown; of bodies, masks and flow too."""
-    return ["render", "flow"] if sees == "bodies" else [picture_stage(kind)]
+def shown_stages(kind: str, words: bool) -> list[str]:
+    """The stages whose shards have what the model is shown. words: whether it is a words model."""
+    return ["render", "flow"] if words else [picture_stage(kind)]
 
 
-def seen_by_words(clips: Sequence[HasArrays], kind: str, sees: str, schedule: Schedule) -> SeenBodies | SeenFrames:
-    """What the words model sees of a clip, which is in shards of `shown_stages`."""
+def seen_by_words(
+    rendered: HasArrays,
+    flow: HasArrays,
+    kind: str,
+    sees: str,
+    schedule: Schedule,
+    worsen: Callable[[np.ndarray], np.ndarray] = lambda masks: masks,
+) -> SeenBodies | SeenFrames:
+    """What the words model sees of a clip. worsen: gives masks (P, H, W) the errors of a network."""
     first = schedule.pairs[:, 0]
-    if sees == "frame":
-        return flow_frames(clips[0].array("flow")) if kind == "flow" else rgb_frames(clips[0].array("rgb")[first])
-    rendered, flow = clips
     frames = rendered.array("rgb")[first] if kind == "rgb" else None
-    return seen_bodies(rendered.array("mask")[first], flow.array("flow"), frames)
+    return seen_clip(kind, sees, worsen(rendered.array("mask")[first]), flow.array("flow"), frames)
 
 
 def check_sees(base: str, sees: str, words: bool) -> None:

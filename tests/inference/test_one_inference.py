@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import small_clip
-import torch
 from ruamel.yaml import YAML
+from tiny_words import tiny_words
 
 import stages.compile
 import stages.fit
@@ -22,7 +22,6 @@ from pipeline.model.base import load_base
 from pipeline.model.generate import generate
 from pipeline.model.model_input import ModelInput, read_input
 from pipeline.model.words_model import WordsModel
-from pipeline.model.words_network import WordsConfig, WordsNetwork
 from pipeline.scene.canonical import rounded_scene
 from pipeline.scene.text import load_scene, write_scene
 from pipeline.shards.code_hash import ROOT
@@ -115,12 +114,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def write_small_words(folder: Path) -> None:
     """A words model with random weights."""
-    torch.manual_seed(0)
-    size = WordsConfig(
-        width=24, layers=1, heads=1, inner=48, vision_width=16, vision_depth=1, vision_heads=1, vision_inner=32
-    )
-    shown = ModelInput("any", None, "exact", (240, 160), 1, "any", "any")
-    WordsModel(WordsNetwork(size), shown).save(folder)
+    WordsModel(tiny_words(), ModelInput("any", None, "exact", (240, 160), 1, "any", "any")).save(folder)
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from pipeline.language.completion import (
 )
 from pipeline.language.events import Event, find_events
 from pipeline.language.said_events import said_events
-from pipeline.metrics.events import COMPARED_KINDS
+from pipeline.metrics.events import ANSWERED_KINDS
 from pipeline.scene.scene import Camera, Scene, SceneObject
 
 BALL = SceneObject("sphere", (0.1,), 1.0, position=(0, 0, 0.1))
@@ -28,7 +28,7 @@ EVERY_KIND = [
 
 
 def test_what_can_be_said_can_be_compared() -> None:
-    assert set(EVENT_PHRASES) == set(COMPARED_KINDS)
+    assert set(EVENT_PHRASES) == set(ANSWERED_KINDS)
 
 
 @pytest.mark.parametrize("events", [[], EVERY_KIND, EVERY_KIND * 3], ids=["none", "every kind", "to the limit"])

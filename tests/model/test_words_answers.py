@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from tiny_words import tiny_words
 from torch import Tensor, nn
 
 from pipeline.errors import ModelError
@@ -16,19 +17,15 @@ from pipeline.model.instances import HEIGHT, WIDTH
 from pipeline.model.sampling import Sampling
 from pipeline.model.shown import SeenBodies, SeenFrames, flow_frames, rgb_frames, seen_bodies
 from pipeline.model.words_model import WordsModel, bodies_said, most_seen, prompt_of, write_answers
-from pipeline.model.words_network import FRAMES, WordsConfig, WordsNetwork
+from pipeline.model.words_network import FRAMES, WordsNetwork
 from pipeline.scene.scene import BASIC_SHAPES
 
-TINY = WordsConfig(
-    width=48, layers=2, heads=3, inner=96, vision_width=32, vision_depth=1, vision_heads=2, vision_inner=64
-)
 DRAWN = Sampling(samples=4, temperature=1.0, top_p=1.0, middle=1.0)
 
 
 @pytest.fixture
 def network() -> WordsNetwork:
-    torch.manual_seed(0)
-    return WordsNetwork(TINY).eval()
+    return tiny_words().eval()
 
 
 def masks_of(bodies: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from tiny_words import tiny_words
 
 from pipeline.language.events import Event
 from pipeline.model import decisions as d
@@ -21,13 +22,10 @@ from pipeline.model.words_example import (
     truth_of,
 )
 from pipeline.model.words_loss import MIX, losses, means, soft_targets
-from pipeline.model.words_network import FRAMES, WordsConfig, WordsNetwork
+from pipeline.model.words_network import FRAMES, WordsNetwork
 from pipeline.scene.rotation import quaternion_multiply
 from pipeline.scene.scene import Camera, Scene, SceneObject
 
-TINY = WordsConfig(
-    width=48, layers=2, heads=3, inner=96, vision_width=32, vision_depth=1, vision_heads=2, vision_inner=64
-)
 EVENTS = [
     Event(0.05, "hits_ground", 0),
     Event(0.31, "hits_object", 0, 1),
@@ -38,8 +36,7 @@ EVENTS = [
 
 @pytest.fixture
 def network() -> WordsNetwork:
-    torch.manual_seed(0)
-    return WordsNetwork(TINY)
+    return tiny_words()
 
 
 def seen_of(bodies: int, rgb: bool = False) -> SeenBodies:

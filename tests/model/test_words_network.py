@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from tiny_words import TINY, tiny_words
 from torch import Tensor
 from transformers import DynamicCache
 
@@ -11,29 +12,24 @@ from pipeline.errors import ModelError
 from pipeline.model import decisions as d
 from pipeline.model.instances import HEIGHT, SIDE, WIDTH
 from pipeline.model.model_input import ModelInput
+from pipeline.model.shown import FRAME_SIZE
 from pipeline.model.words_model import WordsModel, load_words
 from pipeline.model.words_network import (
     CHANNELS,
-    FRAME_SIZE,
     FRAMES,
     MERGE,
     PATCH,
-    WordsConfig,
     WordsNetwork,
     place_features,
 )
 
-TINY = WordsConfig(
-    width=48, layers=2, heads=3, inner=96, vision_width=32, vision_depth=2, vision_heads=2, vision_inner=64
-)
 BODY_TOKENS = 1 + FRAMES // 2 * (SIDE // PATCH // MERGE) ** 2 + FRAMES
 INPUT = ModelInput("any", None, "exact", (240, 160), 4, "any", "any")
 
 
 @pytest.fixture
 def network() -> WordsNetwork:
-    torch.manual_seed(0)
-    return WordsNetwork(TINY).eval()
+    return tiny_words().eval()
 
 
 def random_places(generator: torch.Generator, *shape: int) -> Tensor:

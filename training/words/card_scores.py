@@ -7,29 +7,28 @@ python -m training.words.card_scores MODEL [--weights FILE] [--clips 96] [--suit
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import event_areas, pair_view, trace_pairs
-from pipeline.errors import SimulationError
+from pipeline.clips.view import pair_view, trace_pairs
+from pipeline.evaluation.event_scores import simulated_events
 from pipeline.evaluation.scene_scores import score, true_reference
-from pipeline.language.events import DEFAULT_THRESHOLDS, Event, find_events
+from pipeline.language.events import ANSWERED_KINDS, DEFAULT_THRESHOLDS
+from pipeline.metrics.events import EventCounts, count_by_kind, with_objects
 from pipeline.model import decisions as d
 from pipeline.model.deciding import decide
 from pipeline.model.instances import HEIGHT, WIDTH
 from pipeline.model.mask_errors import with_errors
 from pipeline.model.sampling import Sampling
-from pipeline.model.shown import SeenBodies, SeenFrames, flow_frames, rgb_frames, seen_bodies
+from pipeline.model.shown import SeenBodies, SeenFrames, seen_clip
 from pipeline.model.words_model import bodies_said, events_said, load_words, prompt_of, scene_said
 from pipeline.physics.batch import scene_model
-from pipeline.physics.simulate import simulate, simulate_model
+from pipeline.physics.simulate import simulate_model
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 from pipeline.shards.clip_rng import clip_rng
@@ -41,20 +40,7 @@ from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes
 
-WITHIN = 0.1  # s between an event and the true one that it is
 NOTHING_FOUND = {"composition": 0.0, "iou_initial": 0.0, "iou": 0.0}
-
-
-def matched(said: Sequence[Event], true: Sequence[Event]) -> int:
-    """Number of said events that are true, each true one once."""
-    left, hits = list(true), 0
-    for e in said:
-        near = [t for t in left if t.kind == e.kind and set(t.objects) == set(e.objects)]
-        near = [t for t in near if abs(t.time - e.time) <= WITHIN]
-        if near:
-            left.remove(min(near, key=lambda t: abs(t.time - e.time)))
-            hits += 1
-    return hits
 
 
 def shown(scene: Scene, trace: Trace, schedule: Schedule, rng: np.random.Generator, a: argparse.Namespace):
@@ -70,20 +56,8 @@ def shown(scene: Scene, trace: Trace, schedule: Schedule, rng: np.random.Generat
         first = poses[0][:, 0], poses[1][:, 0]
         frames = shade(scene.objects, *first, pinhole(scene.camera), looks, WIDTH, HEIGHT)
         frames = apply_sensor(frames, sample_sensor(rng), rng)
-    if a.sees == "frame":
-        return flow_frames(flow) if frames is None else rgb_frames(frames), np.arange(d.MOST_IN_FRAME)
-    seen = seen_bodies(masks, flow, frames)
-    return seen, seen.instances.ids - 1
-
-
-def events_of(scene: Scene, trace: Trace, schedule: Schedule) -> list[Event]:
-    areas = event_areas(scene, trace, schedule)
-    return find_events(trace, scene.shapes, areas, schedule.frame_steps, DEFAULT_THRESHOLDS)
-
-
-def named(events: Sequence[Event], body: Sequence[int]) -> list[Event]:
-    """Events with bodies by the number that `body` gives them."""
-    return [Event(e.time, e.kind, body[e.first], None if e.second is None else body[e.second]) for e in events]
+    seen = seen_clip(a.input, a.sees, masks, flow, frames)
+    return seen, np.arange(d.MOST_IN_FRAME) if isinstance(seen, SeenFrames) else seen.instances.ids - 1
 
 
 def main() -> None:
@@ -107,10 +81,10 @@ def main() -> None:
     temperature = 0.8 if a.samples > 1 else 0.0
     sampling = Sampling(samples=a.samples, temperature=temperature, reasoning=not a.direct, middle=0.6)
     rows, took = [], []
-    counts = {name: {kind: np.zeros(3) for kind in d.KINDS} for name in ("said", "own")}
+    counts = {name: dict.fromkeys(ANSWERED_KINDS, EventCounts()) for name in ("said", "own")}
     for k, scene in enumerate(scenes):
         trace = simulate_model(scene_model(scene), schedule.seconds)
-        true = events_of(scene, trace, schedule)
+        true = simulated_events(scene, schedule, DEFAULT_THRESHOLDS)
         seen, ids = shown(scene, trace, schedule, clip_rng(params.seed, suite, k, "errors"), a)
         if isinstance(seen, SeenBodies) and not len(seen.instances):
             rows.append(NOTHING_FOUND)
@@ -123,27 +97,25 @@ def main() -> None:
         found = [scene_said(said) for said in answers]
         rows.append(max((score(s, reference, schedule) for s in found), key=lambda r: r.get("iou", 0.0)))
         body = [int(ids[i]) for i in bodies_said(answers[0])]
-        events = {"said": named(events_said(answers[0], schedule.seconds), body), "own": []}
-        with contextlib.suppress(SimulationError):
-            events["own"] = named(events_of(found[0], simulate(found[0], schedule.seconds), schedule), body)
-        for name, each in events.items():
-            for kind in d.KINDS:
-                mine, theirs = [e for e in each if e.kind == kind], [e for e in true if e.kind == kind]
-                counts[name][kind] += matched(mine, theirs), len(mine), len(theirs)
+        said = events_said(answers[0], schedule.seconds)
+        own = simulated_events(found[0], schedule, DEFAULT_THRESHOLDS)
+        for name, events in (("said", said), ("own", own)):
+            for kind, count in count_by_kind(with_objects(events, body), true).items():
+                counts[name][kind] += count
     print(json.dumps(summary(a, rows, counts, took)))
 
 
 def summary(a: argparse.Namespace, rows: list, counts: dict, took: list[float]) -> dict:
     """Means of the scores, F1 of events, and seconds a clip."""
 
-    def f1(v: np.ndarray) -> float | None:
-        return None if not v[1] + v[2] else round(2 * v[0] / (v[1] + v[2]), 3)
+    def f1(count: EventCounts) -> float | None:
+        return round(count.f1, 3) if count.found or count.true else None
 
     return {
         **{k: v for k, v in vars(a).items() if k != "weights"},
         **{k: round(float(np.mean([r.get(k, 0.0) for r in rows])), 3) for k in NOTHING_FOUND},
-        **{name: f1(sum(by_kind.values())) for name, by_kind in counts.items()},
-        "by_kind": {kind: f1(v) for kind, v in counts["said"].items()},
+        **{name: f1(sum(by_kind.values(), EventCounts())) for name, by_kind in counts.items()},
+        "by_kind": {kind: f1(count) for kind, count in counts["said"].items()},
         "seconds": round(float(np.median(took)), 2),
     }
 

@@ -56,15 +56,15 @@ class Ring:
             self.room = max(256, int(share * ROOM_GIB[self.device.type][self.kind] * 2**30 / size))
             for k, v in rows.items():
                 kind = torch.from_numpy(v[:0]).dtype
-                fill = -1 if k in ("choice", "field") else 0
-                self.arrays[k] = torch.full((self.room, *shapes[k]), fill, dtype=kind, device=self.device)
+                shape = (self.room, *shapes[k])
+                self.arrays[k] = torch.full(shape, d.FILL.get(k, 0), dtype=kind, device=self.device)
         at = torch.arange(self.written, self.written + count, device=self.device) % self.room
         for k, v in rows.items():
             new = torch.from_numpy(v).to(self.device)
             if k in d.ANSWER_TYPES:
                 length = self.arrays[k].shape[2]
-                fill = -1 if k in ("choice", "field") else 0
-                new = functional.pad(new[:, :, :length], (0, max(length - new.shape[2], 0)), value=fill)
+                behind = max(length - new.shape[2], 0)
+                new = functional.pad(new[:, :, :length], (0, behind), value=d.FILL.get(k, 0))
             self.arrays[k][at] = new
         if self.device.type == "cuda":
             torch.cuda.current_stream().synchronize()

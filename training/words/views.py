@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import cv2
 import numpy as np
 
 from pipeline.clips.view import areas_px
-from pipeline.compiled import kernel
 from pipeline.language.events import DEFAULT_THRESHOLDS, Event, told_events
-from pipeline.model.instances import HEIGHT, MARGIN, WIDTH, Instances, instances_of
+from pipeline.model.instances import HEIGHT, WIDTH, Instances, crop_square, instances_of
 from pipeline.model.mask_errors import with_errors
 from pipeline.model.words_example import motions
 from pipeline.scene.canonical import canonical_object
-from pipeline.scene.rotation import quaternion_multiply
+from pipeline.scene.rotation import matrix_from_quaternion, quaternion_conjugate, quaternion_multiply
 from pipeline.scene.scene import BASIC_SHAPES, SIZE_KEYS, Camera, Scene, SceneObject, half_extents
-from pipeline.vision.flow.flow_noise import RAFT_RANGES
+from pipeline.vision.flow.flow_noise import RAFT_RANGES, REFERENCE_WIDTH, add_waver, drop_out
 from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
 from pipeline.vision.rendering.camera import Pinhole, pinhole, project
 from pipeline.vision.rendering.exact_flow import exact_flow_frame
@@ -197,8 +197,7 @@ def pictures(view: Turned, width: int = WIDTH, height: int = HEIGHT) -> Pictures
     camera = pinhole(view.camera)
     eye, rotation, fov = camera.position_world, camera.rotation_world, camera.fov_y_deg
     kinds = np.array([BASIC_SHAPES.index(o.shape) for o in view.objects], np.int64)
-    halves = np.array([half_extents(o) for o in view.objects], float)
-    sizes = _original_halves(view, halves)
+    halves = _halves(view)
     masks = np.empty((len(FIRST), height, width), np.uint8)
     depth = np.empty((height, width), np.float32)
     back = np.empty((height, width), np.float32)
@@ -207,27 +206,19 @@ def pictures(view: Turned, width: int = WIDTH, height: int = HEIGHT) -> Pictures
     fill_background(eye, rotation, fov, 0.0, back)
     p, q = view.position, view.quaternion
     for t, f in enumerate(FIRST):
-        box = rasterise_frame(kinds, sizes, p[f], q[f], eye, rotation, fov, back, masks[t], depth)
+        box = rasterise_frame(kinds, halves, p[f], q[f], eye, rotation, fov, back, masks[t], depth)
         exact_flow_frame(p[f], q[f], p[f + 1], q[f + 1], eye, rotation, fov, masks[t], depth, box, flow[t])
         within[t] = box
     return Pictures(masks, flow, within)
 
 
-def _original_halves(view: Turned, halves: np.ndarray) -> np.ndarray:
-    """Half extents in the frame of the motion's own quaternions: canonical boxes have their sizes permuted."""
-    out = halves.copy()
+def _halves(view: Turned) -> np.ndarray:
+    """Half extents (N, 3) in the frame of the motion's own quaternions: canonical boxes have their sizes permuted."""
+    out = np.array([half_extents(o) for o in view.objects], float)
     for k, o in enumerate(view.objects):
         if o.shape == "box":
-            relative = quaternion_multiply(view.quaternion[0, k] * [1, -1, -1, -1], np.array(o.orientation))
-            w, x, y, z = relative
-            m = np.abs(
-                [
-                    [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                    [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                    [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-                ]
-            )
-            out[k] = halves[k, np.argmax(m, axis=1)]
+            turn = quaternion_multiply(quaternion_conjugate(view.quaternion[0, k]), np.array(o.orientation))
+            out[k] = out[k, np.argmax(np.abs(matrix_from_quaternion(turn)), axis=1)]
     return out
 
 
@@ -258,11 +249,11 @@ def noisy(
 ) -> np.ndarray:
     """Flow with errors on and near bodies like RAFT's (`pipeline.vision.flow.flow_noise`), at rest elsewhere."""
     drawn = {k: float(np.exp(rng.uniform(*np.log(limits)))) for k, limits in RAFT_RANGES.items()}
-    size = masks.shape[2] / 480
+    size = masks.shape[2] / REFERENCE_WIDTH
     blur = size * drawn["edge_px"]
     margin = math.ceil(2 * blur)
     out = flow.copy()
-    threshold = math.sqrt(2) * _inverse_error(1 - 2 * drawn["dropout"])
+    threshold = NormalDist().inv_cdf(1 - drawn["dropout"])
     for t in range(len(flow)):
         top, bottom, left, right = within[t]
         part = np.s_[max(top - margin, 0) : bottom + margin, max(left - margin, 0) : right + margin]
@@ -270,37 +261,11 @@ def noisy(
         if not piece.size:
             continue
         field = fields.draw(rng, size * drawn["correlation_px"], *piece.shape[:2])
-        _drop(piece, field, threshold)
+        drop_out(piece, np.ones(piece.shape[:2], bool), field[..., 2], threshold)
         piece[:] = cv2.GaussianBlur(piece, (0, 0), blur)
-        _waver(piece, field, size * drawn["waver_px"], drawn["waver_share"])
+        still = np.zeros_like(piece)
+        add_waver(piece, piece.any(-1), field[..., :2], still, size, drawn["waver_px"], drawn["waver_share"])
     return out
-
-
-def _inverse_error(x: float) -> float:
-    """The inverse of the error function (Winitzki's approximation, to 2e-3)."""
-    a, ln = 0.147, math.log(1 - x * x)
-    b = 2 / (math.pi * a) + ln / 2
-    return math.copysign(math.sqrt(math.sqrt(b * b - ln / a) - b), x)
-
-
-@kernel
-def _drop(flow: np.ndarray, field: np.ndarray, threshold: float) -> None:
-    for y in range(flow.shape[0]):
-        for x in range(flow.shape[1]):
-            if field[y, x, 2] > threshold:
-                flow[y, x, 0] = flow[y, x, 1] = 0.0
-
-
-@kernel
-def _waver(flow: np.ndarray, field: np.ndarray, fixed: float, share: float) -> None:
-    for y in range(flow.shape[0]):
-        for x in range(flow.shape[1]):
-            u, v = flow[y, x, 0], flow[y, x, 1]
-            if u == 0.0 and v == 0.0:
-                continue
-            size = fixed + share * math.sqrt(u * u + v * v)
-            flow[y, x, 0] += np.float32(size * field[y, x, 0])
-            flow[y, x, 1] += np.float32(size * field[y, x, 1])
 
 
 def motion_labels(view: Turned) -> np.ndarray:
@@ -333,10 +298,6 @@ def shown_rgb(view: Turned, rng: np.random.Generator, wanted: np.ndarray | None,
     return apply_sensor(frames, sample_sensor(rng), rng)
 
 
-def _halves(view: Turned) -> np.ndarray:
-    return _original_halves(view, np.array([half_extents(o) for o in view.objects], float))
-
-
 def _size_of(body: SceneObject, half: np.ndarray) -> tuple[float, ...]:
     return tuple(2 * half) if body.shape == "box" else body.size
 
@@ -347,8 +308,7 @@ def boxes_wanted(places: np.ndarray) -> np.ndarray:
     for body in places:
         for t, v in enumerate(body):
             if v[0]:
-                half = MARGIN * max(v[2] - v[1], v[4] - v[3]) / 2
-                x, y = (v[1] + v[2]) / 2, (v[3] + v[4]) / 2
-                rows = slice(max(int(y - half), 0), max(math.ceil(y + half), 0))
-                wanted[t, rows, max(int(x - half), 0) : max(math.ceil(x + half), 0)] = True
+                left, top, side = crop_square(v)
+                rows = slice(max(int(top), 0), max(math.ceil(top + side), 0))
+                wanted[t, rows, max(int(left), 0) : max(math.ceil(left + side), 0)] = True
     return wanted

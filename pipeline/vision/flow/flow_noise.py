@@ -184,11 +184,11 @@ def disturb_objects(
         _leak(flow, nearest, field, upper_quantile(field[nearest >= 0], noise.leak))
     if noise.dropout > 0:
         field = smooth_noise(rng, foreground.shape, scale * noise.dropout_px)
-        _drop_out(flow, foreground, field, upper_quantile(field[foreground], noise.dropout))
+        drop_out(flow, foreground, field, upper_quantile(field[foreground], noise.dropout))
     if scale * noise.edge_px >= 0.1:
         flow[:] = cv2.GaussianBlur(flow, (0, 0), scale * noise.edge_px)
     waver = smooth_noise(rng, flow.shape, scale * noise.correlation_px)
-    _waver(flow, foreground, waver, still, scale, noise.waver_px, noise.waver_share)
+    add_waver(flow, foreground, waver, still, scale, noise.waver_px, noise.waver_share)
 
 
 def upper_quantile(values: np.ndarray, share: float) -> float:
@@ -315,7 +315,7 @@ def _leak(flow: np.ndarray, nearest: np.ndarray, field: np.ndarray, threshold: f
 
 
 @kernel
-def _drop_out(flow: np.ndarray, foreground: np.ndarray, field: np.ndarray, threshold: float) -> None:
+def drop_out(flow: np.ndarray, foreground: np.ndarray, field: np.ndarray, threshold: float) -> None:
     """Set the flow of object pixels whose `field` is above the threshold to zero."""
     height, width = foreground.shape
     for y in range(height):
@@ -325,7 +325,7 @@ def _drop_out(flow: np.ndarray, foreground: np.ndarray, field: np.ndarray, thres
 
 
 @kernel
-def _waver(
+def add_waver(
     flow: np.ndarray,
     foreground: np.ndarray,
     waver: np.ndarray,
