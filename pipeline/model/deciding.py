@@ -42,7 +42,7 @@ def decide(
     generator = torch.Generator().manual_seed(seed)
     draw = sampler(sampling.middle, generator) if sampling.temperature else greedy
     cache = DynamicCache(config=network.qwen.config.get_text_config())
-    network.run(*prompt, cache)
+    network.language_states(*prompt, cache)
     if rows > 1:
         cache.batch_repeat_interleave(rows)
     steps = [d.decisions(places, sampling.reasoning, frame) for _ in range(rows)]
@@ -94,7 +94,7 @@ def _advance(
     ask = torch.tensor([a.ask if a else 0 for a in asked])[:, None]
     of = torch.tensor([a.of if a else 0 for a in asked])[:, None]
     where = torch.tensor([a.position if a else 0 for a in asked])[:, None].expand(3, -1, -1)
-    return network.run(network.given(token, share, ask, of), where, cache)[:, 0]
+    return network.language_states(network.embed_decisions(token, share, ask, of), where, cache)[:, 0]
 
 
 def _with_prior(p: Tensor, prior: np.ndarray) -> Tensor:

@@ -43,9 +43,9 @@ def losses(model: WordsNetwork, group: dict[str, Tensor], colours: bool) -> dict
     else:
         prompt, where = model.bodies_prompt(group["crops"], colours, group["places"], group["numbers"])
     p = prompt.shape[1]
-    answer = model.given(group["token"], group["share"], group["ask"], group["of"]).to(prompt.dtype)
+    answer = model.embed_decisions(group["token"], group["share"], group["ask"], group["of"]).to(prompt.dtype)
     where = torch.cat([where, group["position"].expand(3, -1, -1)], 2)
-    h = model.run(torch.cat([prompt, answer], 1), where)
+    h = model.language_states(torch.cat([prompt, answer], 1), where)
     out = _of_answer(model, h[:, p:], group)
     if not frame:
         out["beside"] = _beside(model, h[:, 2:p], group)

@@ -147,7 +147,7 @@ class WordsNetwork(PreTrainedModel):
         self.post_init()
 
     @property
-    def table(self) -> nn.Embedding:
+    def token_embedding(self) -> nn.Embedding:
         """The embedding of tokens."""
         return self.qwen.model.language_model.embed_tokens
 
@@ -164,7 +164,7 @@ class WordsNetwork(PreTrainedModel):
             self._turns[key] = angle.cos(), angle.sin()
         return self._turns[key]
 
-    def see(self, pictures: Tensor) -> Tensor:
+    def encode_pictures(self, pictures: Tensor) -> Tensor:
         """(M, T/2 · h/16 · w/16, width) of pictures (M, T, 6, h, w), -1 to 1: Qwen2.5-VL's vision tower.
 
         All pictures have one size, so that a tensor has a row a pair of frames and no lengths need be told.
@@ -190,7 +190,7 @@ class WordsNetwork(PreTrainedModel):
             x = x + block.mlp(block.norm2(x))
         return tower.merger(x.reshape(-1, x.shape[-1])).view(m, -1, self.size.width)
 
-    def shown(self, crops: Tensor, colours: bool) -> Tensor:
+    def as_pictures(self, crops: Tensor, colours: bool) -> Tensor:
         """Pictures (…, 6, h, w) of crops (…, C, h, w) int8: colours or flow, then the mask where there is one."""
         x = crops.float() / 127
         out = x.new_zeros(*x.shape[:-3], len(CHANNELS), *x.shape[-2:])
@@ -210,12 +210,12 @@ class WordsNetwork(PreTrainedModel):
             numbers: (B, N) place of each body in the prompt, 0 to PLACES - 1.
         """
         b, n, t = places.shape[:3]
-        seen = self.see(self.shown(crops.flatten(0, 1), colours)).view(b, n, -1, self.size.width)
+        seen = self.encode_pictures(self.as_pictures(crops.flatten(0, 1), colours)).view(b, n, -1, self.size.width)
         known = places.new_full((b, n, 1), 0.0 if colours else 1.0)
         at = self.place(place_features(places, known)) + self.frame.weight
         here = places[..., :1] > 0
-        at = torch.where(here, at, (self.table.weight[d.UNSEEN] + self.frame.weight).to(at.dtype))
-        name = self.table(d.PLACE0 + numbers)[:, :, None]
+        at = torch.where(here, at, (self.token_embedding.weight[d.UNSEEN] + self.frame.weight).to(at.dtype))
+        name = self.token_embedding(d.PLACE0 + numbers)[:, :, None]
         body = torch.cat([name, (seen + name).to(name.dtype), (at + name).to(name.dtype)], 2).flatten(1, 2)
         where = (self._body_positions(t, body.device) + (2 + d.TOKENS_OF_BODY * numbers)[None, :, :, None]).flatten(2)
         return self._with_head(body, where, colours, d.BODIES)
@@ -233,7 +233,7 @@ class WordsNetwork(PreTrainedModel):
     def frame_prompt(self, frames: Tensor, colours: bool) -> tuple[Tensor, Tensor]:
         """The same of whole frames (B, T, C, h, w) int8."""
         b, t, _, h, w = frames.shape
-        seen = self.see(self.shown(frames, colours))
+        seen = self.encode_pictures(self.as_pictures(frames, colours))
         grid = torch.meshgrid(
             *(torch.arange(k) for k in (t // 2, h // PATCH // MERGE, w // PATCH // MERGE)), indexing="ij"
         )
@@ -242,17 +242,19 @@ class WordsNetwork(PreTrainedModel):
 
     def _with_head(self, x: Tensor, where: Tensor, colours: bool, sees: int) -> tuple[Tensor, Tensor]:
         b = len(x)
-        head = self.table(torch.tensor([d.RGB if colours else d.FLOW, sees], device=x.device)).expand(b, -1, -1)
+        head = self.token_embedding(torch.tensor([d.RGB if colours else d.FLOW, sees], device=x.device)).expand(
+            b, -1, -1
+        )
         first = torch.arange(2, device=x.device).expand(3, b, -1)
         return torch.cat([head, x.to(head.dtype)], 1), torch.cat([first, where], 2)
 
-    def given(self, token: Tensor, share: Tensor, ask: Tensor, of: Tensor) -> Tensor:
+    def embed_decisions(self, token: Tensor, share: Tensor, ask: Tensor, of: Tensor) -> Tensor:
         """(…, width) of what was decided last and what is to be decided."""
         number = (token >= d.FIELD0)[..., None]
-        x = self.table(token) + self.number(waves(share)) * number + self.ask(ask)
-        return x + self.table(of) * (of > 0)[..., None]
+        x = self.token_embedding(token) + self.number(waves(share)) * number + self.ask(ask)
+        return x + self.token_embedding(of) * (of > 0)[..., None]
 
-    def run(self, x: Tensor, where: Tensor, cache=None) -> Tensor:
+    def language_states(self, x: Tensor, where: Tensor, cache=None) -> Tensor:
         """The language model's last states (B, L, width). where: (3, B, L) rotary positions."""
         out = self.qwen.model.language_model(
             inputs_embeds=x, position_ids=where, use_cache=cache is not None, past_key_values=cache

@@ -69,9 +69,9 @@ def states(
 ) -> Tensor:
     """(1, L, width) states of the decisions after the prompt."""
     token, share, ask, of, position = answer
-    x = torch.cat([prompt[0], network.given(token, share, ask, of)], 1)
+    x = torch.cat([prompt[0], network.embed_decisions(token, share, ask, of)], 1)
     where = torch.cat([prompt[1], position.expand(3, -1, -1)], 2)
-    return network.run(x, where)[:, prompt[0].shape[1] :]
+    return network.language_states(x, where)[:, prompt[0].shape[1] :]
 
 
 @pytest.mark.parametrize("size", [(SIDE, SIDE), FRAME_SIZE])
@@ -89,7 +89,7 @@ def test_the_vision_tower_equals_that_of_transformers_on_the_same_patches(
     patches = cut.reshape(clips * pairs * rows * columns, -1)
     grid = torch.tensor([[pairs, rows, columns]] * clips)
     theirs = network.qwen.model.visual(patches, grid_thw=grid).pooler_output
-    ours = network.see(pictures)
+    ours = network.encode_pictures(pictures)
     torch.testing.assert_close(ours.flatten(0, 1), theirs, rtol=0, atol=1e-5)
     assert theirs.std() > 1e-3
 
@@ -129,10 +129,12 @@ def test_a_cached_decision_equals_an_uncached_one(network: WordsNetwork, frame: 
     answer = decided(7)
     whole = states(network, prompt, answer)
     cache = DynamicCache(config=network.qwen.config.get_text_config())
-    network.run(*prompt, cache)
+    network.language_states(*prompt, cache)
     for k in range(7):
         token, share, ask, of, position = (a[:, k : k + 1] for a in answer)
-        state = network.run(network.given(token, share, ask, of), position.expand(3, -1, -1), cache)
+        state = network.language_states(
+            network.embed_decisions(token, share, ask, of), position.expand(3, -1, -1), cache
+        )
         torch.testing.assert_close(state[:, 0], whole[:, k], rtol=0, atol=1e-5)
 
 
@@ -140,11 +142,11 @@ def test_a_cached_decision_equals_an_uncached_one(network: WordsNetwork, frame: 
 def test_examples_of_a_batch_do_not_influence_each_other(network: WordsNetwork) -> None:
     crops, places, numbers = bodies(2, False, batch=3)
     together, where = network.bodies_prompt(crops, False, places, numbers)
-    run = network.run(together, where)
+    run = network.language_states(together, where)
     for k in range(3):
         alone, at = network.bodies_prompt(crops[k : k + 1], False, places[k : k + 1], numbers[k : k + 1])
         assert torch.equal(at[:, 0], where[:, k])
-        torch.testing.assert_close(network.run(alone, at)[0], run[k], rtol=0, atol=1e-5)
+        torch.testing.assert_close(network.language_states(alone, at)[0], run[k], rtol=0, atol=1e-5)
 
 
 def test_a_checkpoint_gives_the_states_of_its_rounded_weights_and_the_record_of_its_input(
@@ -214,10 +216,12 @@ def test_a_prompt_with_colours_ignores_measured_flow(network: WordsNetwork) -> N
 def test_colours_and_flow_are_shown_in_channels_of_their_own(network: WordsNetwork) -> None:
     shown = {}
     for colours, count in ((True, 3), (False, 2)):
-        shown[colours] = network.shown(torch.full((1, count + 1, 4, 4), 127, dtype=torch.int8), colours)[0, :, 0, 0]
+        shown[colours] = network.as_pictures(torch.full((1, count + 1, 4, 4), 127, dtype=torch.int8), colours)[
+            0, :, 0, 0
+        ]
     assert shown[True].tolist() == [1, 1, 1, 0, 0, 1]
     assert shown[False].tolist() == [0, 0, 0, 1, 1, 1]
-    assert network.shown(torch.full((1, 2, 4, 4), -127, dtype=torch.int8), False)[0, :, 0, 0].tolist() == [
+    assert network.as_pictures(torch.full((1, 2, 4, 4), -127, dtype=torch.int8), False)[0, :, 0, 0].tolist() == [
         *[0, 0, 0],
         *[-1, -1, 0],
     ]
@@ -232,7 +236,7 @@ def test_other_places_of_the_bodies_change_names_and_positions_only(network: Wor
     assert torch.equal(one[:, :2], two[:, :2]) and torch.equal(at[..., :2], where[..., :2])
     for body in range(2):
         part = slice(2 + body * BODY_TOKENS, 2 + (body + 1) * BODY_TOKENS)
-        renamed = network.table(d.PLACE0 + high[:, body]) - network.table(d.PLACE0 + low[:, body])
+        renamed = network.token_embedding(d.PLACE0 + high[:, body]) - network.token_embedding(d.PLACE0 + low[:, body])
         torch.testing.assert_close(two[:, part] - one[:, part], renamed[:, None].expand(-1, BODY_TOKENS, -1))
         moved = d.TOKENS_OF_BODY * int(high[0, body] - low[0, body])
         assert torch.equal(where[..., part] - at[..., part], torch.full((3, 1, BODY_TOKENS), moved))

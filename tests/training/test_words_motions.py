@@ -20,7 +20,7 @@ from stages.graph.params_file import read_params_file
 from training.words import views
 from training.words.examples import ANSWERS, SHARES, example
 from training.words.motions import PLACE, SLIDING, Motion, drawn_motions, read_motions, write_motions
-from training.words.views import FIRST, HEIGHT, WIDTH, Fields, Pictures, Turned, motion_labels, pictures, turned
+from training.words.views import FIRST, HEIGHT, WIDTH, Fields, MotionView, Pictures, motion_labels, pictures
 
 PARAMS = read_params_file(PARAMS_FILE, Params)
 STEPS = PARAMS.clip.schedule.frame_steps
@@ -38,10 +38,10 @@ def together() -> list[Motion]:
     return drawn_motions(PARAMS, 3, "test of views", range(24))
 
 
-def views_of(motions: list[Motion], seed: int = 0) -> list[tuple[Motion, Turned]]:
+def views_of(motions: list[Motion], seed: int = 0) -> list[tuple[Motion, MotionView]]:
     """A view of each motion that has one."""
     rng = np.random.default_rng(seed)
-    found = [(motion, turned(motion, rng)) for motion in motions]
+    found = [(motion, draw_view(motion, rng)) for motion in motions]
     kept = [(motion, view) for motion, view in found if view is not None]
     assert len(kept) >= len(motions) / 2
     return kept
@@ -107,11 +107,11 @@ def test_a_motion_starts_where_its_values_say(together: list[Motion]) -> None:
 # Views
 
 
-def simulated(view: Turned) -> Trace:
+def simulated(view: MotionView) -> Trace:
     return simulate(view.scene, PARAMS.clip.schedule.seconds)
 
 
-def path_errors(found: list[tuple[Motion, Turned]]) -> tuple[np.ndarray, np.ndarray]:
+def path_errors(found: list[tuple[Motion, MotionView]]) -> tuple[np.ndarray, np.ndarray]:
     """Of each view the largest distance (mm) and angle (rad) between its poses and those of its scene, simulated."""
     distances, angles = [], []
     for _, view in found:

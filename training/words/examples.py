@@ -27,14 +27,14 @@ from pipeline.model.words_example import Arrays, bodies_example, frames_example,
 from training.words.motions import Motion, read_motions
 from training.words.views import (
     Fields,
-    Turned,
+    MotionView,
     boxes_wanted,
+    draw_view,
     instances_with_errors,
     motion_labels,
     noisy,
     pictures,
     shown_rgb,
-    turned,
 )
 
 CHUNK = 96
@@ -45,7 +45,7 @@ WITHOUT_THINK = 0.25
 SECONDS = 1.0  # of a clip
 
 
-def example(view: Turned, kind: str, fields: Fields, rng: np.random.Generator) -> tuple[int, Arrays] | None:
+def example(view: MotionView, kind: str, fields: Fields, rng: np.random.Generator) -> tuple[int, Arrays] | None:
     """Number of bodies in the prompt (0: whole frames) and the arrays of an example; None where no body is seen."""
     truth = truth_of(view.scene, motion_labels(view), view.events, SECONDS)
     reasons = (rng.random(ANSWERS) >= WITHOUT_THINK).tolist()
@@ -75,7 +75,7 @@ def chunks(
     groups: dict[str, list[Arrays]] = defaultdict(list)
     made = 0
     for motion in motions:
-        view = turned(motion, rng)
+        view = draw_view(motion, rng)
         if view is None:
             continue
         kind = kinds[rng.choice(len(kinds), p=share / share.sum())]

@@ -56,8 +56,8 @@ SCALES = (0.8, 1.25)
 
 
 @dataclass(frozen=True)
-class Turned:
-    """A motion as another camera's world has it; bodies from left to right where they first appear."""
+class MotionView:
+    """A motion in the world of another camera; bodies from left to right where they first appear."""
 
     scene: Scene
     position: np.ndarray
@@ -88,7 +88,7 @@ def _limits(motion: Motion) -> tuple[float, float]:
     return min(low, 1.0), max(high, 1.0)
 
 
-def turned(motion: Motion, rng: np.random.Generator) -> Turned | None:
+def draw_view(motion: Motion, rng: np.random.Generator) -> MotionView | None:
     """The motion seen otherwise; None where no try passes the filters."""
     low, high = _limits(motion)
     masses = motion.values[:, MASS]
@@ -157,7 +157,7 @@ def turned(motion: Motion, rng: np.random.Generator) -> Turned | None:
             if second is not None and second < first:
                 first, second = second, first
             physical.append(replace(e, first=first, second=second))
-        return Turned(
+        return MotionView(
             Scene(tuple(objects[i] for i in order), camera, (0.0, 0.0, -motion.gravity * scale)),
             np.ascontiguousarray(position[:, order]),
             np.ascontiguousarray(quaternion[:, order]),
@@ -192,7 +192,7 @@ class Pictures:
     within: np.ndarray
 
 
-def pictures(view: Turned, width: int = WIDTH, height: int = HEIGHT) -> Pictures:
+def pictures(view: MotionView, width: int = WIDTH, height: int = HEIGHT) -> Pictures:
     """Exact masks and flow."""
     camera = pinhole(view.camera)
     eye, rotation, fov = camera.position_world, camera.rotation_world, camera.fov_y_deg
@@ -212,7 +212,7 @@ def pictures(view: Turned, width: int = WIDTH, height: int = HEIGHT) -> Pictures
     return Pictures(masks, flow, within)
 
 
-def _halves(view: Turned) -> np.ndarray:
+def _halves(view: MotionView) -> np.ndarray:
     """Half extents (N, 3) in the frame of the motion's own quaternions: canonical boxes have their sizes permuted."""
     out = np.array([half_extents(o) for o in view.objects], float)
     for k, o in enumerate(view.objects):
@@ -268,7 +268,7 @@ def noisy(
     return out
 
 
-def motion_labels(view: Turned) -> np.ndarray:
+def motion_labels(view: MotionView) -> np.ndarray:
     """(N, T, 9) position, velocity and spin between the two frames of each pair."""
     pairs = np.stack([FIRST, FIRST + 1], 1)
     return motions(view.position[pairs], view.quaternion[pairs], 1 / FPS)
@@ -280,7 +280,9 @@ def instances_with_errors(seen: Pictures, count: int, fields: Fields, rng: np.ra
     return instances_of(with_errors(seen.masks, count, rng), flow)
 
 
-def shown_rgb(view: Turned, rng: np.random.Generator, wanted: np.ndarray | None, width: int, height: int) -> np.ndarray:
+def shown_rgb(
+    view: MotionView, rng: np.random.Generator, wanted: np.ndarray | None, width: int, height: int
+) -> np.ndarray:
     """Frames (T, height, width, 3) uint8 with a drawn appearance and sensor; wanted: (T, height, width) bool."""
     appearance = sample_appearance(rng, len(view.objects))
     objects = [replace(o, size=_size_of(o, h)) for o, h in zip(view.objects, _halves(view), strict=True)]
