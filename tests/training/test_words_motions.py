@@ -20,7 +20,7 @@ from stages.graph.params_file import read_params_file
 from training.words import views
 from training.words.examples import ANSWERS, SHARES, example
 from training.words.motions import PLACE, SLIDING, Motion, drawn_motions, read_motions, write_motions
-from training.words.views import FIRST, HEIGHT, WIDTH, Fields, MotionView, Pictures, motion_labels, pictures
+from training.words.views import FIRST, HEIGHT, WIDTH, Fields, MotionView, Pictures, draw_view, motion_labels, pictures
 
 PARAMS = read_params_file(PARAMS_FILE, Params)
 STEPS = PARAMS.clip.schedule.frame_steps
