@@ -71,6 +71,7 @@ def facts(params: Params, model: AnsweringModel, suites: Sequence[AnsweredSuite]
         "model": params.model.base,
         "prompt": f"{params.infer.shots}-shot" if params.infer.shots else "the clip alone, to a fine-tuned model",
         "input": params.model.input,
+        "sees": params.model.sees,
         "reasoning": str(params.model.reasoning),
         "flow": params.flow.source,
         "preference optimisation": f"on {len(model.used)} clips of {model.suite}" if model.preferred else "none",
