@@ -47,15 +47,14 @@ from pipeline.evaluation.tables import (
     metrics_table,
     samples_table,
 )
-from pipeline.inference.loading import load_answering
 from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
+from pipeline.model.answering import Shown, load_answering, write
 from pipeline.model.base import Base
-from pipeline.model.generate import generate
 from pipeline.model.patches import resize_frames
 from pipeline.model.sampling import Sampling
-from pipeline.model.shown import SeenBodies, SeenFrames
-from pipeline.model.words_model import WordsModel, write_answers
+from pipeline.model.shown import SeenBodies
+from pipeline.model.words_model import WordsModel
 from pipeline.scene.scene import Scene
 from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.search.best_of_k import rank
@@ -80,18 +79,10 @@ COMPARED = (  # first minus second, by clip
 RESAMPLES = 10_000
 
 
-Shown = np.ndarray | SeenBodies | SeenFrames
-
-
 def answers(base: Base | WordsModel, shown: Shown, sampling: Sampling, seed: int) -> tuple[list[Scene], float]:
     """The scenes that the model answers to one clip, and the seconds that it took."""
     began = time.perf_counter()
-    if isinstance(shown, np.ndarray):
-        assert isinstance(base, Base)
-        (each,) = generate(base, shown[None], sampling, [seed])
-    else:
-        assert isinstance(base, WordsModel)
-        each = write_answers(base, shown, sampling, seed)
+    (each,) = write(base, [shown], sampling, [seed])
     seconds = time.perf_counter() - began
     return [read_completion(answer.text).scene for answer in each], seconds
 

@@ -1,6 +1,6 @@
 """Preference optimisation on another engine's clips: scores of greedy answers to unseen clips, before and after.
 
-    python -m benchmarks.prefer --model PATH [--samples 12] [--steps 30] [--seeds 1]
+    python -m benchmarks.prefer [--model models/words] [--samples 12] [--steps 30] [--seeds 1]
 
 Two folds: the model is optimised on one half of the clips, without their labels, and answers the other half, and vice
 versa, so that each clip is answered by a model that was not optimised on it. Masks are given, flow is RAFT's, all other
@@ -31,11 +31,14 @@ from pipeline.evaluation.scene_scores import measured_reference, score
 from pipeline.evaluation.tables import cell, markdown
 from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
-from pipeline.model.base import Base, load_base
-from pipeline.model.patches import resize_frames
+from pipeline.model.answering import Shown, load_answering
+from pipeline.model.base import Base
+from pipeline.model.patches import fit_layout
 from pipeline.model.preference import Pair, draw_answers, pairs_of, prefer, weighted_reward
-from pipeline.model.sampling import Sampling
+from pipeline.model.sampling import Completed, Sampling
+from pipeline.model.shown import seen_clip
 from pipeline.model.training_plan import TrainingPlan
+from pipeline.model.words_model import WordsModel
 from pipeline.perception.mask_source import MaskSource
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import read_frames, with_masks
@@ -66,13 +69,13 @@ class LabelledClip:
     Attributes:
         masks: (T, H, W) uint8.
         flow: (P, H, W, 2) px, measured.
-        picture: (T, H, W, 3) uint8, what the model sees.
+        shown: What the model sees.
         composition: True shapes, as box+sphere.
     """
 
     masks: np.ndarray
     flow: np.ndarray
-    picture: np.ndarray
+    shown: Shown
     composition: str
 
 
@@ -85,8 +88,16 @@ def kept_json(path: Path, make: Callable[[], Any]) -> Any:
     return json.loads(path.read_text())
 
 
+def shown_to(model: Base | WordsModel, masks: np.ndarray, flow: np.ndarray, schedule: Schedule, picture: str) -> Shown:
+    """What the model sees of a clip: its flow."""
+    if isinstance(model, WordsModel):
+        return seen_clip("flow", "bodies", masks[schedule.pairs[:, 0]], flow, None)
+    pictures = flow_picture(flow, picture, scaled_max_px(flow.shape[2], 1 / schedule.fps))
+    return fit_layout(pictures, model.layout)
+
+
 def read_clips(
-    folder: Path, params: Params, schedule: Schedule, layout: tuple[int, int], work: Path
+    folder: Path, params: Params, schedule: Schedule, model: Base | WordsModel, work: Path
 ) -> list[LabelledClip]:
     """The clips of a folder, with RAFT's flow, which is kept in `work`."""
     raft, f, interval = load_raft(params.flow.raft), params.flow, 1 / schedule.fps
@@ -104,21 +115,23 @@ def read_clips(
                 ),
             )
         flow = np.load(file)
-        picture = flow_picture(flow, f.picture, scaled_max_px(flow.shape[2], interval))
+        shown = shown_to(model, taken.masks, flow, schedule, f.picture)
         shapes = sorted(o["type"] for o in json.loads((place / "truth.json").read_text())["objects"])
-        clips.append(LabelledClip(taken.masks, flow, resize_frames(picture, *layout), "+".join(shapes)))
+        clips.append(LabelledClip(taken.masks, flow, shown, "+".join(shapes)))
     return clips
 
 
-def greedy_scores(base: Base, clips: Sequence[LabelledClip], which: Sequence[int], params: Params) -> list[dict]:
+def greedy_scores(
+    base: Base | WordsModel, clips: Sequence[LabelledClip], which: Sequence[int], params: Params
+) -> list[dict]:
     """The metrics of the greedy answers to some of the clips."""
     schedule = Schedule(**params.clip.model_dump())
     greedy = Sampling(reasoning=params.model.reasoning, seconds=schedule.seconds)
-    shown = {c: clips[c].picture for c in which}
+    shown = {c: clips[c].shown for c in which}
     answers = draw_answers(base, shown, greedy, dict.fromkeys(which, 0), params.infer.decode_batch_size)
     rows = []
     for c in which:
-        scene = read_completion(answers[c][0]).scene
+        scene = read_completion(answers[c][0].text).scene
         truth = measured_reference(clips[c].masks, clips[c].flow, schedule.pairs[:, 0])
         found = score(scene, truth, schedule)
         found["composition"] = float(scene.composition == clips[c].composition)
@@ -143,7 +156,7 @@ def table(before: list[dict], after: list[list[dict]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     own = read_params_file(PARAMS_FILE, Params).prefer
-    parser.add_argument("--model", required=True, help="a model with a tokenizer of its own")
+    parser.add_argument("--model", default="models/words", help="a folder")
     for name in (
         "samples",
         "temperature",
@@ -170,9 +183,9 @@ def main() -> None:
     a.work.mkdir(parents=True, exist_ok=True)
     params = read_params_file(PARAMS_FILE, Params)
     schedule = Schedule(**params.clip.model_dump())
-    base = load_base(a.model, frames=schedule.model_frames)
+    base = load_answering(a.model, frames=schedule.model_frames)
     began = time.perf_counter()
-    clips = read_clips(folder, params, schedule, (base.layout.width, base.layout.height), a.work)
+    clips = read_clips(folder, params, schedule, base, a.work)
     everything = range(len(clips))
     sampling = Sampling(
         samples=a.samples,
@@ -188,20 +201,23 @@ def main() -> None:
 
     def drawn(clip: int) -> dict[str, list]:
         seed = zlib.crc32(f"{params.seed} prefer cross_engine {clip}".encode())
-        shown, seeds = {clip: clips[clip].picture}, {clip: seed}
-        (texts,) = draw_answers(base, shown, sampling, seeds, own.decode_batch_size).values()
+        shown, seeds = {clip: clips[clip].shown}, {clip: seed}
+        (answers,) = draw_answers(base, shown, sampling, seeds, own.decode_batch_size).values()
         masks = clips[clip].masks[schedule.pairs[:, 0]]
         target = make_target(masks, clips[clip].flow, params.search.width, params.search.height)
-        scenes = [read_completion(text).scene for text in texts]
+        scenes = [read_completion(answer.text).scene for answer in answers]
         rewards = rank(Evaluator(target, schedule, threads=1), scenes).rewards
         note(f"clip {clip}: {a.samples} answers")
-        return {"texts": texts, **{name: column.tolist() for name, column in asdict(rewards).items()}}
+        return {
+            "answers": [asdict(answer) for answer in answers],
+            **{name: column.tolist() for name, column in asdict(rewards).items()},
+        }
 
     def paired(clip: int) -> list[Pair]:
-        answers = kept_json(a.work / f"{named}-{clip}.json", lambda: drawn(clip))
-        texts = answers.pop("texts")
-        rewards = Rewards(**{name: np.array(column) for name, column in answers.items()})
-        return pairs_of(clip, texts, weighted_reward(rewards, a.epe_weight).tolist(), a.margin, a.pairs)
+        found = kept_json(a.work / f"{named}-{clip}.json", lambda: drawn(clip))
+        answers = [Completed.read(row) for row in found.pop("answers")]
+        rewards = Rewards(**{name: np.array(column) for name, column in found.items()})
+        return pairs_of(clip, answers, weighted_reward(rewards, a.epe_weight).tolist(), a.margin, a.pairs)
 
     note(f"{len(clips)} clips")
     named = f"{zlib.crc32(Path(a.model, 'model.safetensors').read_bytes()):08x}"
@@ -214,7 +230,7 @@ def main() -> None:
     named += f"-{a.epe_weight}-{a.margin}-{a.pairs}-{a.beta}-{a.steps}-{a.batch_size}-{a.learning_rate}"
 
     def answered(used: list[int], held_out: list[int], seed: int, scratch: Path) -> list[dict]:
-        tuned = load_base(a.model, frames=schedule.model_frames)
+        tuned = load_answering(a.model, frames=schedule.model_frames)
         plan = TrainingPlan(
             steps=a.steps,
             epochs=1.0,
@@ -227,7 +243,7 @@ def main() -> None:
         prefer(
             tuned,
             [p for c in used for p in pairs[c]],
-            {c: clips[c].picture for c in used},
+            {c: clips[c].shown for c in used},
             a.beta,
             sampling,
             plan,

@@ -73,7 +73,7 @@ def make_in_each(
     # imported here, as below: it takes seconds, and mostly the model is in the store
     from transformers.utils import logging
 
-    from pipeline.inference.loading import load_answering
+    from pipeline.model.answering import load_answering
     from pipeline.model.finetune import finetune
     from pipeline.model.words_finetune import finetune_words
     from pipeline.model.words_model import WordsModel

@@ -75,7 +75,7 @@ class Parameters:
 @lru_cache(maxsize=1)
 def model(folder: str, width: int, height: int, frames: int, dtype: str) -> "Base | WordsModel":
     # imported here, as below: it takes seconds, and mostly the shards are in the store
-    from pipeline.inference.loading import load_answering
+    from pipeline.model.answering import load_answering
 
     with naming("model.base"):
         return load_answering(folder, width, height, frames, dtype)

@@ -24,16 +24,18 @@ from pipeline.model.processes import in_processes, is_first
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keep_folder import keep_folder
 from stages.graph.answering_model import CURVE, FINETUNED, FOLDER, AnsweringModel, split_clips
-from stages.graph.clip_pictures import check_input, check_sees, picture_stage, pictures
+from stages.graph.clip_pictures import check_input, check_sees, picture_stage, pictures, seen_by_words
 from stages.graph.params import PreferSettings
 from stages.graph.run import folder, run
 from stages.graph.stage_params import load
 from stages.graph.training_processes import processes_for
 
 if TYPE_CHECKING:
+    from pipeline.model.answering import Shown
     from pipeline.model.base import Base
     from pipeline.model.preference import Pair
     from pipeline.model.sampling import Sampling
+    from pipeline.model.words_model import WordsModel
     from pipeline.scene.scene import Scene
 
 COLUMNS = ("step", "loss", "accuracy", "margin")
@@ -48,6 +50,7 @@ class Parameters:
         seed: Of the sampled answers and the training.
         schedule: The frames of a clip.
         input: What the model is shown: flow or rgb.
+        sees: Bodies one by one, or whole frames.
         reasoning: Whether <think> precedes <answer>.
         dtype: Of the model's weights.
         size: Width and height at which answers are compared with a clip, px.
@@ -59,6 +62,7 @@ class Parameters:
     seed: int
     schedule: Schedule
     input: str
+    sees: str
     reasoning: bool
     dtype: str
     size: tuple[int, int]
@@ -77,7 +81,7 @@ def skip(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
 def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], parameters: Parameters) -> dict[str, float]:
     # imported here, as below: it takes seconds, and by default there is nothing to do
     from pipeline.inference.answers import answer_seed
-    from pipeline.model.base import load_base
+    from pipeline.model.answering import load_answering
     from pipeline.model.preference import draw_answers, rank_pairs, weighted_reward
     from pipeline.search.best_of_k import rank
     from stages.graph.search_target import shard_evaluator
@@ -91,7 +95,7 @@ def make(output: Path, scratch: Path, inputs: Sequence[ShardedDataset], paramete
         return weighted_reward(rewards, own.epe_weight)
 
     if not (scratch / PAIRS).is_file():
-        base = load_base(str(FINETUNED), frames=schedule.model_frames, dtype=p.dtype)
+        base = load_answering(str(FINETUNED), frames=schedule.model_frames, dtype=p.dtype)
         seeds = {c: answer_seed(p.seed, "prefer", own.suite, c) for c in p.used}
         answers = draw_answers(base, shown(base, inputs, p), sampling(p), seeds, own.decode_batch_size)
         write_pairs(scratch / PAIRS, rank_pairs(answers, judge, own.margin, own.pairs))
@@ -104,13 +108,13 @@ def train_in_each(
     """The work of each process of the training; the first one writes the output."""
     from transformers.utils import logging
 
-    from pipeline.model.base import load_base
+    from pipeline.model.answering import load_answering
     from pipeline.model.preference import Pair, prefer
     from pipeline.model.training_plan import TrainingPlan
 
     p, own = parameters, parameters.settings
-    base = load_base(str(FINETUNED), frames=p.schedule.model_frames, dtype=p.dtype)
-    pairs = [Pair(**row) for row in json.loads((scratch / PAIRS).read_text())]
+    base = load_answering(str(FINETUNED), frames=p.schedule.model_frames, dtype=p.dtype)
+    pairs = [Pair.read(row) for row in json.loads((scratch / PAIRS).read_text())]
     rows: list[dict[str, Any]] = []
     if pairs:
         logging.set_verbosity_error()
@@ -134,11 +138,14 @@ def train_in_each(
     return {"clips": len(p.used), "pairs": len(pairs)}
 
 
-def shown(base: "Base", inputs: Sequence[ShardedDataset], p: Parameters) -> dict[int, np.ndarray]:
-    """The pictures of the clips that may be used."""
+def shown(base: "Base | WordsModel", inputs: Sequence[ShardedDataset], p: Parameters) -> "dict[int, Shown]":
+    """What the model sees of the clips that may be used."""
     from pipeline.model.patches import fit_layout
+    from pipeline.model.words_model import WordsModel
 
     rendered, flow = inputs
+    if isinstance(base, WordsModel):
+        return {c: seen_by_words(rendered[c], flow[c], p.input, p.sees, p.schedule) for c in p.used}
     source = {"flow": flow, "render": rendered}[picture_stage(p.input)]
     return {c: fit_layout(pictures(source[c], p.input, p.schedule), base.layout) for c in p.used}
 
@@ -174,10 +181,10 @@ def main() -> None:
             f"`prefer.enabled` is true and `infer.shots` is {params.infer.shots}; valid: one of the two, "
             "since with a prompt no model is fine-tuned that could be trained on"
         )
-    if is_words(m.base):
-        raise ParamsError(f"`prefer.enabled` is true, but {m.base} answers without a tokenizer; valid: false")
-    check_sees(m.base, m.sees, words=False)
-    shown = ModelInput.of(m.input, f.picture, f.source, (f.width, f.height), f.iterations, m.reasoning, m.sees)
+    words = is_words(m.base)
+    check_sees(m.base, m.sees, words)
+    picture = None if words else f.picture
+    shown = ModelInput.of(m.input, picture, f.source, (f.width, f.height), f.iterations, m.reasoning, m.sees)
     check_input(str(FINETUNED), shown, required=True)
     inputs = [folder("render", own.suite), folder("flow", own.suite)]
     clips = len(open_shards(inputs[0]))
@@ -190,6 +197,7 @@ def main() -> None:
         seed=params.seed,
         schedule=params.clip.schedule,
         input=m.input,
+        sees=m.sees,
         reasoning=m.reasoning,
         dtype=m.dtype,
         size=(params.search.width, params.search.height),

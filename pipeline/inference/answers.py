@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from pipeline.language.completion import Completion, read_completion
-from pipeline.model.sampling import Completed, Sampling, batches
-from pipeline.model.shown import SeenBodies, SeenFrames
+from pipeline.model.answering import Shown, write
+from pipeline.model.sampling import Sampling, batches
 from pipeline.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -54,7 +52,7 @@ def answer_seed(*labels: object) -> int:
 
 def ask(
     base: Base | WordsModel,
-    show: Callable[[int], np.ndarray | SeenBodies | SeenFrames],
+    show: Callable[[int], Shown],
     seeds: Sequence[int],
     sampling: Sampling,
     batch_size: int,
@@ -78,26 +76,7 @@ def ask(
     greedy = replace(sampling, samples=1, temperature=0.0)
     for first, asked in ((GREEDY, greedy), (0, sampling)):
         for part in batches(len(seeds), asked.samples, batch_size) if asked.samples else ():
-            written = _written(base, [show(i) for i in part], asked, [seeds[i] for i in part], prompt)
+            written = write(base, [show(i) for i in part], asked, [seeds[i] for i in part], prompt)
             for i, completions in zip(part, written, strict=True):
                 answers[i] += [Answer(first + k, c.text, c.log_probability) for k, c in enumerate(completions)]
     return answers
-
-
-def _written(
-    base: Base | WordsModel,
-    shown: list[np.ndarray | SeenBodies | SeenFrames],
-    sampling: Sampling,
-    seeds: list[int],
-    prompt: Prompt | None,
-) -> list[list[Completed]]:
-    """The completions of some clips, one list for each."""
-    from pipeline.model.words_model import WordsModel, write_answers  # imports transformers, which takes seconds
-
-    if isinstance(base, WordsModel):
-        assert prompt is None, "the words model takes no worked examples"
-        seen = [one for one in shown if not isinstance(one, np.ndarray)]
-        return [write_answers(base, one, sampling, seed) for one, seed in zip(seen, seeds, strict=True)]
-    from pipeline.model.generate import generate
-
-    return generate(base, np.stack([one for one in shown if isinstance(one, np.ndarray)]), sampling, seeds, prompt)

@@ -169,7 +169,7 @@ def load_model(name: str, parameter: str = "model") -> Base | WordsModel:
         ModelError: Where it cannot be loaded, or has not recorded how its input is made.
     """
     from pipeline.clips.schedule import Schedule
-    from pipeline.inference.loading import load_answering
+    from pipeline.model.answering import load_answering
 
     with naming(parameter):
         base = load_answering(str(shipped(name)), frames=Schedule().model_frames)

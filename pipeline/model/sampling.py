@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
+
+from pipeline.model.decisions import Said
 
 
 @dataclass(frozen=True)
@@ -33,10 +36,20 @@ class Sampling:
 
 @dataclass(frozen=True)
 class Completed:
-    """A completion and the log-probability, nats, that the model gave to its free choices."""
+    """A completion and the log-probability, nats, that the model gave to its free choices.
+
+    said: the decisions behind the text, where the words model wrote it.
+    """
 
     text: str
     log_probability: float
+    said: Said | None = None
+
+    @classmethod
+    def read(cls, row: Mapping[str, Any]) -> Completed:
+        """From a row of a JSON file."""
+        said = row["said"]
+        return cls(row["text"], row["log_probability"], None if said is None else Said(**said))
 
 
 def batches(clips: int, samples: int, batch_size: int) -> Iterator[range]:

@@ -125,6 +125,21 @@ def bodies_example(seen: SeenBodies, truth: Truth, reasons: Sequence[bool], rng:
     return seen_arrays | _joined(rows)
 
 
+def answers_example(seen: SeenBodies | SeenFrames, answers: Sequence[d.Said], reasoning: bool) -> Arrays:
+    """An example of the model's own answers, bodies in the order and at the places in which it was asked.
+
+    Returns:
+        crops and places, or frames; order and numbers (A, N) of bodies, and the arrays of `Answer` (A, L).
+    """
+    if isinstance(seen, SeenFrames):
+        rows = [vars(d.answer_of(range(d.MOST_IN_FRAME), reasoning, True, said)) for said in answers]
+        return {"frames": seen.frames} | _joined(rows)
+    n = len(seen.instances)
+    asked = {"order": np.arange(n, dtype=np.int8), "numbers": np.arange(n, dtype=np.int16)}
+    rows = [asked | vars(d.answer_of(range(n), reasoning, False, said)) for said in answers]
+    return {"crops": seen.crops, "places": seen.instances.places} | _joined(rows)
+
+
 def frames_example(seen: SeenFrames, truth: Truth, reasons: Sequence[bool]) -> Arrays:
     """An example of whole frames: frames, and the arrays of `Answer` (A, L). Bodies stand in the order of the truth."""
     told = _told(truth.events, {i: i for i in range(len(truth.shapes))})
@@ -178,12 +193,17 @@ def groups_of(examples: Sequence[Arrays]) -> Iterator[dict[str, Tensor]]:
     """
     groups: dict[int, list[Arrays]] = defaultdict(list)
     for e in examples:
-        if "frames" in e or len(e["shapes"]):
-            groups[0 if "frames" in e else len(e["shapes"])].append(e)
+        if "frames" in e or len(e["places"]):
+            groups[0 if "frames" in e else len(e["places"])].append(e)
     for members in groups.values():
-        arrays = {k: torch.from_numpy(np.ascontiguousarray(v)) for k, v in stacked(members).items()}
+        arrays = tensors(members)
         rows = torch.arange(len(members))
         yield chosen(arrays, rows, torch.zeros_like(rows))
+
+
+def tensors(examples: Sequence[Arrays]) -> dict[str, Tensor]:
+    """Examples of one kind and number of bodies, with all their answers."""
+    return {k: torch.from_numpy(np.ascontiguousarray(v)) for k, v in stacked(examples).items()}
 
 
 def chosen(arrays: dict[str, Tensor], rows: Tensor, which: Tensor) -> dict[str, Tensor]:
@@ -193,11 +213,12 @@ def chosen(arrays: dict[str, Tensor], rows: Tensor, which: Tensor) -> dict[str, 
         out["frames"] = arrays["frames"][rows]
     else:
         order = arrays["order"][rows, which].long()
-        for name in ("crops", "places", "shapes", "motion", "soon"):
+        for name in {"crops", "places", "shapes", "motion", "soon"} & arrays.keys():
             x = arrays[name][rows]
             index = order.view(*order.shape, *[1] * (x.ndim - 2)).expand(-1, -1, *x.shape[2:])
             out[name] = x.gather(1, index)
-        out["shapes"] = out["shapes"].long()
+        if "shapes" in out:
+            out["shapes"] = out["shapes"].long()
         out["numbers"] = arrays["numbers"][rows, which].long()
     answer = {k: arrays[k][rows, which] for k in d.ANSWER_TYPES}
     longest = int((answer["ask"] > 0).sum(1).max())

@@ -37,6 +37,28 @@ def losses(model: WordsNetwork, group: dict[str, Tensor], colours: bool) -> dict
             soon (B, N, T, 8) of bodies, or frames (B, T, C, h, w) int8; and the arrays of `Answer` (B, L).
         colours: Whether the pictures show colours.
     """
+    said, bodies = _states(model, group, colours)
+    out = _of_answer(model, said, group)
+    if bodies is not None:
+        out["beside"] = _beside(model, bodies, group)
+    return out
+
+
+def log_probabilities(model: WordsNetwork, group: dict[str, Tensor], colours: bool) -> Tensor:
+    """(B,) log-probabilities, nats, of the answers of a group as in `losses`: of each choice among all tokens, and of
+    each number's bin."""
+    said, _ = _states(model, group, colours)
+    choice, field = group["choice"], group["field"]
+    out = torch.zeros(choice.shape, device=said.device)
+    of_tokens = model.qwen.lm_head(said).float().log_softmax(-1)
+    out = torch.where(choice >= 0, of_tokens.gather(2, choice.clamp(min=0)[..., None])[..., 0], out)
+    place = ((group["number"] + 1) / 2 * (BINS - 1)).round().clamp(0, BINS - 1).long()
+    of_bins = model.bins(said).float().log_softmax(-1)
+    return torch.where(field >= 0, of_bins.gather(2, place[..., None])[..., 0], out).sum(1)
+
+
+def _states(model: WordsNetwork, group: dict[str, Tensor], colours: bool) -> tuple[Tensor, Tensor | None]:
+    """The language model's states (B, L, width) that decide the answer, and those of bodies in the prompt."""
     frame = "frames" in group
     if frame:
         prompt, where = model.frame_prompt(group["frames"], colours)
@@ -46,10 +68,7 @@ def losses(model: WordsNetwork, group: dict[str, Tensor], colours: bool) -> dict
     answer = model.embed_decisions(group["token"], group["share"], group["ask"], group["of"]).to(prompt.dtype)
     where = torch.cat([where, group["position"].expand(3, -1, -1)], 2)
     h = model.language_states(torch.cat([prompt, answer], 1), where)
-    out = _of_answer(model, h[:, p:], group)
-    if not frame:
-        out["beside"] = _beside(model, h[:, 2:p], group)
-    return out
+    return h[:, p:], None if frame else h[:, 2:p]
 
 
 def means(model: WordsNetwork, group: dict[str, Tensor], colours: bool) -> dict[str, Tensor]:

@@ -79,7 +79,7 @@ def write_answers(model: WordsModel, seen: SeenBodies | SeenFrames, sampling: Sa
     prior = seen.instances.shape_prior if isinstance(seen, SeenBodies) else None
     said, log_p = decide(model.model, prompt, places, isinstance(seen, SeenFrames), sampling, seed, prior)
     return [
-        Completed(completion_of(one, sampling.reasoning, sampling.seconds), float(p))
+        Completed(completion_of(one, sampling.reasoning, sampling.seconds), float(p), one)
         for one, p in zip(said, log_p, strict=True)
     ]
 

@@ -20,7 +20,7 @@ from pipeline.model.preference import (
     prefer,
     rank_pairs,
 )
-from pipeline.model.sampling import Sampling
+from pipeline.model.sampling import Completed, Sampling
 from pipeline.model.training_plan import TrainingPlan
 
 BASE = small_base()
@@ -99,9 +99,13 @@ def test_the_margin_does_not_see_what_policy_and_reference_add_to_both(rng: np.r
 # ---- pairs
 
 
+def completions(texts: str) -> list[Completed]:
+    return [Completed(text, 0.0) for text in texts]
+
+
 def test_pairs_are_ordered_by_reward_and_use_no_answer_twice(rng: np.random.Generator) -> None:
     rewards = rng.normal(size=int(rng.integers(2, 12)))
-    texts = [f"answer {i}" for i in range(len(rewards))]
+    texts = [Completed(f"answer {i}", 0.0) for i in range(len(rewards))]
     reward_of = dict(zip(texts, rewards, strict=True))
     pairs = pairs_of(3, texts, rewards.tolist(), 0.0, 100)
     assert len(pairs) == len(rewards) // 2
@@ -118,16 +122,16 @@ def test_pairs_are_ordered_by_reward_and_use_no_answer_twice(rng: np.random.Gene
 
 
 def test_ties_and_duplicates_give_no_pair() -> None:
-    assert pairs_of(0, ["a", "b", "c"], [0.5, 0.5, 0.5], 0.0, 9) == []
-    assert pairs_of(0, ["a", "a", "a"], [0.5, 0.5, 0.5], 0.0, 9) == []
-    assert pairs_of(0, ["a", "b", "a", "a"], [0.5, 0.2, 0.5, 0.5], 0.0, 9) == [Pair(0, "a", "b", 0.3)]
-    assert pairs_of(0, ["a"], [0.5], 0.0, 9) == []
+    assert pairs_of(0, completions("abc"), [0.5, 0.5, 0.5], 0.0, 9) == []
+    assert pairs_of(0, completions("aaa"), [0.5, 0.5, 0.5], 0.0, 9) == []
+    assert pairs_of(0, completions("abaa"), [0.5, 0.2, 0.5, 0.5], 0.0, 9) == [Pair(0, *completions("ab"), 0.3)]
+    assert pairs_of(0, completions("a"), [0.5], 0.0, 9) == []
 
 
 def test_the_rewards_of_a_pair_differ_by_the_margin_and_pairs_are_as_few_as_asked() -> None:
-    texts, rewards = list("abcdef"), [0.0, 0.1, 0.2, 0.4, 0.8, 1.6]
-    assert [(p.better, p.worse) for p in pairs_of(0, texts, rewards, 0.5, 9)] == [("f", "a"), ("e", "b")]
-    assert [(p.better, p.worse) for p in pairs_of(0, texts, rewards, 0.5, 1)] == [("f", "a")]
+    given, rewards = completions("abcdef"), [0.0, 0.1, 0.2, 0.4, 0.8, 1.6]
+    assert [(p.better.text, p.worse.text) for p in pairs_of(0, given, rewards, 0.5, 9)] == [("f", "a"), ("e", "b")]
+    assert [(p.better.text, p.worse.text) for p in pairs_of(0, given, rewards, 0.5, 1)] == [("f", "a")]
 
 
 def test_the_same_seed_gives_the_same_pairs_however_many_are_decoded_at_a_time(rng: np.random.Generator) -> None:
@@ -144,7 +148,7 @@ def test_the_same_seed_gives_the_same_pairs_however_many_are_decoded_at_a_time(r
     assert drawn(64) == pairs
     assert drawn(4) == pairs
     for pair in pairs:
-        higher, lower = (read_completion(text).scene.objects[0].mass for text in (pair.better, pair.worse))
+        higher, lower = (read_completion(c.text).scene.objects[0].mass for c in (pair.better, pair.worse))
         assert higher - lower == pytest.approx(pair.gap)
 
 
@@ -166,7 +170,7 @@ def plan(**values: object) -> TrainingPlan:
 
 def toy_pairs(rng: np.random.Generator, clips: np.ndarray) -> list[Pair]:
     answers = generate(small_base(), clips, DRAWN, list(range(len(clips))))
-    return [Pair(c, each[0].text, each[1].text, 1.0) for c, each in enumerate(answers)]
+    return [Pair(c, each[0], each[1], 1.0) for c, each in enumerate(answers)]
 
 
 @pytest.mark.parametrize("lora_rank", [0, 4])
@@ -195,7 +199,7 @@ def test_a_few_steps_raise_the_margin(rng: np.random.Generator, tmp_path: Path, 
     assert curve[-1]["accuracy"] == 1
     for pair in pairs:
         clip = clips[pair.clip]
-        gain = [log_p(base, text, clip) - log_p(before, text, clip) for text in (pair.better, pair.worse)]
+        gain = [log_p(base, c.text, clip) - log_p(before, c.text, clip) for c in (pair.better, pair.worse)]
         assert gain[0] > gain[1]
 
 

@@ -16,7 +16,7 @@ from pipeline.model.base import Base
 from pipeline.model.finetune import finetune
 from pipeline.model.preference import Pair, prefer
 from pipeline.model.processes import in_processes, is_first
-from pipeline.model.sampling import Sampling
+from pipeline.model.sampling import Completed, Sampling
 from pipeline.model.trainer import ClipDataset, last_checkpoint
 from pipeline.model.training_plan import TrainingPlan
 from pipeline.scene.scene import Camera, Scene, SceneObject
@@ -61,7 +61,7 @@ def preferred(work: Path, processes: int) -> Trained:
     radii = rng.uniform(0.05, 0.3, 16).tolist()
     balls = [SceneObject("sphere", (r,), 1.0, position=(0, 0, 1)) for r in radii]
     texts = [write_completion(Scene((ball,), Camera((0, -2, 1), 40, pitch=-20)), [], 1.0) for ball in balls]
-    pairs = [Pair(k, texts[k], texts[k + 8], 1.0) for k in range(8)]
+    pairs = [Pair(k, Completed(texts[k], 0.0), Completed(texts[k + 8], 0.0), 1.0) for k in range(8)]
     curve: list[dict[str, Any]] = []
     pictures = dict(enumerate(random_clips(rng, 8)))
     prefer(base, pairs, pictures, 0.1, Sampling(samples=2, seconds=1.0), plan(processes), work, curve.append)
