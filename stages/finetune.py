@@ -1,10 +1,10 @@
 """Fine-tune the base model on the training clips.
 
 Reads of train and val data/sample, data/simulate, data/events, data/render and data/flow (for a model with a tokenizer
-data/tokenize and data/flow, data/render with model.input=rgb); model.base. Writes data/finetune:
-model (a checkpoint, whose model_input.json records how its input is made), loss.csv and eval_loss.csv (plots). An
-interrupted run goes on from its last checkpoint. With infer.shots the base answers as it is: nothing is trained, and
-there is no model.
+data/tokenize, and for whole frames data/flow, or data/render with model.input=rgb, alone); model.base. Writes
+data/finetune: model (a checkpoint, whose model_input.json records how its input is made), loss.csv and eval_loss.csv
+(plots). An interrupted run goes on from its last checkpoint. With infer.shots the base answers as it is: nothing is
+trained, and there is no model.
 Parameters: seed, clip, flow (but source, raft and noise), model, finetune, training,
 infer.shots. Run: python -m stages.finetune
 """
@@ -30,7 +30,7 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
-from stages.graph.clip_pictures import check_sees, picture_stage, pictures, seen_by_words
+from stages.graph.clip_pictures import seen_of_clip, shown_stages, shown_to
 from stages.graph.params import ModelSettings
 from stages.graph.run import DATA, folder, run
 from stages.graph.stage_params import load
@@ -80,14 +80,15 @@ def make_in_each(
 
     m, schedule = parameters.model, parameters.schedule
     with naming("model.base"):
-        base = load_answering(m.base, m.width, m.height, schedule.model_frames, m.dtype)
+        base = load_answering(m.base, *m.size, schedule.model_frames, m.dtype)
     rows: list[dict] = []
     logging.set_verbosity_error()
     if isinstance(base, WordsModel):
         clips, val = (words_dataset(part, parameters) for part in (inputs[:5], inputs[5:]))
         finetune_words(base, clips, val, m.input == "rgb", parameters.plan, scratch, rows.append)
     else:
-        clips, val = (text_dataset(part[0], part[1], base, parameters) for part in (inputs[:2], inputs[2:]))
+        half = len(inputs) // 2
+        clips, val = (text_dataset(part, base, parameters) for part in (inputs[:half], inputs[half:]))
         finetune(base, clips, val, parameters.plan, scratch, rows.append)
     if not is_first():
         return {}
@@ -100,17 +101,24 @@ def make_in_each(
     return {"steps": rows[-1]["step"], "validation loss before": before, "validation loss after": after}
 
 
-def text_dataset(tokens: ShardedDataset, source: ShardedDataset, base: "Base", parameters: Parameters) -> "ClipDataset":
-    """Clips as tokens and pictures."""
+def text_dataset(inputs: Sequence[ShardedDataset], base: "Base", parameters: Parameters) -> "ClipDataset":
+    """Clips as tokens and videos. inputs: tokenize, and the stages that have what is shown."""
     from pipeline.language.codec import Tokens
-    from pipeline.model.patches import fit_layout
+    from pipeline.model.question import Question
     from pipeline.model.trainer import ClipDataset
+
+    tokens, *sources = inputs
+    m = parameters.model
 
     def read(index: int) -> "tuple[Tokens, np.ndarray]":
         row = tokens[index].row()
         free, numeric = np.array(row["free"]), np.array(row["numeric"])
-        shown = fit_layout(pictures(source[index], parameters.model.input, parameters.schedule), base.layout)
-        return Tokens(np.array(row["ids"], np.int32), row["prompt_length"], free, numeric), shown
+        written = Tokens(np.array(row["ids"], np.int32), row["prompt_length"], free, numeric)
+        shown = shown_to(base, [source[index] for source in sources], m.input, m.sees, parameters.schedule)
+        if isinstance(shown, Question):
+            return written.behind(shown.ids), shown.videos
+        assert isinstance(shown, np.ndarray)
+        return written, shown[None]
 
     return ClipDataset(len(tokens), read)
 
@@ -138,7 +146,7 @@ def words_dataset(inputs: Sequence[ShardedDataset], parameters: Parameters) -> "
         truth = truth_of(scene, motion, events, schedule.seconds)
         rng = clip_rng(seed, sample.folder.name, index, "masks")
         worsen = partial(with_errors, objects=len(scene.objects), rng=rng)
-        seen = seen_by_words(rendered[index], flow[index], m.input, m.sees, schedule, worsen)
+        seen = seen_of_clip(rendered[index], flow[index], m.input, m.sees, schedule, worsen)
         if isinstance(seen, SeenFrames):
             return frames_example(seen, truth, reasons)
         return bodies_example(seen, truth, reasons, rng)
@@ -160,13 +168,13 @@ def main() -> None:
         return
     m, f = params.model, params.flow
     words = is_words(m.base)
-    check_sees(m.base, m.sees, words)
     picture = None if words else f.picture
     shown = ModelInput.of(m.input, picture, f.train_source, (f.width, f.height), f.iterations, m.reasoning, m.sees)
     processes = processes_for(params, "finetune")
     plan = TrainingPlan(**params.finetune.model_dump(), seed=params.seed, processes=processes)
     parameters = Parameters(params.clip.schedule, m, shown, plan)
-    read = ["sample", "simulate", "events", "render", "flow"] if words else ["tokenize", picture_stage(m.input)]
+    labels = ["sample", "simulate", "events"] if words else ["tokenize"]
+    read = [*labels, *shown_stages(m.input, m.sees, words)]
     inputs = [folder(stage, suite) for suite in ("train", "val") for stage in read]
     files = {"base": Path(m.base)} if Path(m.base).is_dir() else {}
     keep_folder(

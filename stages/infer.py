@@ -28,7 +28,7 @@ from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from pipeline.vision.flow.flow_picture import scaled_max_px
 from stages.graph.answering_model import answering_model
-from stages.graph.clip_pictures import check_input, check_sees, pictures, seen_by_words, shown_stages
+from stages.graph.clip_pictures import check_input, pictures, shown_stages, shown_to
 from stages.graph.examples import Example, choose_examples, example_clip
 from stages.graph.params import InferSettings, ModelSettings
 from stages.graph.run import run, run_shards
@@ -37,7 +37,6 @@ from stages.graph.stage_params import load
 if TYPE_CHECKING:
     from pipeline.model.base import Base
     from pipeline.model.generate import Prompt
-    from pipeline.model.shown import SeenBodies, SeenFrames
     from pipeline.model.words_model import WordsModel
 
 SCHEMA = pa.schema(
@@ -81,26 +80,13 @@ def model(folder: str, width: int, height: int, frames: int, dtype: str) -> "Bas
         return load_answering(folder, width, height, frames, dtype)
 
 
-def shown(clips: Sequence[Clip], base: "Base | WordsModel", p: Parameters) -> "np.ndarray | SeenBodies | SeenFrames":
-    """What the model sees of a clip, which is in the shards of `shown_stages`."""
-    from pipeline.model.patches import fit_layout
-    from pipeline.model.words_model import WordsModel
-
-    if isinstance(base, WordsModel):
-        rendered, flow = clips
-        return seen_by_words(rendered, flow, p.model.input, p.model.sees, p.schedule)
-    return fit_layout(pictures(clips[0], p.model.input, p.schedule), base.layout)
-
-
 def prompt(base: "Base | WordsModel", p: Parameters) -> "Prompt | None":
-    from pipeline.model.generate import bare_prompt, few_shot_prompt
+    from pipeline.model.generate import few_shot_prompt
     from pipeline.model.patches import fit_layout
     from pipeline.model.words_model import WordsModel
 
-    if isinstance(base, WordsModel):
+    if isinstance(base, WordsModel) or not p.examples:
         return None
-    if not p.examples:
-        return bare_prompt(base)
     schedule, width, reasoning = p.schedule, base.layout.width, p.model.reasoning
     kind = "rgb" if p.model.input == "rgb" else p.picture
     text = instructions(
@@ -122,7 +108,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     from pipeline.model.sampling import Sampling
 
     p, m, own = parameters, parameters.model, parameters.settings
-    base = model(m.base, m.width, m.height, p.schedule.model_frames, m.dtype)
+    base = model(m.base, *m.size, p.schedule.model_frames, m.dtype)
     sampling = Sampling(
         samples=own.samples,
         temperature=own.temperature,
@@ -136,7 +122,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
     seeds = [answer_seed(p.seed, shard.suite, c) for c in clips]
     answers = ask(
         base,
-        lambda i: shown([Clip(clips[i], s) for s in inputs], base, p),
+        lambda i: shown_to(base, [Clip(clips[i], s) for s in inputs], m.input, m.sees, p.schedule),
         seeds,
         sampling,
         own.decode_batch_size,
@@ -162,7 +148,8 @@ def main(suite: str) -> None:
     words = is_words(m.base)
     if own.shots and words:
         raise ParamsError(f"infer.shots: {own.shots}, but {m.base} takes no worked examples; valid: 0")
-    check_sees(m.base, m.sees, words)
+    if own.shots and m.sees == "bodies":
+        raise ParamsError(f"infer.shots: {own.shots} with model.sees: bodies; valid: model.sees: frame, or 0 shots")
     examples = choose_examples(own.shots, suite, m.input)
     checkpoint = Path(m.base) if examples else answering_model().folder
     picture = None if words else f.picture
@@ -182,7 +169,7 @@ def main(suite: str) -> None:
         suite,
         compute,
         parameters,
-        shown_stages(m.input, words),
+        shown_stages(m.input, m.sees, words),
         files={**files, "prompt": TEMPLATE},
         versions=["torch", "transformers"],
     )

@@ -24,7 +24,7 @@ from pipeline.model.processes import in_processes, is_first
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keep_folder import keep_folder
 from stages.graph.answering_model import CURVE, FINETUNED, FOLDER, AnsweringModel, split_clips
-from stages.graph.clip_pictures import check_input, check_sees, picture_stage, pictures, seen_by_words
+from stages.graph.clip_pictures import check_input, shown_stages, shown_to
 from stages.graph.params import PreferSettings
 from stages.graph.run import folder, run
 from stages.graph.stage_params import load
@@ -140,14 +140,11 @@ def train_in_each(
 
 def shown(base: "Base | WordsModel", inputs: Sequence[ShardedDataset], p: Parameters) -> "dict[int, Shown]":
     """What the model sees of the clips that may be used."""
-    from pipeline.model.patches import fit_layout
     from pipeline.model.words_model import WordsModel
 
-    rendered, flow = inputs
-    if isinstance(base, WordsModel):
-        return {c: seen_by_words(rendered[c], flow[c], p.input, p.sees, p.schedule) for c in p.used}
-    source = {"flow": flow, "render": rendered}[picture_stage(p.input)]
-    return {c: fit_layout(pictures(source[c], p.input, p.schedule), base.layout) for c in p.used}
+    stages = dict(zip(("render", "flow"), inputs, strict=True))
+    shown = [stages[s] for s in shown_stages(p.input, p.sees, isinstance(base, WordsModel))]
+    return {c: shown_to(base, [stage[c] for stage in shown], p.input, p.sees, p.schedule) for c in p.used}
 
 
 def sampling(p: Parameters) -> "Sampling":
@@ -182,7 +179,6 @@ def main() -> None:
             "since with a prompt no model is fine-tuned that could be trained on"
         )
     words = is_words(m.base)
-    check_sees(m.base, m.sees, words)
     picture = None if words else f.picture
     shown = ModelInput.of(m.input, picture, f.source, (f.width, f.height), f.iterations, m.reasoning, m.sees)
     check_input(str(FINETUNED), shown, required=True)

@@ -8,10 +8,11 @@ import numpy as np
 
 from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout, fit_layout
-from pipeline.model.shown import SeenBodies, SeenFrames, seen_clip
+from pipeline.model.shown import seen_bodies, seen_clip
 from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
 
 if TYPE_CHECKING:
+    from pipeline.model.answering import Shown
     from pipeline.model.base import Base
     from pipeline.model.words_model import WordsModel
 
@@ -46,7 +47,7 @@ def shown_clip(
     masks: np.ndarray,
     interval: float,
     shape_prior: np.ndarray | None = None,
-) -> np.ndarray | SeenBodies | SeenFrames:
+) -> Shown:
     """What a model takes of a clip.
 
     Args:
@@ -58,8 +59,11 @@ def shown_clip(
         interval: s between the two frames of a pair.
         shape_prior: (N, 3) probability of each of `BASIC_SHAPES` for the masks' bodies, for the words model.
     """
+    from pipeline.model.question import question_about
     from pipeline.model.words_model import WordsModel
 
     if isinstance(base, WordsModel):
         return seen_clip(model_input.input, model_input.sees, masks, flow, frames, shape_prior)
+    if model_input.sees == "bodies":
+        return question_about(base, seen_bodies(masks, flow, frames if model_input.input == "rgb" else None))
     return model_pictures(model_input, base.layout, flow, frames, interval)

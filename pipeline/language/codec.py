@@ -29,6 +29,17 @@ class Tokens:
     free: np.ndarray
     numeric: np.ndarray
 
+    def behind(self, prompt: Sequence[int]) -> Tokens:
+        """The same completion behind another prompt."""
+        nothing = np.zeros(len(prompt), bool)
+        own = slice(self.prompt_length, None)
+        return Tokens(
+            np.concatenate([np.array(prompt, np.int32), self.ids[own]]),
+            len(prompt),
+            np.concatenate([nothing, self.free[own]]),
+            np.concatenate([nothing, self.numeric[own]]),
+        )
+
 
 NO_TOKENS = Tokens(np.zeros(0, np.int32), 0, np.zeros(0, bool), np.zeros(0, bool))
 
@@ -44,6 +55,11 @@ class Codec:
         self._video_tokens = video_tokens
         self._pieces: dict[str, list[int]] = {}
         self.prompt_ids = self._chat_ids(self._chat([QUESTION]))
+
+    def bodies_ids(self, texts: Sequence[str]) -> list[int]:
+        """Ids of the question about bodies, each with a video and a text."""
+        shown = [part for text in texts for part in ({"type": "video"}, {"type": "text", "text": text})]
+        return self._chat_ids(self._chat([{"role": "user", "content": [*shown, {"type": "text", "text": PROMPT}]}]))
 
     def few_shot_ids(self, instructions: str, completions: Sequence[str], reasoning: bool, seconds: float) -> list[int]:
         """Ids of a chat: the instructions, the question about each example's video with its completion, and the

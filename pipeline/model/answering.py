@@ -6,7 +6,7 @@ Neither is imported before it is needed: transformers takes seconds.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -17,10 +17,12 @@ from pipeline.model.shown import SeenBodies, SeenFrames
 if TYPE_CHECKING:
     from pipeline.model.base import Base
     from pipeline.model.generate import Prompt
+    from pipeline.model.question import Question
     from pipeline.model.words_model import WordsModel
 
-#: What a model is shown of a clip: pictures (T, H, W, 3) uint8 in its layout, or bodies or frames for the words model.
-Shown = np.ndarray | SeenBodies | SeenFrames
+#: What a model is shown of a clip: bodies or frames for the words model; for another one pictures (T, H, W, 3) uint8 in
+#: its layout, or a question about bodies.
+Shown: TypeAlias = "np.ndarray | SeenBodies | SeenFrames | Question"
 
 
 def load_answering(
@@ -52,9 +54,14 @@ def write(
 
     if isinstance(model, WordsModel):
         assert prompt is None, "the words model takes no worked examples"
-        seen = [one for one in shown if not isinstance(one, np.ndarray)]
+        seen = [one for one in shown if isinstance(one, SeenBodies | SeenFrames)]
         return [write_answers(model, one, sampling, seed) for one, seed in zip(seen, seeds, strict=True)]
-    from pipeline.model.generate import generate
+    from pipeline.model.generate import answer_question, generate
+    from pipeline.model.question import Question
 
+    asked = [one for one in shown if isinstance(one, Question)]
+    if asked:  # one by one, since their lengths differ
+        assert prompt is None, "a question about bodies takes no worked examples"
+        return [answer_question(model, one, sampling, seed) for one, seed in zip(asked, seeds, strict=True)]
     pictures = np.stack([one for one in shown if isinstance(one, np.ndarray)])
     return generate(model, pictures, sampling, list(seeds), prompt)

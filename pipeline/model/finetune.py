@@ -17,31 +17,36 @@ from pipeline.model.processes import share_of_mean
 from pipeline.model.trainer import ClipDataset, Report, train
 from pipeline.model.training_plan import TrainingPlan
 
-Example = tuple[Tokens, np.ndarray]  # with pictures (T, H, W, 3) uint8
+Example = tuple[Tokens, np.ndarray]  # with the videos (S, T, H, W, 3) uint8 that its prompt shows
 
 
 @dataclass
 class Batch:
-    """ids (B, L), labels (B, L) with -100 where nothing is learned, clips (B, T, H, W, 3) uint8."""
+    """ids (B, L), labels (B, L) with -100 where nothing is learned, videos (V, T, H, W, 3) uint8 of all rows; start:
+    length of the shortest prompt."""
 
     ids: torch.Tensor
     labels: torch.Tensor
-    clips: torch.Tensor
+    videos: torch.Tensor
+    start: int
 
 
-def make_batch(base: Base, tokens: list[Tokens], clips: np.ndarray) -> Batch:
-    """Tokens of completions with their clips, as one batch; only what the grammar leaves free carries a label."""
+def make_batch(base: Base, tokens: Sequence[Tokens], videos: np.ndarray) -> Batch:
+    """Tokens of prompts and completions with the videos that they show, as one batch.
+
+    Only what the grammar leaves free carries a label.
+    """
     ids = right_padded([t.ids for t in tokens], base.codec.pad_id)
     labels = torch.full_like(ids, -100)
     for i, t in enumerate(tokens):
         labels[i, : len(t.ids)][torch.as_tensor(t.free)] = torch.as_tensor(t.ids[t.free], dtype=torch.long)
-    return Batch(ids, labels, torch.as_tensor(clips))
+    return Batch(ids, labels, torch.as_tensor(videos), min(t.prompt_length for t in tokens))
 
 
 def completion_logits(base: Base, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
-    """Logits (B, L - P, V) and labels (B, L - P) of the tokens after the prompt; of the prompt's none are computed."""
-    prompt = len(base.codec.prompt_ids)
-    hidden = hidden_states(base, batch.ids, batch.clips)
+    """Logits (B, L - P, V) and labels (B, L - P) of the tokens after the shortest prompt (P)."""
+    prompt = batch.start
+    hidden = hidden_states(base, batch.ids, batch.videos)
     return base.model.lm_head(hidden[:, prompt - 1 : -1]).float(), batch.labels.to(base.model.device)[:, prompt:]
 
 
@@ -60,7 +65,7 @@ def finetune(
     eval_loss (on val), learning_rate."""
 
     def collate(rows: Sequence[Example]) -> Batch:
-        return make_batch(base, [tokens for tokens, _ in rows], np.stack([picture for _, picture in rows]))
+        return make_batch(base, [tokens for tokens, _ in rows], np.concatenate([videos for _, videos in rows]))
 
     def objective(batch: Batch) -> tuple[torch.Tensor, Mapping[str, float]]:
         loss = batch_loss(base, batch)[0]

@@ -21,12 +21,14 @@ from pipeline.language.completion import completion_grammar
 from pipeline.model.base import Base
 from pipeline.model.constrained_decoding import GrammarState
 from pipeline.model.forward import prompt_positions, video_inputs
+from pipeline.model.question import Question
 from pipeline.model.sampling import Completed, Sampling
 
 
 @dataclass(frozen=True)
 class Prompt:
-    """ids (P,); videos (S, T, H, W, 3) uint8 of the worked examples in order, behind which the clip's own comes."""
+    """ids (P,); videos (S, T, H, W, 3) uint8 before the last one that it shows, in order: of worked examples, or of the
+    clip's other bodies."""
 
     ids: tuple[int, ...]
     videos: np.ndarray
@@ -45,6 +47,12 @@ def few_shot_prompt(
     question. Raises `GrammarError` for a completion that the grammar does not generate."""
     assert len(videos) == len(completions)
     return Prompt(tuple(base.codec.few_shot_ids(instructions, completions, reasoning, seconds)), videos)
+
+
+def answer_question(base: Base, question: Question, sampling: Sampling, seed: int) -> list[Completed]:
+    """Completions of one clip of whose bodies is asked."""
+    (answers,) = generate(base, question.videos[-1:], sampling, [seed], Prompt(question.ids, question.videos[:-1]))
+    return answers
 
 
 @torch.no_grad()

@@ -33,9 +33,14 @@ class ConstrainedTokens:
     allowed: tuple[tuple[int, ...], ...]
 
 
-def constrained_tokens(base: Base, completion: str, reasoning: bool, seconds: float) -> ConstrainedTokens:
-    """A completion's tokens. Raises `GrammarError` for a text that the grammar does not generate."""
+def constrained_tokens(
+    base: Base, completion: str, reasoning: bool, seconds: float, prompt: Sequence[int] | None = None
+) -> ConstrainedTokens:
+    """A completion's tokens, behind the ids of a prompt or the bare one. Raises `GrammarError` for a text that the
+    grammar does not generate."""
     tokens = base.codec.encode(completion, reasoning, seconds)
+    if prompt is not None:
+        tokens = tokens.behind(prompt)
     state = GrammarState(completion_grammar(reasoning, seconds), base.codec, base.tries)
     place = tokens.prompt_length + len(state.forced())
     free, allowed = [], []
@@ -47,14 +52,16 @@ def constrained_tokens(base: Base, completion: str, reasoning: bool, seconds: fl
     return ConstrainedTokens(tokens.ids, np.array(free), tuple(allowed))
 
 
-def log_probabilities(base: Base, written: Sequence[ConstrainedTokens], clips: torch.Tensor) -> torch.Tensor:
-    """(B,) log-probabilities, nats, of completions of clips (B, T, H, W, 3) uint8: sums over their free tokens, each
-    among those that are allowed in its place."""
+def log_probabilities(base: Base, written: Sequence[ConstrainedTokens], videos: torch.Tensor) -> torch.Tensor:
+    """(B,) log-probabilities, nats, of completions: sums over their free tokens, each among those allowed there.
+
+    videos: (V, T, H, W, 3) uint8, that the prompts show, in order.
+    """
     device = base.model.device
     ids = right_padded([w.ids for w in written], base.codec.pad_id).to(device)
     row = torch.as_tensor(np.repeat(np.arange(len(written)), [len(w.free) for w in written]), device=device)
     free = torch.as_tensor(np.concatenate([w.free for w in written]), device=device)
-    scores = base.model.lm_head(hidden_states(base, ids, clips)[row, free - 1]).float()  # (C, V)
+    scores = base.model.lm_head(hidden_states(base, ids, videos)[row, free - 1]).float()  # (C, V)
     sets = {allowed: k for k, allowed in enumerate(dict.fromkeys(a for w in written for a in w.allowed))}
     forbidden = torch.ones(len(sets), scores.shape[1], dtype=torch.bool)
     for allowed, k in sets.items():

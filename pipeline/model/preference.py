@@ -20,13 +20,14 @@ from pipeline.language.completion import MAX_OBJECTS, read_completion
 from pipeline.model.answering import Shown, write
 from pipeline.model.base import Base
 from pipeline.model.likelihood import ConstrainedTokens, constrained_tokens, log_probabilities
+from pipeline.model.question import Question
 from pipeline.model.sampling import Completed, Sampling, batches
-from pipeline.model.shown import SeenBodies, SeenFrames
+from pipeline.model.shown import SeenBodies, SeenFrames, most_seen
 from pipeline.model.trainer import Report, train
 from pipeline.model.training_plan import TrainingPlan
 from pipeline.model.words_example import Arrays, answers_example, chosen, tensors
 from pipeline.model.words_loss import log_probabilities as words_log_probabilities
-from pipeline.model.words_model import WordsModel, most_seen
+from pipeline.model.words_model import WordsModel
 from pipeline.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -164,17 +165,18 @@ class _TextLikelihoods(_Likelihoods):
         self._base, self._sampling = base, sampling
 
     def row(self, pair: Pair, shown: Shown) -> tuple[ConstrainedTokens, ConstrainedTokens, np.ndarray]:
-        assert isinstance(shown, np.ndarray)
+        assert isinstance(shown, np.ndarray | Question)
+        prompt, videos = (shown.ids, shown.videos) if isinstance(shown, Question) else (None, shown[None])
         better, worse = (
-            constrained_tokens(self._base, c.text, self._sampling.reasoning, self._sampling.seconds)
+            constrained_tokens(self._base, c.text, self._sampling.reasoning, self._sampling.seconds, prompt)
             for c in (pair.better, pair.worse)
         )
-        return better, worse, shown
+        return better, worse, videos
 
     def both(self, rows: Sequence[Any]) -> tuple[torch.Tensor, torch.Tensor]:
-        better, worse, pictures = zip(*rows, strict=True)
-        clips = torch.as_tensor(np.stack(pictures)).repeat(2, 1, 1, 1, 1)
-        first, second = log_probabilities(self._base, [*better, *worse], clips).chunk(2)
+        better, worse, videos = zip(*rows, strict=True)
+        both = torch.as_tensor(np.concatenate(videos)).repeat(2, 1, 1, 1, 1)
+        first, second = log_probabilities(self._base, [*better, *worse], both).chunk(2)
         return first, second
 
 
@@ -185,7 +187,9 @@ class _WordsLikelihoods(_Likelihoods):
         self._model, self._sampling = model, sampling
 
     def row(self, pair: Pair, shown: Shown) -> tuple[Arrays, bool]:
-        assert not isinstance(shown, np.ndarray) and pair.better.said is not None and pair.worse.said is not None
+        assert (
+            isinstance(shown, SeenBodies | SeenFrames) and pair.better.said is not None and pair.worse.said is not None
+        )
         seen = most_seen(shown, MAX_OBJECTS) if isinstance(shown, SeenBodies) else shown
         colours = seen.colours if isinstance(seen, SeenFrames) else seen.colours is not None
         return answers_example(seen, [pair.better.said, pair.worse.said], self._sampling.reasoning), colours

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from pipeline.compiled import kernel
+from pipeline.errors import ModelError
 from pipeline.model.instances import (
     FULL,
     HEIGHT,
@@ -21,6 +22,7 @@ from pipeline.model.instances import (
 )
 
 FRAME_SIZE = (192, 128)  # px, width and height of a whole frame
+CROP_SIDE = 56  # px, of a body's crop for a model with a tokenizer: two by two tokens of Qwen2.5-VL
 FASTEST = 20.0  # px of WIDTH per interval that are FULL in a frame's flow
 
 
@@ -95,6 +97,20 @@ def seen_clip(
         return flow_frames(flow) if sees == "frame" else seen_bodies(masks, flow, None, shape_prior)
     assert frames is not None
     return rgb_frames(frames) if sees == "frame" else seen_bodies(masks, flow, frames, shape_prior)
+
+
+def most_seen(seen: SeenBodies, most: int) -> SeenBodies:
+    """At most so many of the bodies, those that are seen in most frames, in their order."""
+    instances = seen.instances
+    kept = np.sort(np.argsort(-instances.places[..., 0].sum(1), kind="stable")[:most])
+    prior = None if instances.shape_prior is None else instances.shape_prior[kept]
+    fewer = Instances(instances.crops[kept], instances.places[kept], instances.ids[kept], prior)
+    return SeenBodies(fewer, None if seen.colours is None else seen.colours[kept])
+
+
+def no_bodies() -> ModelError:
+    """The error for a clip without any."""
+    return ModelError("the model reads bodies one by one, and the masks of this clip have none")
 
 
 def own_less_others(instances: Instances) -> np.ndarray:

@@ -16,10 +16,9 @@ from pipeline.model import decisions as d
 from pipeline.model.checkpoint import LOADING_ERRORS, load_weights
 from pipeline.model.deciding import decide
 from pipeline.model.fields import NOTHING, OBJECT_FIELDS, SCENE_FIELDS, off_scale, scene_of
-from pipeline.model.instances import Instances
 from pipeline.model.model_input import ModelInput, read_input, write_input
 from pipeline.model.sampling import Completed, Sampling
-from pipeline.model.shown import SeenBodies, SeenFrames
+from pipeline.model.shown import SeenBodies, SeenFrames, most_seen, no_bodies
 from pipeline.model.words_network import FRAMES, WordsNetwork
 from pipeline.scene.scene import BASIC_SHAPES, Scene
 
@@ -74,7 +73,7 @@ def write_answers(model: WordsModel, seen: SeenBodies | SeenFrames, sampling: Sa
     if isinstance(seen, SeenBodies):
         seen = most_seen(seen, MAX_OBJECTS)
         if not len(seen.instances):
-            raise ModelError("the model reads bodies one by one, and the masks of this clip have none")
+            raise no_bodies()
     prompt, places = prompt_of(model.model, seen)
     prior = seen.instances.shape_prior if isinstance(seen, SeenBodies) else None
     said, log_p = decide(model.model, prompt, places, isinstance(seen, SeenFrames), sampling, seed, prior)
@@ -92,15 +91,6 @@ def prompt_of(network: WordsNetwork, seen: SeenBodies | SeenFrames) -> tuple[tup
     places = list(range(len(seen.instances)))
     crops, where = torch.from_numpy(seen.crops)[None], torch.from_numpy(seen.instances.places)[None]
     return network.bodies_prompt(crops, seen.colours is not None, where, torch.tensor([places])), places
-
-
-def most_seen(seen: SeenBodies, most: int) -> SeenBodies:
-    """At most so many of the bodies, those that are seen in most frames, in their order."""
-    instances = seen.instances
-    kept = np.sort(np.argsort(-instances.places[..., 0].sum(1), kind="stable")[:most])
-    prior = None if instances.shape_prior is None else instances.shape_prior[kept]
-    fewer = Instances(instances.crops[kept], instances.places[kept], instances.ids[kept], prior)
-    return SeenBodies(fewer, None if seen.colours is None else seen.colours[kept])
 
 
 def completion_of(said: d.Said, reasoning: bool, seconds: float) -> str:

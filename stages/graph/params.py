@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from pipeline.clips.schedule import Schedule
+from pipeline.model.shown import CROP_SIDE
 from pipeline.scene.scene import BASIC_SHAPES
 from stages.graph.params_file import Section
 
@@ -190,6 +191,11 @@ class ModelSettings(Section):
     dtype: Literal["float32", "bfloat16"]
     width: Count
     height: Count
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """px, width and height of the pictures for a model with a tokenizer."""
+        return (CROP_SIDE, CROP_SIDE) if self.sees == "bodies" else (self.width, self.height)
 
 
 class FinetuneSettings(Section):

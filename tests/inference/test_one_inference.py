@@ -19,9 +19,11 @@ from pipeline.api.infer import infer
 from pipeline.errors import ModelError
 from pipeline.inference.answers import answer_seed
 from pipeline.language.completion import write_completion
+from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import load_base
 from pipeline.model.generate import generate
 from pipeline.model.model_input import ModelInput, read_input
+from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.model.words_model import WordsModel
 from pipeline.scene.canonical import rounded_scene
 from pipeline.scene.text import load_scene, write_scene
@@ -91,7 +93,8 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder in which the graph can run from a clip on: clips/, base/, data/ of training."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DYNAMICS_STORE", str(tmp_path / "store"))
-    stages.infer.model.cache_clear()  # kept by a name that each test gives to another model
+    stages.infer.model.cache_clear()  # kept by a name that each test gives to another model; so the next
+    tokenize.codec.cache_clear()
     (tmp_path / "clips" / "one").mkdir(parents=True)
     small_clip.write(tmp_path / "clips" / "one" / "clip.mp4")
     np.savez(tmp_path / "clips" / "one" / "masks.npz", masks=small_clip.masks())
@@ -164,24 +167,40 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(threads)
 
 
+def write_large_model(folder: Path) -> None:
+    """Patches, merging and video tokens of the published Qwen2.5-VL at two layers, with random weights."""
+    tokenizer = build_tokenizer()
+    size = TinySize(hidden=48, layers=2, heads=2, vision_hidden=32, vision_depth=2, vision_heads=2, patch=14)
+    build_tiny(tokenizer, size, 0).save_pretrained(folder)
+    tokenizer.save_pretrained(folder)
+    (folder / "clip_layout.json").unlink()
+
+
 @pytest.mark.usefixtures("one_thread")
 @pytest.mark.parametrize(
-    ("kind", "sees", "reasoning"),
-    [("flow", "bodies", True), ("rgb", "bodies", False), ("flow", "frame", True), ("rgb", "frame", True)],
+    ("kind", "sees", "reasoning", "large"),
+    [
+        ("flow", "bodies", True, False),
+        ("rgb", "bodies", False, False),
+        ("flow", "frame", True, False),
+        ("rgb", "frame", True, False),
+        ("flow", "bodies", True, True),
+        ("rgb", "bodies", False, True),
+    ],
 )
-def test_a_tuned_words_model_answers_alike(
-    project: Path, monkeypatch: pytest.MonkeyPatch, kind: str, sees: str, reasoning: bool
+def test_a_tuned_model_answers_alike(
+    project: Path, monkeypatch: pytest.MonkeyPatch, kind: str, sees: str, reasoning: bool, large: bool
 ) -> None:
     monkeypatch.setattr("pipeline.inference.answers.answer_seed", lambda *_: answer_seed(SEED, 0))
     changes = {f"suites__{suite}__clips": 1 for suite in ("train", "val")}
     changes |= {"model__input": kind, "model__sees": sees, "model__reasoning": reasoning, "render__backend": "raycast"}
     write_params(flow__source="dis", sample__shard_size=1, **changes)
-    write_small_words(project / "base")
+    (write_large_model if large else write_small_words)(project / "base")
     for suite in ("train", "val"):
-        for stage in (sample, stages.compile, simulate, events, render, flow):
+        for stage in (sample, stages.compile, simulate, events, render, flow, tokenize):
             stage.main(suite)
     finetune.main()
-    assert read_input(str(FINETUNED)) == ModelInput.of(kind, None, "exact", (240, 160), 1, reasoning, sees)
+    assert read_input(str(FINETUNED)) == ModelInput.of(kind, "channels" if large else None, "exact", (240, 160), 1, reasoning, sees)
     prefer.main()
     import_clips.main()
     flow.main("real")

@@ -26,7 +26,7 @@ def plan(**values: object) -> TrainingPlan:
 
 
 def examples(rng: np.random.Generator, base: Base, count: int) -> list[tuple[Tokens, np.ndarray]]:
-    return [(random_tokens(rng, base), clip) for clip in random_clips(rng, count)]
+    return [(random_tokens(rng, base), clip[None]) for clip in random_clips(rng, count)]
 
 
 def dataset(rows: list[tuple[Tokens, np.ndarray]]) -> ClipDataset:
@@ -59,7 +59,7 @@ def test_fine_tuning_lowers_the_loss_on_what_it_is_shown(
     assert losses[-1] < losses[0] - 0.3
     assert weights(base).shape == before.shape
     assert not torch.equal(weights(base), before)
-    batch = make_batch(base, [t for t, _ in rows], np.stack([c for _, c in rows]))
+    batch = make_batch(base, [t for t, _ in rows], np.concatenate([c for _, c in rows]))
     with torch.no_grad():
         assert batch_loss(base, batch)[0].item() == pytest.approx(losses[-1], abs=0.02)
     assert not base.model.training
@@ -118,7 +118,7 @@ def test_of_a_damaged_checkpoint_the_one_before_is_used(tmp_path: Path, damage: 
 def test_the_loss_is_the_cross_entropy_of_the_free_tokens_alone(rng: np.random.Generator) -> None:
     base = small_base()
     rows = examples(rng, base, 3)
-    batch = make_batch(base, [t for t, _ in rows], np.stack([c for _, c in rows]))
+    batch = make_batch(base, [t for t, _ in rows], np.concatenate([c for _, c in rows]))
     with torch.no_grad():
         loss, each = batch_loss(base, batch)
     labels = batch.labels[:, len(base.codec.prompt_ids) :]

@@ -44,7 +44,7 @@ def weights(base: Base) -> torch.Tensor:
 def fine_tuned(work: Path, processes: int, dies_at: int | None) -> Trained:
     """The work of each process; dies_at: the step at which the last one is killed."""
     base, rng = small_base(), np.random.default_rng(0)
-    rows = [(random_tokens(rng, base), clip) for clip in random_clips(rng, 8)]
+    rows = [(random_tokens(rng, base), clip[None]) for clip in random_clips(rng, 8)]
     curve: list[dict[str, Any]] = []
 
     def report(row: dict[str, Any]) -> None:

@@ -15,8 +15,8 @@ from pipeline.model.deciding import decide
 from pipeline.model.fields import NOTHING
 from pipeline.model.instances import HEIGHT, WIDTH
 from pipeline.model.sampling import Sampling
-from pipeline.model.shown import SeenBodies, SeenFrames, flow_frames, rgb_frames, seen_bodies
-from pipeline.model.words_model import WordsModel, bodies_said, most_seen, prompt_of, write_answers
+from pipeline.model.shown import SeenBodies, SeenFrames, flow_frames, most_seen, rgb_frames, seen_bodies
+from pipeline.model.words_model import WordsModel, bodies_said, prompt_of, write_answers
 from pipeline.model.words_network import FRAMES, WordsNetwork
 from pipeline.scene.scene import BASIC_SHAPES
 
