@@ -200,7 +200,9 @@ def test_a_tuned_model_answers_alike(
         for stage in (sample, stages.compile, simulate, events, render, flow, tokenize):
             stage.main(suite)
     finetune.main()
-    assert read_input(str(FINETUNED)) == ModelInput.of(kind, "channels" if large else None, "exact", (240, 160), 1, reasoning, sees)
+    assert read_input(str(FINETUNED)) == ModelInput.of(
+        kind, "channels" if large else None, "exact", (240, 160), 1, reasoning, sees
+    )
     prefer.main()
     import_clips.main()
     flow.main("real")
