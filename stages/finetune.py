@@ -30,9 +30,9 @@ from pipeline.scene.text import read_scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.dataset import ShardedDataset
 from pipeline.shards.keep_folder import keep_folder
-from stages.graph.clip_pictures import seen_of_clip, shown_stages, shown_to
 from stages.graph.params import ModelSettings
 from stages.graph.run import DATA, folder, run
+from stages.graph.shown_clip import seen_of_clip, shown_stages, shown_to
 from stages.graph.stage_params import load
 from stages.graph.training_processes import processes_for
 

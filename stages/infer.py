@@ -28,10 +28,11 @@ from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
 from pipeline.vision.flow.flow_picture import scaled_max_px
 from stages.graph.answering_model import answering_model
-from stages.graph.clip_pictures import check_input, pictures, shown_stages, shown_to
+from stages.graph.clip_pictures import check_input, pictures
 from stages.graph.examples import Example, choose_examples, example_clip
 from stages.graph.params import InferSettings, ModelSettings
 from stages.graph.run import run, run_shards
+from stages.graph.shown_clip import shown_stages, shown_to
 from stages.graph.stage_params import load
 
 if TYPE_CHECKING:

@@ -24,9 +24,10 @@ from pipeline.model.processes import in_processes, is_first
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.keep_folder import keep_folder
 from stages.graph.answering_model import CURVE, FINETUNED, FOLDER, AnsweringModel, split_clips
-from stages.graph.clip_pictures import check_input, shown_stages, shown_to
+from stages.graph.clip_pictures import check_input
 from stages.graph.params import PreferSettings
 from stages.graph.run import folder, run
+from stages.graph.shown_clip import shown_stages, shown_to
 from stages.graph.stage_params import load
 from stages.graph.training_processes import processes_for
 

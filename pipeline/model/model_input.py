@@ -10,6 +10,7 @@ from pipeline.errors import ModelError
 from pipeline.untrusted import read_json
 
 INPUT_FILE = "model_input.json"
+CROP_SIDE = 56  # px, of a body's crop for a model with a tokenizer: two by two tokens of Qwen2.5-VL
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,6 @@ from pipeline.model.instances import (
 )
 
 FRAME_SIZE = (192, 128)  # px, width and height of a whole frame
-CROP_SIDE = 56  # px, of a body's crop for a model with a tokenizer: two by two tokens of Qwen2.5-VL
 FASTEST = 20.0  # px of WIDTH per interval that are FULL in a frame's flow
 
 

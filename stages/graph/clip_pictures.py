@@ -1,18 +1,14 @@
 """What the model is shown of a clip, and whether it is what a checkpoint was trained with."""
 
-from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.model.model_input import ModelInput, missing_input, read_input
-from pipeline.model.shown import SeenBodies, SeenFrames, seen_clip
 
 if TYPE_CHECKING:
-    from pipeline.model.answering import Shown
-    from pipeline.model.base import Base
-    from pipeline.model.words_model import WordsModel
+    pass
 
 #: The parameters behind the fields of a checkpoint's record.
 PARAMETERS = {
@@ -35,44 +31,6 @@ class HasArrays(Protocol):
 def picture_stage(kind: str) -> str:
     """The stage whose shards have the pictures of model.input `flow` or `rgb`."""
     return {"flow": "flow", "rgb": "render"}[kind]
-
-
-def shown_stages(kind: str, sees: str, words: bool) -> list[str]:
-    """The stages whose shards have what the model is shown. words: whether it is a words model."""
-    return ["render", "flow"] if words or sees == "bodies" else [picture_stage(kind)]
-
-
-def shown_to(
-    base: "Base | WordsModel", clips: Sequence[HasArrays], kind: str, sees: str, schedule: Schedule
-) -> "Shown":
-    """What the model sees of a clip, which is in the shards of `shown_stages`."""
-    # imported here: it takes seconds
-    from pipeline.model.patches import fit_layout
-    from pipeline.model.question import question_about
-    from pipeline.model.words_model import WordsModel
-
-    if sees == "frame" and not isinstance(base, WordsModel):
-        return fit_layout(pictures(clips[0], kind, schedule), base.layout)
-    rendered, flow = clips
-    seen = seen_of_clip(rendered, flow, kind, sees, schedule)
-    if isinstance(base, WordsModel):
-        return seen
-    assert isinstance(seen, SeenBodies)
-    return question_about(base, seen)
-
-
-def seen_of_clip(
-    rendered: HasArrays,
-    flow: HasArrays,
-    kind: str,
-    sees: str,
-    schedule: Schedule,
-    worsen: Callable[[np.ndarray], np.ndarray] = lambda masks: masks,
-) -> SeenBodies | SeenFrames:
-    """The bodies or the frames of a clip. worsen: gives masks (P, H, W) the errors of a network."""
-    first = schedule.pairs[:, 0]
-    frames = rendered.array("rgb")[first] if kind == "rgb" else None
-    return seen_clip(kind, sees, worsen(rendered.array("mask")[first]), flow.array("flow"), frames)
 
 
 def pictures(clip: HasArrays, kind: str, schedule: Schedule) -> np.ndarray:

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from pipeline.clips.schedule import Schedule
-from pipeline.model.shown import CROP_SIDE
+from pipeline.model.model_input import CROP_SIDE
 from pipeline.scene.scene import BASIC_SHAPES
 from stages.graph.params_file import Section
 
