@@ -29,14 +29,14 @@ from benchmarks.published.published_set import ROOT
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.scene_scores import measured_reference, score
 from pipeline.evaluation.tables import cell, markdown
+from pipeline.inference.asking import input_of
+from pipeline.inference.model_pictures import shown_clip
 from pipeline.language.completion import read_completion
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.answering import Shown, load_answering
 from pipeline.model.base import Base
-from pipeline.model.patches import fit_layout
 from pipeline.model.preference import Pair, draw_answers, pairs_of, prefer, weighted_reward
 from pipeline.model.sampling import Completed, Sampling
-from pipeline.model.shown import seen_clip
 from pipeline.model.training_plan import TrainingPlan
 from pipeline.model.words_model import WordsModel
 from pipeline.perception.mask_source import MaskSource
@@ -45,7 +45,6 @@ from pipeline.perception.user_clip import read_frames, with_masks
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.search.target import make_target
-from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
 from pipeline.vision.flow.measured_flow import measured_flow
 from pipeline.vision.flow.raft import load_raft
 from pipeline.vision.recordings.clip_folder import find_clips, masks_beside
@@ -88,14 +87,6 @@ def kept_json(path: Path, make: Callable[[], Any]) -> Any:
     return json.loads(path.read_text())
 
 
-def shown_to(model: Base | WordsModel, masks: np.ndarray, flow: np.ndarray, schedule: Schedule, picture: str) -> Shown:
-    """What the model sees of a clip: its flow."""
-    if isinstance(model, WordsModel):
-        return seen_clip("flow", "bodies", masks[schedule.pairs[:, 0]], flow, None)
-    pictures = flow_picture(flow, picture, scaled_max_px(flow.shape[2], 1 / schedule.fps))
-    return fit_layout(pictures, model.layout)
-
-
 def read_clips(
     folder: Path, params: Params, schedule: Schedule, model: Base | WordsModel, work: Path
 ) -> list[LabelledClip]:
@@ -115,7 +106,8 @@ def read_clips(
                 ),
             )
         flow = np.load(file)
-        shown = shown_to(model, taken.masks, flow, schedule, f.picture)
+        first = schedule.pairs[:, 0]
+        shown = shown_clip(model, input_of(model), flow, taken.clip.frames[first], taken.masks[first], interval)
         shapes = sorted(o["type"] for o in json.loads((place / "truth.json").read_text())["objects"])
         clips.append(LabelledClip(taken.masks, flow, shown, "+".join(shapes)))
     return clips

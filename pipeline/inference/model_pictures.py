@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout, fit_layout
-from pipeline.model.shown import seen_bodies, seen_clip
+from pipeline.model.shown import seen_clip
 from pipeline.vision.flow.flow_picture import flow_picture, scaled_max_px
 
 if TYPE_CHECKING:
@@ -59,11 +59,9 @@ def shown_clip(
         interval: s between the two frames of a pair.
         shape_prior: (N, 3) probability of each of `BASIC_SHAPES` for the masks' bodies, for the words model.
     """
-    from pipeline.model.question import question_about
+    from pipeline.model.answering import as_shown
     from pipeline.model.words_model import WordsModel
 
-    if isinstance(base, WordsModel):
-        return seen_clip(model_input.input, model_input.sees, masks, flow, frames, shape_prior)
-    if model_input.sees == "bodies":
-        return question_about(base, seen_bodies(masks, flow, frames if model_input.input == "rgb" else None))
+    if isinstance(base, WordsModel) or model_input.sees == "bodies":
+        return as_shown(base, seen_clip(model_input.input, model_input.sees, masks, flow, frames, shape_prior))
     return model_pictures(model_input, base.layout, flow, frames, interval)

@@ -42,6 +42,18 @@ def load_answering(
     return load_base(name, width, height, frames, dtype)
 
 
+def as_shown(model: Base | WordsModel, seen: SeenBodies | SeenFrames) -> Shown:
+    """What a model takes of bodies: the words model as they are, another one as a question; or of frames (words)."""
+    from pipeline.model.words_model import WordsModel
+
+    if isinstance(model, WordsModel):
+        return seen
+    from pipeline.model.question import question_about
+
+    assert isinstance(seen, SeenBodies), "a model with a tokenizer takes frames as pictures in its layout"
+    return question_about(model, seen)
+
+
 def write(
     model: Base | WordsModel,
     shown: Sequence[Shown],

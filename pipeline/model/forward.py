@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import torch
 
@@ -18,14 +16,12 @@ def video_inputs(base: Base, clips: torch.Tensor) -> tuple[torch.Tensor, torch.T
     return patches, torch.tensor([base.layout.grid] * len(clips), device=device)
 
 
-def prompt_positions(base: Base, prompt: Sequence[int]) -> torch.Tensor:
-    """Rotary positions (3, P) of ids (P,), with videos or without: time, height and width (Qwen2-VL, section 2.1)."""
-    ids = torch.tensor([prompt])
+def rotary_positions(base: Base, ids: torch.Tensor) -> torch.Tensor:
+    """Rotary positions (3, B, L) of ids (B, L): time, height and width (Qwen2-VL, section 2.1)."""
     kinds = 2 * (ids == torch.tensor(base.codec.video_token_id)).long()  # 2: video, 0: text
-    videos = prompt.count(base.codec.video_token_id) // base.layout.tokens
+    videos = int(kinds.count_nonzero()) // base.layout.tokens
     grid = torch.tensor([base.layout.grid] * videos)
-    positions, _ = base.model.model.get_rope_index(ids, kinds, video_grid_thw=grid)
-    return positions[:, 0]
+    return base.model.model.get_rope_index(ids, kinds, video_grid_thw=grid)[0]
 
 
 def right_padded(rows: list[np.ndarray], value: int) -> torch.Tensor:
@@ -42,7 +38,7 @@ def hidden_states(base: Base, ids: torch.Tensor, videos: torch.Tensor) -> torch.
     Padding stands behind, so causal attention needs no mask.
     """
     device = base.model.device
-    where = torch.stack([prompt_positions(base, row) for row in ids.tolist()], 1).to(device)
+    where = rotary_positions(base, ids.cpu()).to(device)
     patches, grid = video_inputs(base, videos)
     return base.model.model(
         input_ids=ids.to(device), pixel_values_videos=patches, video_grid_thw=grid, position_ids=where, use_cache=False

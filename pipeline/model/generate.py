@@ -20,7 +20,7 @@ from transformers import DynamicCache
 from pipeline.language.completion import completion_grammar
 from pipeline.model.base import Base
 from pipeline.model.constrained_decoding import GrammarState
-from pipeline.model.forward import prompt_positions, video_inputs
+from pipeline.model.forward import rotary_positions, video_inputs
 from pipeline.model.question import Question
 from pipeline.model.sampling import Completed, Sampling
 
@@ -75,7 +75,7 @@ def generate(
     each = sampling.samples
     rows = len(clips) * each
     prompt = prompt or bare_prompt(base)
-    where = prompt_positions(base, prompt.ids)
+    where = rotary_positions(base, torch.tensor([prompt.ids]))[:, 0]
     cache, logits = _prefill(base, prompt, where, clips)
     cache.batch_repeat_interleave(each)
     logits = logits.repeat_interleave(each, 0)

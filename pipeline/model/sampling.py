@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from pipeline.model.decisions import Said
+if TYPE_CHECKING:
+    from pipeline.model.decisions import Said
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class Completed:
     @classmethod
     def read(cls, row: Mapping[str, Any]) -> Completed:
         """From a row of a JSON file."""
+        from pipeline.model.decisions import Said  # imports torch, which takes seconds
+
         said = row["said"]
         return cls(row["text"], row["log_probability"], None if said is None else Said(**said))
 

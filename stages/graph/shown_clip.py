@@ -25,18 +25,14 @@ def shown_to(
 ) -> "Shown":
     """What the model sees of a clip, which is in the shards of `shown_stages`."""
     # imported here: it takes seconds
+    from pipeline.model.answering import as_shown
     from pipeline.model.patches import fit_layout
-    from pipeline.model.question import question_about
     from pipeline.model.words_model import WordsModel
 
     if sees == "frame" and not isinstance(base, WordsModel):
         return fit_layout(pictures(clips[0], kind, schedule), base.layout)
     rendered, flow = clips
-    seen = seen_of_clip(rendered, flow, kind, sees, schedule)
-    if isinstance(base, WordsModel):
-        return seen
-    assert isinstance(seen, SeenBodies)
-    return question_about(base, seen)
+    return as_shown(base, seen_of_clip(rendered, flow, kind, sees, schedule))
 
 
 def seen_of_clip(

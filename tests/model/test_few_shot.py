@@ -10,7 +10,7 @@ from pipeline.language.completion import completion_grammar, read_completion
 from pipeline.language.few_shot import PICTURES, TEMPLATE, instructions
 from pipeline.language.grammar import GrammarError
 from pipeline.model.base import Base
-from pipeline.model.forward import prompt_positions
+from pipeline.model.forward import rotary_positions
 from pipeline.model.generate import Prompt, bare_prompt, few_shot_prompt, generate
 from pipeline.model.patches import pack_video
 from pipeline.model.sampling import Sampling
@@ -36,7 +36,7 @@ def states(base: Base, prompt: Prompt, videos: np.ndarray) -> np.ndarray:
         input_ids=torch.tensor([prompt.ids]),
         pixel_values_videos=pack_video(torch.as_tensor(videos), base.layout),
         video_grid_thw=torch.tensor([base.layout.grid] * len(videos)),
-        position_ids=prompt_positions(base, prompt.ids)[:, None],
+        position_ids=rotary_positions(base, torch.tensor([prompt.ids])),
         use_cache=False,
     )
     return out.last_hidden_state[0].numpy()
@@ -84,7 +84,7 @@ def test_each_video_is_seen_at_its_own_place_and_nowhere_before(rng: np.random.G
 
 def test_positions_count_on_from_video_to_video(rng: np.random.Generator) -> None:
     prompt, _ = random_prompt(rng, BASE, 2)
-    where = prompt_positions(BASE, prompt.ids).numpy()
+    where = rotary_positions(BASE, torch.tensor([prompt.ids]))[:, 0].numpy()
     t, h, w = LAYOUT.grid
     starts = starts_of_videos(BASE, prompt)
     for start in starts:

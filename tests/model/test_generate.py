@@ -11,7 +11,7 @@ from pipeline.language.completion import completion_grammar, read_completion
 from pipeline.language.grammar import GrammarError, Number, split
 from pipeline.model.base import Base
 from pipeline.model.constrained_decoding import GrammarState, Trie
-from pipeline.model.forward import prompt_positions
+from pipeline.model.forward import rotary_positions
 from pipeline.model.generate import at_quantile, generate
 from pipeline.model.patches import pack_video
 from pipeline.model.sampling import Completed, Sampling, batches
@@ -27,7 +27,7 @@ def logits_of(base: Base, clip: np.ndarray, ids: np.ndarray) -> np.ndarray:
         input_ids=torch.as_tensor(ids.astype(np.int64))[None],
         pixel_values_videos=pack_video(torch.as_tensor(clip[None]), base.layout),
         video_grid_thw=torch.tensor([base.layout.grid]),
-        position_ids=prompt_positions(base, ids.tolist())[:, None],
+        position_ids=rotary_positions(base, torch.as_tensor(ids.astype(np.int64))[None]),
         use_cache=False,
     )
     return out.logits[0].double().numpy()
