@@ -14,7 +14,6 @@ from transformers import (
     Qwen2_5_VLConfig,
     Qwen2_5_VLForConditionalGeneration,
 )
-from transformers.utils import logging
 
 from pipeline.language.codec import Codec
 from pipeline.model.checkpoint import (
@@ -29,8 +28,6 @@ from pipeline.model.checkpoint import (
 from pipeline.model.constrained_decoding import TrieCache
 from pipeline.model.model_input import ModelInput, read_input, write_input
 from pipeline.model.patches import PatchLayout
-
-logging.disable_progress_bar()
 
 
 @dataclass

@@ -12,10 +12,13 @@ from typing import Any
 
 from safetensors import SafetensorError
 from transformers import AutoConfig, AutoTokenizer, PreTrainedTokenizerBase
+from transformers.utils import logging
 
 from pipeline.errors import ModelError
 from pipeline.model.patches import PatchLayout
 from pipeline.untrusted import read_json
+
+logging.disable_progress_bar()  # of reading weights, which takes a second
 
 LAYOUT_FILE = "clip_layout.json"
 #: Nothing is downloaded, and no code of a checkpoint is run.
