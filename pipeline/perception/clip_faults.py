@@ -96,15 +96,20 @@ def flicker(frames: np.ndarray) -> float:
     return float(np.percentile(np.abs(np.diff(ratio)), 75))
 
 
+def camera_moves(shift: float) -> str:
+    """What is said of a camera that moves; shift: of the background, px of 480x320."""
+    return (
+        f"the camera moves: the background shifts by {shift:.1f} px of {WIDTH}x{HEIGHT}; it has to rest, so put it on "
+        "something or stabilise the video first"
+    )
+
+
 def clip_faults(frames: np.ndarray, masks: np.ndarray) -> list[str]:
     """What is wrong with a clip (T, H, W, 3) uint8 with masks (T, H, W), a sentence each."""
     out = []
     shift, change = camera_shift(frames, masks), flicker(frames)
     if shift > SHAKING_PX:
-        out.append(
-            f"the camera moves: the background shifts by {shift:.1f} px of {WIDTH}x{HEIGHT}; it has to rest, so put it "
-            "on something or stabilise the video first"
-        )
+        out.append(camera_moves(shift))
     if change > FLICKER:
         out.append(
             f"the light flickers: the whole picture's brightness changes by {change:.0%} from frame to frame, and what "

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from pipeline.errors import VideoError
+from pipeline.perception.clip_faults import SHAKING_PX, camera_moves, camera_shift
 from pipeline.segmentation.bodies import LEAST_SCORE, Candidates, candidate_scores, first_look, working_size
 from pipeline.segmentation.grouping import Track
 from pipeline.segmentation.network import SegmentationNetwork
@@ -124,6 +125,9 @@ def free_stretch(
     bodies = [t for t, s in zip(found.tracks, scores, strict=True) if s >= least]
     low, high = longest_motion(*free_way(bodies, found, times), times)
     if not high or scores.max() < LEAST_SCORE:
+        shift = camera_shift(frames, np.zeros(frames.shape[:3], np.uint8))
+        if shift > SHAKING_PX:
+            raise VideoError(f"{path}: {camera_moves(shift)}")
         raise VideoError(
             f"{path}: no body moves freely in it, as far as {len(times)} of its frames show; give --start and --seconds"
         )

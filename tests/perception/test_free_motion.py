@@ -135,3 +135,13 @@ def test_a_disc_that_rests_and_then_moves_is_looked_at_while_it_moves(tmp_path: 
     write_video(tmp_path / "still.mp4", drawn_clips.recorded(rng, still), 30)
     with pytest.raises(VideoError, match="no body moves freely in it"):
         stretch_of(tmp_path / "still.mp4", lambda: mask_networks().moving, **asked)
+
+
+def test_a_camera_that_moves_is_named_before_a_stretch_is_asked_for(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    panned = drawn_clips.panned(rng, 12)
+    frames = drawn_clips.recorded(rng, np.concatenate([panned, panned[::-1]]))
+    write_video(tmp_path / "clip.mp4", frames, 30)
+    asked = {"start": None, "seconds": None, "assume_fps": None, "masks": None}
+    with pytest.raises(VideoError, match="the camera moves: the background shifts by"):
+        stretch_of(tmp_path / "clip.mp4", lambda: mask_networks().moving, **asked)
