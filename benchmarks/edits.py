@@ -53,7 +53,7 @@ def suite_clips(data: Path, suite: str, scenes: str) -> Iterator[tuple[str, Scen
         for i, instance in enumerate(instances):
             if instance >= 0:
                 table[instance + 1] = i + 1
-        yield f"{suite}_{clip.index:03d}", scene, FilmedClip(clip.array("rgb"), table[masks], Schedule().fps)
+        yield f"{suite}_{clip.index:03d}", scene, FilmedClip(clip.array("rgb"), table[masks], Schedule().times)
 
 
 def drawn_clips(seed: int, clips: int) -> Iterator[tuple[str, Scene, FilmedClip]]:
@@ -62,10 +62,10 @@ def drawn_clips(seed: int, clips: int) -> Iterator[tuple[str, Scene, FilmedClip]
     for index in range(clips):
         (scene,) = drawn_scenes(params, seed, SUITE, range(index, index + 1), OBJECTS)
         rng = clip_rng(seed, SUITE, index, "appearance")
-        motion, _ = filmed_motion(scene, schedule.frames, schedule.fps)
+        motion, _ = filmed_motion(scene, schedule.times)
         look, sensor = sample_appearance(rng, len(scene.objects)), sample_sensor(rng)
         shown = filmed(scene, motion, look, sensor, SIZE, rng)
-        yield f"drawn_{index:03d}", scene, FilmedClip(shown.frames, shown.ids, schedule.fps)
+        yield f"drawn_{index:03d}", scene, FilmedClip(shown.frames, shown.ids, schedule.times)
 
 
 def found_clips(folders: list[Path]) -> Iterator[tuple[str, Scene, FilmedClip]]:
@@ -99,7 +99,7 @@ def main() -> None:
         clips = found_clips(a.folders) if a.suite is None else suite_clips(a.data, a.suite, a.scenes)
     for name, scene, clip in islice(clips, a.clips):
         began = time.process_time()
-        motion, _ = filmed_motion(scene, len(clip.frames), clip.fps)
+        motion, _ = filmed_motion(scene, clip.times)
         height, width = clip.masks.shape[1:]
         layers = take_apart(clip, motion, view_of(scene, width, height))
         origin = tuple(range(len(scene.objects)))

@@ -69,11 +69,11 @@ def answer(job: Job) -> dict[str, Any]:
         seconds = time.perf_counter() - start
         return row | dict.fromkeys(METRICS, 0.0) | {"found": str(error), "seconds": seconds}
     schedule, taken = found.clip.schedule, found.clip.taken
-    read = read_frames(place, seconds=schedule.seconds, fps=schedule.fps, source=MaskSource(masks_beside(place)))
+    read = read_frames(place, seconds=schedule.seconds, source=MaskSource(masks_beside(place)))
     truth = with_masks(read, Prompts()).masks
     moving = moving_in(told, np.load(masks_beside(place))["masks"])
     scene = found.best.scene
-    shown = replay_poses(scene, schedule).masks
+    shown = replay_poses(scene, schedule, *taken.clip.letterbox.size).masks
     return row | {
         "found": scene.composition,
         "by": found.best.name,

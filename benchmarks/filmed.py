@@ -28,11 +28,11 @@ from pipeline.api.infer import Inference, infer
 from pipeline.clips.replay import masks_at
 from pipeline.errors import DynamicsError
 from pipeline.inference.filmed_world import World
-from pipeline.inference.method import TRACKS
 from pipeline.metrics.overlap import overlap
 from pipeline.motion.view import ArcMotion
 from pipeline.perception.prompts import Prompts
 from pipeline.physics.simulate import simulate
+from pipeline.vision.recordings.letterbox import of_area
 from pipeline.vision.recordings.video import frame_times
 
 PX = 480 * 320  # of the pictures that are compared
@@ -240,21 +240,14 @@ def drawn_iou(clip: DrawnClip, found: Inference, video: Path) -> float:
     frames = sorted(k for k in clip.frames if within[k])
     if not frames:
         return 0.0
-    scale = min(1.0, (PX / (clip.width * clip.height)) ** 0.5)
-    size = (round(clip.width * scale), round(clip.height * scale))
+    size = of_area((clip.width, clip.height), PX)
     masks = np.zeros((len(frames), size[1], size[0]), np.uint8)
     for mask, k in zip(masks, frames, strict=True):
         for outline in clip.frames[k]:
             whole = outline_mask([outline.polygon], clip.width, clip.height)
             mask[cv2.resize(whole, size, interpolation=cv2.INTER_NEAREST) > 0] = names.index(outline.object) + 1
     times = np.maximum(stamps[frames] - begin, 0)
-    if found.best.name == TRACKS and found.scenes.filmed.answer is not None:  # its own camera sees the whole picture
-        own = masks_at(found.scenes.filmed.answer.scene, times, *size)
-        return overlap(own, masks, len(found.scene.objects), len(names)).sequence
-    box = found.clip.taken.clip.letterbox
-    own = masks_at(found.scene, times, *box.size)
-    cut = np.stack([box.apply(cv2.resize(m, box.source, interpolation=cv2.INTER_NEAREST), True) for m in masks])
-    return overlap(own, cut, len(found.scene.objects), len(names)).sequence
+    return overlap(masks_at(found.scene, times, *size), masks, len(found.scene.objects), len(names)).sequence
 
 
 def clicked_distance(

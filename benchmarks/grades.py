@@ -91,8 +91,9 @@ def _of_file(place: Path, simulations: int, found: bool) -> Graded:
     except DynamicsError:
         return Graded(place.name, "poor", 0.0, False)
     schedule, told = answer.clip.schedule, answer.scenes.forecast
-    read = read_frames(place, seconds=schedule.seconds, fps=schedule.fps, source=MaskSource(masks_beside(place)))
-    iou = overlap_with(replay_poses(answer.scene, schedule).masks, with_masks(read, Prompts()).masks)
+    read = read_frames(place, seconds=schedule.seconds, source=MaskSource(masks_beside(place)))
+    size = answer.clip.taken.clip.letterbox.size
+    iou = overlap_with(replay_poses(answer.scene, schedule, *size).masks, with_masks(read, Prompts()).masks)
     return Graded(place.name, answer.grade.name, iou, told is not None and told.better)
 
 

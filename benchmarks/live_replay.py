@@ -15,6 +15,7 @@ import numpy as np
 
 from pipeline.app.live_replay import LiveScene
 from pipeline.app.sliders import read_changes
+from pipeline.clips.schedule import Schedule
 from pipeline.scene.sample import Distribution, compositions, draw_scene
 from stages.graph.params import Params
 from stages.graph.params_file import read_params_file
@@ -29,7 +30,7 @@ def main() -> None:
     print("objects  median s  worst s  processor s  kB")
     for count in (1, 2, 3, 4):
         shapes = compositions(count)[-2]  # one cylinder, else spheres
-        live = LiveScene.of(draw_scene(rng, shapes, ranges), 30, 30.0)
+        live = LiveScene.of(draw_scene(rng, shapes, ranges), Schedule(), (480, 320))
         live.replay(read_changes({"gravity": 5.0}))  # kernels are compiled
         wall, processor, size = [], [], 0
         for gravity in np.linspace(1, 20, REPEATS):

@@ -180,11 +180,11 @@ def draw_pair(params: Params, seed: int, number: int, size: tuple[int, int] = SI
     for index in range(MOST_SCENES):
         (scene,) = drawn_scenes(params, seed, suite, range(index, index + 1), OBJECTS)
         rng = clip_rng(seed, suite, index, "edit")
-        motion, trace = filmed_motion(scene, schedule.frames, schedule.fps)
+        motion, trace = filmed_motion(scene, schedule.times)
         for _ in range(TRIES):
             edit = draw_edit(kind, scene, rng)
             try:
-                made = run_edits(scene, trace, [edit], schedule.frames, schedule.fps)
+                made = run_edits(scene, trace, [edit], schedule.times)
             except SceneError:
                 refused += 1
                 continue
@@ -203,7 +203,7 @@ def draw_pair(params: Params, seed: int, number: int, size: tuple[int, int] = SI
         true = filmed(changed, after, _look_of(after.objects, before.names, look, new), sensor, size, rng)
         if edit.add is not None:
             edit = replace(edit, add=edit.add | {"colour": shown_colour(new, look, sensor)})
-            made = run_edits(scene, trace, [edit], schedule.frames, schedule.fps)
+            made = run_edits(scene, trace, [edit], schedule.times)
         return Pair(kind, scene, edit, made, before, true, concerned, moved, refused)
     raise DynamicsError(f"no edit of kind {kind} changed any of {MOST_SCENES} scenes; {refused} did not fit")
 

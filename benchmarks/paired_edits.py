@@ -132,7 +132,7 @@ def found_scene(folder: Path, pair: Pair, simulations: int, with_masks: bool) ->
             search=simulations,
         )
         masks = relabelled(found.clip.taken.masks, found.best.overlap.pairs, len(found.scene.objects))
-        write_clip(folder / CLIP, FilmedClip(found.clip.taken.clip.frames, masks, schedule.fps))
+        write_clip(folder / CLIP, FilmedClip(found.clip.taken.clip.frames, masks, schedule.times))
         (folder / SCENE).write_text(write_scene(found.scene), encoding="utf-8")
     return load_scene(folder / SCENE), read_clip(folder / CLIP)
 
@@ -140,7 +140,7 @@ def found_scene(folder: Path, pair: Pair, simulations: int, with_masks: bool) ->
 def _with_found_scene(folder: Path, pair: Pair, simulations: int, with_masks: bool) -> tuple[str, Shown, Shown]:
     """What was found, the edited clip and the primitives; raises VideoError, SimulationError or SceneError."""
     scene, clip = found_scene(folder, pair, simulations, with_masks)
-    motion, trace = filmed_motion(scene, len(clip.frames), clip.fps)
+    motion, trace = filmed_motion(scene, clip.times)
     iou = pair_iou(
         count(clip.masks, pair.before.ids, max(len(scene.objects), int(clip.masks.max())), len(pair.before.names))
     )[:, : len(scene.objects)]
@@ -148,7 +148,7 @@ def _with_found_scene(folder: Path, pair: Pair, simulations: int, with_masks: bo
     edit = transferred(pair.edit, Counterpart(pair.scene, scene, pairs.reshape(-1, 2)))
     if edit is None:
         raise SceneError("the edited body was not found")
-    made = run_edits(scene, trace, [edit], len(clip.frames), clip.fps)
+    made = run_edits(scene, trace, [edit], clip.times)
     called = {scene.objects[i].name: pair.scene.objects[j].name for i, j in pairs} | {ADDED: ADDED}
     names = [called.get(o.name, f"unknown {o.name}") for o in made.motion.objects]
     left = shown_bodies(made.motion)
@@ -162,8 +162,8 @@ def _with_found_scene(folder: Path, pair: Pair, simulations: int, with_masks: bo
 
 def _with_true_scene(pair: Pair) -> tuple[str, Shown, Shown]:
     schedule = Schedule()
-    motion, _ = filmed_motion(pair.scene, schedule.frames, schedule.fps)
-    clip = FilmedClip(pair.before.frames, pair.before.ids, schedule.fps)
+    motion, _ = filmed_motion(pair.scene, schedule.times)
+    clip = FilmedClip(pair.before.frames, pair.before.ids, schedule.times)
     names = [o.name for o in pair.made.motion.objects]
     changed, left = replace(pair.scene, gravity=pair.made.scene.gravity), shown_bodies(pair.made.motion)
     plain = drawn_plain(changed, left, pair.before.size)

@@ -94,7 +94,7 @@ def read_clips(
     raft, f, interval = load_raft(params.flow.raft), params.flow, 1 / schedule.fps
     clips = []
     for place in find_clips(folder):
-        read = read_frames(place, seconds=schedule.seconds, fps=schedule.fps, source=MaskSource(masks_beside(place)))
+        read = read_frames(place, seconds=schedule.seconds, source=MaskSource(masks_beside(place)))
         taken = with_masks(read, Prompts())
         file = work / f"{place.name}.flow.npy"
         if not file.is_file():

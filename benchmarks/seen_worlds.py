@@ -103,7 +103,7 @@ def _write(path: Path, world: SeenWorld) -> None:
 
 
 def _with_masks(clip: FilmedClip) -> RecordedClip:
-    whole = letterbox_for(SIZE, SIZE)[0]
+    whole = letterbox_for(SIZE, SIZE)
     read = Clip(clip.frames, clip.times, clip.times, float(FPS), SIZE, whole)
     found = find_in_clip(read, mask_networks(), Prompts())
     return RecordedClip(clip.name, clip.frames, found.masks, clip.times)

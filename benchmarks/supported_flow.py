@@ -67,7 +67,7 @@ def real(folder: Path) -> Iterator[FlowClip]:
     networks = load_mask_networks("models/masks")
     for place in find_clips(folder):
         try:
-            clip = read_clip(place, 0.0, SCHEDULE.seconds, SCHEDULE.fps)
+            clip = read_clip(place, 0.0, SCHEDULE.seconds, size=(480, 320))
         except VideoError as error:
             print(f"  skipped: {error}")
             continue

@@ -1,4 +1,4 @@
-"""Import the user's clips as the suite `real`: decode and resample videos, read or find masks.
+"""Import the user's clips as the suite `real`: decode videos, read or find masks, resample both.
 
 Reads the folder suites.real.path: videos, or folders that each have a video and masks (masks.npz, or a folder masks/ of
 PNGs); where there are none, the network in models/masks finds the moving bodies. Writes data/render/real: table clips
@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from pipeline.clips.replay import HEIGHT, WIDTH
 from pipeline.errors import ParamsError
 from pipeline.perception.mask_source import WEIGHTS, MaskSource
 from pipeline.perception.prompts import Prompts
@@ -56,7 +57,7 @@ class Parameters:
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     # imported here: it takes seconds, and mostly the shards are in the store
-    from pipeline.perception.user_clip import read_frames, with_masks
+    from pipeline.perception.user_clip import on_grid, read_frames, with_masks
 
     rows, frames, masks = [], [], []
     for clip in shard.clips:
@@ -65,11 +66,11 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
             place,
             start=parameters.start,
             seconds=parameters.seconds,
-            fps=parameters.frames_per_second,
             assume_fps=parameters.assume_fps,
             source=MaskSource(masks_beside(place)),
         )
-        taken = with_masks(read, Prompts())
+        frames_a_clip = round(parameters.seconds * parameters.frames_per_second)
+        taken = on_grid(with_masks(read, Prompts()), parameters.frames_per_second, frames_a_clip, (WIDTH, HEIGHT))
         rows.append(
             {
                 "clip": clip,

@@ -84,10 +84,9 @@ def edit(found: str | Path, edits: Sequence[Edit] = (), progress: Progress | Non
         clip, scene = read_clip(folder / CLIP), load_scene(folder / SCENE_FILE)
         if scene.camera is None or not scene.objects:
             raise SceneError(f"{folder / SCENE_FILE}: a camera and at least one object are needed")
-        frames = len(clip.frames)
-        ordered = in_order(edits, frames / clip.fps)
-        filmed, trace = filmed_motion(scene, frames, clip.fps)
-        motion = run_edits(scene, trace, ordered, frames, clip.fps)
+        ordered = in_order(edits, clip.seconds)
+        filmed, trace = filmed_motion(scene, clip.times)
+        motion = run_edits(scene, trace, ordered, clip.times)
     with progress.step("layers"):
         height, width = clip.masks.shape[1:]
         layers = take_apart(clip, filmed, view_of(scene, width, height))
@@ -108,9 +107,9 @@ def edit(found: str | Path, edits: Sequence[Edit] = (), progress: Progress | Non
 
 def _write(folder: Path, run: EditedClip) -> None:
     """The files beside result.json."""
-    made, fps = run.pictures.frames, run.clip.fps
-    write_video(folder / "edited.mp4", made, fps)
-    write_video(folder / "beside.mp4", side_by_side(run.clip.frames, made, (ORIGINAL, EDITED)), fps)
+    made, times = run.pictures.frames, run.clip.times
+    write_video(folder / "edited.mp4", made, times)
+    write_video(folder / "beside.mp4", side_by_side(run.clip.frames, made, (ORIGINAL, EDITED)), times)
     (folder / SCENE_FILE).write_text(write_scene(run.motion.scene), encoding="utf-8")
     (folder / "scene.xml").write_text(scene_xml(run.motion.scene), encoding="utf-8")
     notes = "\n".join(["### What if", "", *(f"- {e}" for e in run.edits)])
@@ -121,7 +120,7 @@ def _write(folder: Path, run: EditedClip) -> None:
         motions=(),
         seen=shown[0],
         replayed=shown[1],
-        fps=fps,
+        times=times,
         titles=(EDITED, ORIGINAL),
     )
     save(footage, folder / "recording.rrd")

@@ -97,15 +97,10 @@ def paths_of(scene: Scene, trace: Trace, ghost: bool = False) -> list[BodyPath]:
     ]
 
 
-def frames_schedule(frames: int, fps: float) -> Schedule:
-    """The schedule of all frames of a clip."""
-    return Schedule(frames / fps, round(fps), min(Schedule().model_frames, frames - 1))
-
-
 def _of_infer(folder: Path, result: InferResult) -> ResultPage:
     clip, scene = read_clip(folder / CLIP), load_scene(folder / SCENE_FILE)
     height, width = clip.masks.shape[1:]
-    run = replay(scene, frames_schedule(len(clip.frames), clip.fps), width, height)
+    run = replay(scene, Schedule.of_frames(clip.times), width, height)
     backend, _ = choose_backend("auto")
     outlines = np.stack([outlined(f, m, (width, height)) for f, m in zip(clip.frames, run.masks, strict=True)])
     panels = [
@@ -165,10 +160,10 @@ def _of_edit(folder: Path, result: EditResult) -> ResultPage:
         raise OutputError(f"{folder}: {source}, the folder that was edited, is needed as well, and it is not there")
     clip, scene = read_clip(source / CLIP), load_scene(source / SCENE_FILE)
     height, width = clip.masks.shape[1:]
-    edited = _frames(folder / "edited.mp4", len(clip.frames), clip.fps)[:, :height, :width]
+    edited = _frames(folder / "edited.mp4")[: len(clip.frames), :height, :width]
     edits = _edits(folder, result)
-    filmed, trace = filmed_motion(scene, len(clip.frames), clip.fps)
-    made = run_edits(scene, trace, edits, len(clip.frames), clip.fps)
+    filmed, trace = filmed_motion(scene, clip.times)
+    made = run_edits(scene, trace, edits, clip.times)
     moving = made.motion
     paths = [
         BodyPath(
@@ -211,7 +206,7 @@ def _of_simulate(folder: Path, result: SimulateResult) -> ResultPage:
     edits = _edits(folder, result)
     runs = _trajectory(folder / "trajectory.csv", scene)
     scene, _ = with_camera(scene, np.concatenate([place for run in runs.values() for place, _ in run.values()]))
-    both = _frames(folder / "replay.mp4", round(seconds * Schedule().fps), Schedule().fps)
+    both = _frames(folder / "replay.mp4")[: round(seconds * Schedule().fps)]
     half = (both.shape[2] - 4) // 2
     paths = []
     for name, run in runs.items():
@@ -231,9 +226,9 @@ def _of_simulate(folder: Path, result: SimulateResult) -> ResultPage:
     )
 
 
-def _frames(path: Path, count: int, fps: float) -> np.ndarray:
+def _frames(path: Path) -> np.ndarray:
     """(T, H, W, 3) The frames of a video of ours, in its own size."""
-    return read_video(path, 0.0, count / fps, fps, size=None).frames
+    return read_video(path, seconds=None).frames
 
 
 def _trajectory(path: Path, scene: Scene) -> dict[str, dict[int, tuple[np.ndarray, np.ndarray]]]:

@@ -15,9 +15,9 @@ from pipeline.api.result_folder import FolderResult
 from pipeline.clips.replay import Replay, replay
 from pipeline.errors import ParamsError
 from pipeline.inference.asking import (
-    FLOW_SIZE,
     LoadingModel,
     Question,
+    estimation_size,
     flow_source,
     input_of,
     load_in_background,
@@ -96,7 +96,7 @@ class Inference(FolderResult):
     @property
     def flow_size(self) -> tuple[int, int]:
         """px, width and height, at which the flow was measured."""
-        return input_of(self.base).flow_size or FLOW_SIZE
+        return estimation_size(self.clip.taken.clip, input_of(self.base))
 
     @property
     def grade(self) -> Grade:
@@ -117,7 +117,7 @@ class Inference(FolderResult):
 
     def replay(self) -> Replay:
         """The scene, run over the clip."""
-        return replay(self.scene, self.clip.schedule)
+        return replay(self.scene, self.clip.schedule, *self.clip.taken.clip.letterbox.size)
 
     def write(self, folder: Path, progress: Progress) -> None:
         """Write scene.yaml, scene.xml, replay.mp4, overlay.png, masks.png, recording.rrd and result.json."""

@@ -89,7 +89,7 @@ def _write_scene(folder: Path, found: Inference, run: Replay, masks: np.ndarray)
     """Write the scene, and the clip with masks (T, H, W) whose ids are those of the scene's objects."""
     (folder / "scene.yaml").write_text(write_scene(run.scene), encoding="utf-8")
     (folder / "scene.xml").write_text(scene_xml(run.scene), encoding="utf-8")
-    write_clip(folder / CLIP, FilmedClip(found.clip.taken.clip.frames, masks, found.clip.schedule.fps))
+    write_clip(folder / CLIP, FilmedClip(found.clip.taken.clip.frames, masks, found.clip.schedule.times))
 
 
 def _write_pictures(folder: Path, found: Inference, run: Replay, masks: np.ndarray) -> str:
@@ -100,14 +100,13 @@ def _write_pictures(folder: Path, found: Inference, run: Replay, masks: np.ndarr
     clip, best = found.clip, found.best
     backend, reason = choose_backend("auto")
     drawn = run.pictures(backend)
-    frames, first, fps = clip.taken.clip.frames, clip.schedule.pairs[:, 0], clip.schedule.fps
-    write_video(folder / "replay.mp4", side_by_side(frames, drawn, ("input", "replay")), fps)
+    frames, first, times = clip.taken.clip.frames, clip.schedule.pairs[:, 0], clip.schedule.times
+    write_video(folder / "replay.mp4", side_by_side(frames, drawn, ("input", "replay")), times)
     place, rows = Path(found.name), method_table(found.methods)
     title = f"{place.name}: {best.scene.composition} ({best.name})"
     sheet = Sheet(
         frames=first,
-        fps=fps,
-        start=float(clip.taken.clip.source_times[0]),
+        times=clip.taken.clip.source_times,
         rgb=frames,
         replay_rgb=drawn,
         masks=masks,
@@ -137,7 +136,7 @@ def _write_pictures(folder: Path, found: Inference, run: Replay, masks: np.ndarr
     assert run.trace is not None
     motion = MotionLayer("replay", run.scene, run.trace, True, run.events)
     save(
-        Footage(name=place.stem, notes=notes, motions=(motion,), seen=seen, replayed=replayed, fps=fps),
+        Footage(name=place.stem, notes=notes, motions=(motion,), seen=seen, replayed=replayed, times=times),
         folder / "recording.rrd",
     )
     return reason
@@ -181,9 +180,9 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "seconds": round(found.clip.schedule.seconds, 4),
             "recorded_fps": round(taken.source_fps, 4),
             "fps_from": "the file" if settings.fps is None else "--fps",
-            "resampled_fps": found.clip.schedule.fps,
+            "frames": found.clip.schedule.frames,
+            "used_fps": round(found.clip.schedule.rate, 4),
             "source_size_px": list(taken.source_size),
-            "cropped_to_px": list(taken.letterbox.window),
             "size_px": list(taken.letterbox.size),
             "masks_from": found.clip.taken.masks_from,
             "instances": found.clip.objects,

@@ -20,7 +20,7 @@ Row = tuple[str, ...]
 
 INK, FAINT, PAPER = (25, 28, 33), (120, 125, 135), (255, 255, 255)
 MARGIN = 8  # px
-TILE = (384, 256)  # px, width and height
+TILE_AREA = 384 * 256  # px² of a picture
 GAP, SIDE, HEADER, LINE = 6, 128, 30, 21  # px
 MOMENTS = 5
 _FINE = 16  # outlines are drawn at sixteenths of a pixel
@@ -32,8 +32,7 @@ class Sheet:
 
     Attributes:
         frames: (P,) The frames of the clip that may be shown.
-        fps: Of the clip.
-        start: s, of its first frame in the video.
+        times: (F,) s, of the frames in the video.
         rgb: (F, H, W, 3) uint8 of the input.
         replay_rgb: (F, H, W, 3) uint8 of the replay.
         masks: (F, H, W) of the input.
@@ -46,8 +45,7 @@ class Sheet:
     """
 
     frames: np.ndarray
-    fps: float
-    start: float
+    times: np.ndarray
     rgb: np.ndarray
     replay_rgb: np.ndarray
     masks: np.ndarray
@@ -62,32 +60,35 @@ class Sheet:
 def draw(sheet: Sheet) -> np.ndarray:
     """The picture, (H, W, 3) uint8."""
     chosen = np.unique(np.rint(np.linspace(0, len(sheet.frames) - 1, MOMENTS)).astype(int))
-    times = [f"t = {sheet.start + sheet.frames[p] / sheet.fps:.2f} s" for p in chosen]
     shown = sheet.frames[chosen]
+    times = [f"t = {sheet.times[f]:.2f} s" for f in shown]
     longest = max(float(np.quantile(np.linalg.norm(sheet.flow[chosen], axis=-1), 0.999)), 1.0)
+    height, width = sheet.rgb.shape[1:3]
+    scale = (TILE_AREA / (width * height)) ** 0.5
+    size = round(width * scale), round(height * scale)
     rows = [
-        ("input\nwith the replay's\noutlines", [outlined(sheet.rgb[f], sheet.replay_masks[f]) for f in shown]),
-        ("replay", [_tile(sheet.replay_rgb[f]) for f in shown]),
-        ("input's masks", [_painted(sheet.rgb[f], sheet.masks[f]) for f in shown]),
-        (f"input's flow\n(full colour:\n{longest:.1f} px)", [_wheel(sheet.flow[p], longest) for p in chosen]),
-        ("replay's flow", [_wheel(sheet.replay_flow[p], longest) for p in chosen]),
+        ("input\nwith the replay's\noutlines", [outlined(sheet.rgb[f], sheet.replay_masks[f], size) for f in shown]),
+        ("replay", [_tile(sheet.replay_rgb[f], size) for f in shown]),
+        ("input's masks", [_tile(_painted(sheet.rgb[f], sheet.masks[f]), size) for f in shown]),
+        (f"input's flow\n(full colour:\n{longest:.1f} px)", [_wheel(sheet.flow[p], longest, size) for p in chosen]),
+        ("replay's flow", [_wheel(sheet.replay_flow[p], longest, size) for p in chosen]),
     ]
     top = HEADER + LINE * (len(sheet.rows) + 1) + GAP
-    width = SIDE + len(chosen) * (TILE[0] + GAP) + GAP
-    page = Image.new("RGB", (width, top + 24 + len(rows) * (TILE[1] + GAP)), PAPER)
+    across = SIDE + len(chosen) * (size[0] + GAP) + GAP
+    page = Image.new("RGB", (across, top + 24 + len(rows) * (size[1] + GAP)), PAPER)
     pen = ImageDraw.Draw(page)
     pen.text((GAP, GAP), sheet.title, font=font(20), fill=INK)
     _write_table(pen, sheet.rows, HEADER + 2)
     _legend(pen, sheet.names, HEADER + 2 + len(sheet.rows) * LINE)
     for column, time in enumerate(times):
-        pen.text((SIDE + column * (TILE[0] + GAP), top), time, font=font(14), fill=INK)
+        pen.text((SIDE + column * (size[0] + GAP), top), time, font=font(14), fill=INK)
     for row, (label, tiles) in enumerate(rows):
-        y = top + 24 + row * (TILE[1] + GAP)
+        y = top + 24 + row * (size[1] + GAP)
         pen.multiline_text((GAP, y), label, font=font(14), fill=INK, spacing=3)
         for column, tile in enumerate(tiles):
-            x = SIDE + column * (TILE[0] + GAP)
+            x = SIDE + column * (size[0] + GAP)
             page.paste(Image.fromarray(tile), (x, y))
-            pen.rectangle((x - 1, y - 1, x + TILE[0], y + TILE[1]), outline=FAINT)
+            pen.rectangle((x - 1, y - 1, x + size[0], y + size[1]), outline=FAINT)
     return np.asarray(page)
 
 
@@ -107,15 +108,15 @@ def _legend(pen: ImageDraw.ImageDraw, names: tuple[str, ...], y: int) -> None:
         x += 34 + round(pen.textlength(name, font=font(14)))
 
 
-def _tile(picture: np.ndarray, size: tuple[int, int] = TILE) -> np.ndarray:
+def _tile(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return cv2.resize(np.ascontiguousarray(picture), size, interpolation=cv2.INTER_AREA)
 
 
-def _wheel(flow: np.ndarray, longest: float) -> np.ndarray:
-    return _tile(flow_picture(flow, "wheel", longest))
+def _wheel(flow: np.ndarray, longest: float, size: tuple[int, int]) -> np.ndarray:
+    return _tile(flow_picture(flow, "wheel", longest), size)
 
 
-def outlined(picture: np.ndarray, masks: np.ndarray, size: tuple[int, int] = TILE) -> np.ndarray:
+def outlined(picture: np.ndarray, masks: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """The picture, brought to size (width, height), with the outline of each object of `masks` (H, W) in its colour, on
     a dark line that sets it off."""
     tile = _tile(picture, size)
@@ -134,7 +135,7 @@ def _painted(picture: np.ndarray, masks: np.ndarray) -> np.ndarray:
     pale = 128 + grey // 2
     colours = np.array([(0, 0, 0), *(object_colour(i) for i in range(255))], np.uint8)
     painted = np.where(masks[..., None] > 0, colours[masks] // 4 * 3 + picture // 4, pale)
-    return _tile(painted.astype(np.uint8))
+    return painted.astype(np.uint8)
 
 
 @functools.cache

@@ -248,7 +248,7 @@ def _write(folder: Path, run: Simulation) -> list[str]:
             motions=tuple(motions),
             seen=shown[1],
             replayed=shown[0],
-            fps=schedule.fps,
+            times=schedule.times,
             titles=(EDITED, ORIGINAL),
         ),
         folder / "recording.rrd",

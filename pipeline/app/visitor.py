@@ -18,6 +18,8 @@ from pipeline.app.body_masks import BodyMasks
 from pipeline.app.job import ENDED, Job, JobQueue
 from pipeline.app.live_replay import LiveScene
 from pipeline.app.sliders import edits_of, gravity_slider, read_changes, sliders_of
+from pipeline.clips.schedule import Schedule
+from pipeline.editing.filmed_clip import CLIP, read_clip
 from pipeline.errors import ParamsError, VideoError
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import load_scene
@@ -292,8 +294,10 @@ class Visitor:
         self._start("bodies", request, take)
 
     def _take_result(self, folder: Path, found: dict[str, Any]) -> None:
-        film = found["film"]
-        live = LiveScene.of(load_scene(folder / "out" / "scene.yaml"), film["frames"], film["fps"])
+        clip = read_clip(folder / "out" / CLIP)
+        height, width = clip.masks.shape[1:]
+        scene = load_scene(folder / "out" / "scene.yaml")
+        live = LiveScene.of(scene, Schedule.of_frames(clip.times), (width, height))
         self._forget_result()
         self.result = Result(folder, found, live)
 

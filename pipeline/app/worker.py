@@ -140,10 +140,9 @@ def edit_clip(request: Request, folder: Path, tell: Callable[..., None]) -> dict
     made.save(folder / "edited", progress=progress)
     (folder / "edited.html").write_text(export(folder / "edited"), encoding="utf-8")
     record = request["record"]
-    count, fps = record["frames"], record["fps"]
-    both = read_clip(request["film"], 0.0, count / fps, fps, size=None).frames
+    both = read_clip(request["film"], seconds=None).frames[: record["frames"]]
     panels = [Panel(p["title"], both[:, :, p["x"] : p["x"] + p["width"]]) for p in record["panels"]]
-    shown = film([*panels[:3], Panel("the edited clip", np.asarray(made.pictures.frames))], fps)
+    shown = film([*panels[:3], Panel("the edited clip", np.asarray(made.pictures.frames))], record["fps"])
     (folder / "result.mp4").write_bytes(shown.video)
     measured, mirrored, invented = (round(100 * share) for share in made.pictures.bodies)
     note = f"of the bodies' pixels {measured} % were seen, {mirrored} % mirrored, {invented} % invented"

@@ -18,7 +18,7 @@ from pipeline.physics.batch import BatchSimulator, States, stack_scenes
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
-from pipeline.scene.time_step import STEPS_PER_SECOND
+from pipeline.scene.time_step import frame_steps
 from pipeline.vision.rendering.appearance import plain_appearance
 from pipeline.vision.rendering.camera import pinhole
 from pipeline.vision.rendering.exact_flow import exact_flow
@@ -62,8 +62,8 @@ class Replay:
 
     @property
     def flow(self) -> np.ndarray:
-        """(P, H, W, 2) float32, px, from each of the frames that the model sees to the next frame."""
-        return self._pairs.flow
+        """(P, H, W, 2) float32, px per interval, from each of the frames that the model sees."""
+        return self._pairs.flow * self.schedule.pair_scale.astype(np.float32)[:, None, None, None]
 
     @cached_property
     def frame_flow(self) -> np.ndarray:
@@ -84,7 +84,7 @@ class Replay:
     def events(self) -> tuple[Event, ...]:
         """What happens, with the default thresholds. Needs the trace."""
         assert self.trace is not None, "contacts are in the trace"
-        areas = event_areas(self.scene, self.trace, self.schedule)
+        areas = event_areas(self.scene, self.trace, self.schedule, self.width, self.height)
         steps = self.schedule.frame_steps
         return tuple(find_events(self.trace, self.scene.shapes, areas, steps, DEFAULT_THRESHOLDS))
 
@@ -180,7 +180,7 @@ def masks_at(scene: Scene, times: np.ndarray, width: int, height: int) -> np.nda
     Raises:
         SimulationError: Where the simulation becomes unstable.
     """
-    states = states_at(scene, np.rint(np.asarray(times) * STEPS_PER_SECOND).astype(np.int64))
+    states = states_at(scene, frame_steps(times))
     assert scene.camera is not None
     camera = pinhole(scene.camera)
     position, quaternion = states.position[0], states.quaternion[0]

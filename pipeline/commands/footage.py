@@ -96,10 +96,10 @@ def scene_footage(scene: Scene, name: str, seconds: float) -> Footage:
     seen, note = with_camera(scene, trace.position)
     text = "\n".join([f"### {name}", "", *([f"- {note}"] if note else []), "", "```yaml", write_scene(scene), "```"])
     if seen.camera is None:
-        return Footage(name, text, (MotionLayer("scene", seen, trace),), fps=schedule.fps)
+        return Footage(name, text, (MotionLayer("scene", seen, trace),), times=schedule.times)
     run = replay_trace(seen, trace, schedule)
     motion = MotionLayer("scene", seen, trace, True, run.events)
-    return Footage(name, text, (motion,), _run_pictures(run), fps=schedule.fps)
+    return Footage(name, text, (motion,), _run_pictures(run), times=schedule.times)
 
 
 def _run_pictures(run: Replay) -> Pictures:
@@ -142,6 +142,7 @@ def _array_footage(path: Path, clip: int) -> Footage:
         f"### clip {clip} of `{path}`",
         (),
         Pictures(read.get("rgb"), read.get("mask"), flow=flow, flow_frames=frames),
+        times=Schedule().times,
     )
 
 
@@ -238,7 +239,7 @@ def clip_footage(opened: Opened) -> Footage:
         motions=tuple(motions),
         seen=seen,
         replayed=_replayed(motions, seen, schedule) if answer is not None else Pictures(),
-        fps=schedule.fps,
+        times=schedule.times,
         titles=("clip", answer[0] if answer is not None else "replay"),
     )
 

@@ -17,7 +17,7 @@ from pipeline.physics.trace import FIRST_FIXED, Trace
 from pipeline.scene.edited import edited
 from pipeline.scene.scene import Scene, SceneObject, half_extents
 from pipeline.scene.text import scene_from_dict, write_scene
-from pipeline.scene.time_step import STEPS_PER_SECOND
+from pipeline.scene.time_step import STEPS_PER_SECOND, frame_steps
 from pipeline.untrusted import parse_yaml
 
 SOLID = 0.05  # of the smaller body's least half extent: bodies that an edit makes overlap by more cannot be so
@@ -50,16 +50,12 @@ class EditedMotion:
         return tuple(self.colours.get(o.name) if origin is None else None for o, origin in known)
 
 
-def frame_steps(frames: int, fps: float) -> np.ndarray:
-    """(T,) simulation step of every frame."""
-    return np.rint(np.arange(frames) * STEPS_PER_SECOND / fps).astype(np.int64)
-
-
-def filmed_motion(scene: Scene, frames: int, fps: float) -> tuple[BodyMotion, Trace]:
-    """The motion of a scene at the frames of a clip. Raises SimulationError where it becomes unstable."""
-    steps = frame_steps(frames, fps)
+def filmed_motion(scene: Scene, times: np.ndarray) -> tuple[BodyMotion, Trace]:
+    """The motion of a scene at the frames of a clip, filmed at times (T,), s. Raises SimulationError where it becomes
+    unstable."""
+    steps = frame_steps(times)
     trace = simulate(scene, (steps[-1] + 1) / STEPS_PER_SECOND)
-    shown = np.ones((frames, len(scene.objects)), bool)
+    shown = np.ones((len(steps), len(scene.objects)), bool)
     return BodyMotion(scene.objects, trace.position[steps], trace.quaternion[steps], shown), trace
 
 
@@ -112,21 +108,20 @@ def _nothing(trace: Trace, steps: int) -> Trace:
     return Trace(trace.rate, vector, np.zeros((steps + 1, 0, 4)), vector, vector, contacts)
 
 
-def run_edits(scene: Scene, trace: Trace, edits: Sequence[Edit], frames: int, fps: float) -> EditedMotion:
+def run_edits(scene: Scene, trace: Trace, edits: Sequence[Edit], times: np.ndarray) -> EditedMotion:
     """The motion of a scene with edits, at the frames of its clip.
 
     Args:
         scene: The clip's scene.
         trace: Its motion.
         edits: By time, from `in_order`.
-        frames: T.
-        fps: Frames a second.
+        times: (T,) s, when its frames were filmed.
 
     Raises:
         SceneError: An edit does not fit the scene, or puts a body into another.
         SimulationError: The edited scene becomes unstable.
     """
-    steps = frame_steps(frames, fps)
+    steps, frames = frame_steps(times), len(times)
     runs, origins = edited_runs(scene, trace, edits)
     bodies: list[SceneObject] = list(scene.objects)
     origin: list[int | None] = list(range(len(bodies)))

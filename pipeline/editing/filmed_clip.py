@@ -11,7 +11,7 @@ from pipeline.errors import VideoError
 from pipeline.untrusted import read_npz
 
 CLIP = "clip.npz"
-_KEYS = ("frames", "masks", "fps")
+_KEYS = ("frames", "masks", "times")
 
 
 @dataclass(frozen=True)
@@ -22,17 +22,27 @@ class FilmedClip:
         frames: (T, H, W, 3) uint8 RGB.
         masks: (T, H, W) uint8: 0 background, i + 1 object i of the scene; greater numbers are bodies that the scene
             lacks.
-        fps: Frames a second.
+        times: (T,) s from the first frame, when each was filmed.
     """
 
     frames: np.ndarray
     masks: np.ndarray
-    fps: float
+    times: np.ndarray
+
+    @property
+    def fps(self) -> float:
+        """Frames a second, in the mean."""
+        return (len(self.times) - 1) / float(self.times[-1])
+
+    @property
+    def seconds(self) -> float:
+        """Up to the end of the last frame."""
+        return float(self.times[-1] + np.median(np.diff(self.times)))
 
 
 def write_clip(path: Path, clip: FilmedClip) -> None:
     """Write a clip as compressed NPZ."""
-    np.savez_compressed(path, frames=clip.frames, masks=clip.masks, fps=np.float64(clip.fps))
+    np.savez_compressed(path, frames=clip.frames, masks=clip.masks, times=clip.times)
 
 
 def read_clip(path: Path) -> FilmedClip:
@@ -43,8 +53,9 @@ def read_clip(path: Path) -> FilmedClip:
     lacking = [key for key in _KEYS if key not in found]
     if lacking:
         raise VideoError(f"{path} is no clip of `dynamics infer`: it lacks {', '.join(lacking)}")
-    frames, masks, fps = (found[key].copy() for key in _KEYS)  # kernels are compiled for arrays that may be written
+    frames, masks, times = (found[key].copy() for key in _KEYS)  # kernels are compiled for arrays that may be written
     fit = frames.ndim == 4 and frames.shape[-1] == 3 and masks.shape == frames.shape[:3] and len(frames) >= 2
-    if not fit or frames.dtype != np.uint8 or masks.dtype != np.uint8 or fps.shape != () or not 0 < fps < np.inf:
+    in_order = times.shape == frames.shape[:1] and np.isfinite(times).all() and times[0] == 0
+    if not fit or frames.dtype != np.uint8 or masks.dtype != np.uint8 or not in_order or (np.diff(times) <= 0).any():
         raise VideoError(f"{path}: frames {frames.shape} {frames.dtype} and masks {masks.shape} are no clip")
-    return FilmedClip(frames, masks, float(fps))
+    return FilmedClip(frames, masks, times)

@@ -65,8 +65,8 @@ def view_score(
         size: px, width and height, of masks and flow in the search.
         simulations: Of the search; 0: there is none.
     """
-    fps = seen.schedule.fps
-    followed = follow(seen.masks, seen.frames, np.arange(len(seen.masks)) / fps, World())
+    times = seen.schedule.times
+    followed = follow(seen.masks, seen.frames, times, World())
     view = followed.motion.view
     scene, iou, merit, by, told = None, 0.0, 0.0, TRACKS, TrackedScene(None, None)
     ambiguous = simulations > 0 and is_ambiguous(view, World())
@@ -77,7 +77,7 @@ def view_score(
         else:
             evaluator = clip_evaluator(seen.masks, seen.flow, seen.schedule, size, 1, seen.frames)
             found = search_clip(evaluator, [], simulations, np.random.default_rng(clip)).result.scene
-        reached = 0.0 if found is None else replay_overlap(found, seen.masks, fps).sequence
+        reached = 0.0 if found is None else replay_overlap(found, seen.masks, times).sequence
         less = AMBIGUITY_MARGIN if way == TRACKS and ambiguous else 0.0
         if reached - less > merit:
             scene, iou, merit, by = found, reached, reached - less, way

@@ -48,7 +48,7 @@ def read_recorded_clip(
     if is_inferred(place):
         clip = read_clip(place / CLIP)
         names = tuple(o.name for o in inferred_scene(place).objects)
-        return RecordedClip(name, clip.frames, clip.masks, np.arange(len(clip.masks)) / clip.fps, names)
+        return RecordedClip(name, clip.frames, clip.masks, clip.times, names)
     stretch = VideoStretch(place, start, seconds, fps)
     read, _ = read_stretch(stretch, mask_source(place, None, stretch.prompts))
     taken = with_masks(read, stretch.prompts)

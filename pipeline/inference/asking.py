@@ -7,7 +7,7 @@ for: importing transformers alone takes seconds. What is heavy is imported by th
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,8 @@ import numpy as np
 
 from pipeline.errors import ModelError, ParamsError, naming
 from pipeline.model.model_input import ModelInput, missing_input, read_input
+from pipeline.vision.recordings.letterbox import letterbox_for, of_area
+from pipeline.vision.recordings.mask_file import sized
 
 if TYPE_CHECKING:
     from pipeline.clips.schedule import Schedule
@@ -84,6 +86,7 @@ def ask_model(loading: LoadingModel, clip: MeasuredClip, question: Question) -> 
     Raises:
         ModelError: For a model that cannot be loaded.
     """
+    from pipeline.clips.replay import HEIGHT, WIDTH
     from pipeline.inference.answers import answer_seed, ask
     from pipeline.inference.model_pictures import shown_clip
     from pipeline.model.sampling import Sampling
@@ -93,10 +96,14 @@ def ask_model(loading: LoadingModel, clip: MeasuredClip, question: Question) -> 
     taken, schedule = clip.taken, clip.schedule
     sampling = Sampling(q.samples, q.temperature, q.top_p, shown.reasoning is True, schedule.seconds, middle=q.middle)
     first = schedule.pairs[:, 0]
-    frames, masks = taken.clip.frames[first], taken.masks[first]
-    seen = shown_clip(base, shown, clip.flow, frames, masks, 1 / schedule.fps, clip.shape_prior)
+    box = letterbox_for(taken.clip.letterbox.size, (WIDTH, HEIGHT))
+    frames = np.stack([box.apply(f) for f in taken.clip.frames[first]])
+    flow = np.stack([box.apply(f) for f in clip.flow]) * np.float32(box.scale)
+    seen = shown_clip(
+        base, shown, flow, frames, sized(taken.masks[first], box.size), 1 / schedule.fps, clip.shape_prior
+    )
     (answers,) = ask(base, lambda _: seen, [answer_seed(q.seed, 0)], sampling, DECODE_BATCH_SIZE)
-    return answers, sampling
+    return [replace(a, letterbox=box) for a in answers], sampling
 
 
 def raw_flow(clip: Clip, schedule: Schedule, shown: ModelInput, source: str, raft: Path) -> np.ndarray:
@@ -120,7 +127,7 @@ def raw_flow(clip: Clip, schedule: Schedule, shown: ModelInput, source: str, raf
         schedule.pairs,
         1 / schedule.fps,
         shown.flow_iterations or FLOW_ITERATIONS,
-        shown.flow_size or FLOW_SIZE,
+        estimation_size(clip, shown),
     )
 
 
@@ -135,9 +142,15 @@ def shown_flow(raw: np.ndarray, taken: UserClip, schedule: Schedule, shown: Mode
     """
     from pipeline.vision.flow.supported_flow import supported_flow
 
-    clip, size = taken.clip, shown.flow_size or FLOW_SIZE
+    clip, size = taken.clip, estimation_size(taken.clip, shown)
     times, interval = clip.source_times, 1 / schedule.fps
     return supported_flow(raw, clip.frames, taken.masks, times, schedule.pairs, interval=interval, size=size).flow
+
+
+def estimation_size(clip: Clip, shown: ModelInput) -> tuple[int, int]:
+    """px, width and height, at which flow of a clip is estimated: of the area that the model learned from."""
+    width, height = shown.flow_size or FLOW_SIZE
+    return of_area(clip.letterbox.size, width * height)
 
 
 def load_in_background(name: str, parameter: str = "model") -> LoadingModel:

@@ -131,8 +131,7 @@ def _differences(
 
 def clip_track(track: ImageTrack, letterbox: Letterbox) -> ImageTrack:
     """A track in the video's own picture as one in the picture that a letterbox makes of it."""
-    scale = letterbox.place[2] / letterbox.window[2]
-    return track.in_picture(scale, np.array(letterbox.place[:2]) - scale * np.array(letterbox.window[:2]))
+    return track.in_picture(letterbox.scale, np.array(letterbox.place[:2]))
 
 
 def objects_of(pairs: np.ndarray, in_order: bool, tracks: list[ImageTrack]) -> dict[int, ImageTrack]:

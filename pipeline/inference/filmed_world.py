@@ -22,9 +22,6 @@ from pipeline.planar.find_planar_scene import (
     measure_motion,
 )
 from pipeline.planar.scale import GRAVITY, KNOWN, Scale
-from pipeline.scene.scene import Scene
-from pipeline.vision.recordings.letterbox import Letterbox
-from pipeline.vision.rendering.camera import focal_px
 
 WORSE = 1.5  # factor of the errors of two fits
 
@@ -110,14 +107,12 @@ class FilmedWorld:
     Attributes:
         followed: The bodies, in the frames in which they were looked for.
         answer: The planar scene; None where none was asked for, or none can be fitted.
-        scene: That scene, with the camera of the clip's own frames.
         forecast: Of frames that were not fitted; None where it could not be tried.
         doubts: What disagrees with what the user knows, a sentence each.
     """
 
     followed: Followed
     answer: PlanarAnswer | None
-    scene: Scene | None
     forecast: Forecast | None
     doubts: tuple[str, ...]
 
@@ -145,21 +140,18 @@ def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
     return FilmedWorld(
         followed=followed,
         answer=None,
-        scene=None,
         forecast=None,
         doubts=(*doubts, *([] if doubt is None else [doubt])),
     )
 
 
-def with_scene(filmed: FilmedWorld, taken: UserClip, threads: int = 1) -> FilmedWorld:
+def with_scene(filmed: FilmedWorld, threads: int = 1) -> FilmedWorld:
     """That world with the scene that fits the tracks, where one can be fitted. threads: for simulations."""
     told = tracked_scene(filmed.followed, threads)
     if told.answer is None:
         unused = "--fixed is not used: tracks give no scene, and the search knows no fixed bodies"
         return replace(filmed, doubts=(*filmed.doubts, unused)) if filmed.followed.world.fixed else filmed
-    scene = told.answer.scene
-    seen = scene if taken.found is None else clip_camera(scene, taken.clip.letterbox)
-    return replace(filmed, answer=told.answer, scene=seen, forecast=told.forecast)
+    return replace(filmed, answer=told.answer, forecast=told.forecast)
 
 
 @dataclass(frozen=True)
@@ -185,19 +177,19 @@ def _pictured(taken: UserClip, world: World, frames: np.ndarray) -> tuple[Pictur
         ParamsError: A board is not seen, or a fixed body cannot be told apart.
     """
     box = taken.clip.letterbox
-    px, first, place = box.place[2] / box.window[2], np.array(box.window[:2]), np.array(box.place[:2])
-    if taken.found is not None:  # these frames show the whole picture
-        px, first, place = frames.shape[2] / taken.clip.source_size[0], np.zeros(2), np.zeros(2)
+    px, place = box.scale, np.array(box.place[:2])
+    if taken.found is not None:  # these frames have their own size
+        px, place = frames.shape[2] / taken.clip.source_size[0], np.zeros(2)
     scale, doubts = None, []
     if world.length is not None:
-        ends = px * (np.array(world.length.ends).reshape(2, 2) - first) + place
+        ends = px * np.array(world.length.ends).reshape(2, 2) + place
         scale = Scale(px * world.length.px_per_m, "length", KNOWN_ERROR, ends)
     elif world.board is not None:
         scale, doubt = board_scale(frames, world.board)
         doubts += [] if doubt is None else [doubt]
     blocks = []
     for mark in world.fixed:
-        at = px * (np.array(mark.at).reshape(-1, 2) - first) + place
+        at = px * np.array(mark.at).reshape(-1, 2) + place
         try:
             blocks.append(find_block(background(frames), FixedMark(tuple(at.ravel().tolist()))))
         except ValueError as error:
@@ -302,14 +294,6 @@ def filmed_frames(taken: UserClip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return clip.frames, taken.found.masks, np.asarray(clip.times)
     clip = taken.clip
     return clip.frames, taken.masks, np.asarray(clip.source_times - clip.source_times[0])
-
-
-def clip_camera(scene: Scene, letterbox: Letterbox) -> Scene:
-    """The scene with the camera of the picture that a letterbox makes of what its own camera sees."""
-    assert scene.camera is not None
-    focal = focal_px(scene.camera.fov, letterbox.source[1]) * letterbox.place[2] / letterbox.window[2]
-    fov = 2 * np.degrees(np.arctan(letterbox.size[1] / 2 / focal))
-    return replace(scene, camera=replace(scene.camera, fov=float(fov)))
 
 
 def renumbered_by_track(masks: np.ndarray, motion: ClipMotion) -> np.ndarray:

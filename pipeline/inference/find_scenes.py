@@ -45,13 +45,14 @@ from pipeline.inference.trust import Forecast
 from pipeline.search.best_of_k import rank
 from pipeline.search.certainty import Certainty
 from pipeline.search.evaluator import Rewards
+from pipeline.vision.recordings.letterbox import of_area
 
 if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
     from pipeline.model.sampling import Sampling
 
 #: As params.yaml has them for the graph (`search`; a test compares them).
-SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward
+SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward; of another shape, as large an area
 STARTS = 3  # answers that a search starts from
 
 
@@ -132,6 +133,7 @@ def find_scenes(
         SimulationError: Where no answer can be simulated.
     """
     taken = clip.taken
+    size = of_area(taken.clip.letterbox.size, SEARCH_SIZE[0] * SEARCH_SIZE[1])
     with ThreadPoolExecutor(2, "tracks") as beside:
         viewing = beside.submit(filmed_world, taken, world)
         evaluating = beside.submit(
@@ -139,7 +141,7 @@ def find_scenes(
             taken.masks,
             clip.flow,
             clip.schedule,
-            SEARCH_SIZE,
+            size,
             cores(),
             taken.clip.frames,
             clip.shape_prior,
@@ -170,11 +172,11 @@ def find_scenes(
     for way in ways(view.kind, budget.simulations, world.measured):
         with progress.step(way):
             if way == TRACKS:
-                filmed = with_scene(filmed, taken, cores())
-                if filmed.answer is None or filmed.scene is None:
+                filmed = with_scene(filmed, cores())
+                if filmed.answer is None:
                     continue
                 ambiguous = budget.simulations > 0 and is_ambiguous(view, world)
-                methods.append(tracks_method(filmed.answer, filmed.scene, evaluator, clip, ambiguous))
+                methods.append(tracks_method(filmed.answer, evaluator, clip, ambiguous))
             else:
                 searched = search_clip(
                     evaluator,
@@ -207,7 +209,7 @@ def find_scenes(
             clip.flow,
             clip.schedule,
             starts,
-            size=SEARCH_SIZE,
+            size=size,
             simulations=budget.simulations,
             seed=budget.seed,
             incline=budget.incline,

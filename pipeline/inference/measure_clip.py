@@ -7,15 +7,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pipeline.clips.schedule import LEAST_SECONDS
 from pipeline.inference.asking import raw_flow, shown_flow
 from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
 from pipeline.model.model_input import ModelInput
-from pipeline.perception.free_motion import LEAST_SECONDS, whole_frames
 from pipeline.perception.mask_source import mask_source
 from pipeline.perception.user_clip import UserClip, with_masks
 from pipeline.perception.video_stretch import VideoStretch, read_stretch
-from pipeline.vision.recordings.video import FPS
 
 LATE = 0.15  # s: a clip in which no body is seen for longer begins where one is
 
@@ -58,11 +57,10 @@ def measure_clip(
     if isinstance(clip, VideoStretch):
         with progress.step("frames"):
             read, part = read_stretch(clip, mask_source(clip.place, clip.masks, clip.prompts))
-        name, begins, schedule = str(clip.place), part.start, clip_schedule(clip.place, part.seconds)
-        frames, note = read.clip, part.note
+        name, begins, frames, note = str(clip.place), part.start, read.clip, part.note
     else:
         name, taken, frames, note = "clip", clip, clip.clip, None
-        schedule = clip_schedule(Path(name), len(frames.times) / FPS)
+    schedule = clip_schedule(Path(name), frames.times)
     with ThreadPoolExecutor(1, "flow") as beside:
         measuring = beside.submit(raw_flow, frames, schedule, shown, flow.name, flow.raft)
         if isinstance(clip, VideoStretch):
@@ -71,7 +69,7 @@ def measure_clip(
             late = seen_from(taken)
             if clip.start is None and late > LATE and part.seconds - late >= LEAST_SECONDS:
                 progress.say("note", f"no body is seen before {part.start + late:.2f} s: the clip begins there")
-                later = replace(clip, start=round(part.start + late, 3), seconds=whole_frames(part.seconds - late))
+                later = replace(clip, start=part.start + late, seconds=part.seconds - late)
                 return measure_clip(later, shown, flow, progress=progress, when_seen=when_seen)
             say_bodies(progress, name, begins, taken, [*([note] if note else []), *taken.clip.notes])
         if when_seen is not None:
@@ -90,7 +88,7 @@ def seen_from(taken: UserClip) -> float:
 def say_bodies(progress: Progress, name: str, start: float, taken: UserClip, notes: Sequence[str]) -> None:
     """Tell what was read and found; notes: on the clip."""
     width, height = taken.clip.source_size
-    span = f"{start:g} to {start + len(taken.clip.times) * taken.clip.times[1]:g} s"
+    span = f"{start:.3g} to {start + clip_schedule(Path(name), taken.clip.times).seconds:.3g} s"
     progress.say("clip", f"{name}: {span}, {width}x{height}, {taken.clip.source_fps:.4g} FPS")
     for note in notes:
         progress.say("note", note)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.clips.schedule import Schedule
+from pipeline.clips.schedule import LEAST_FRAMES, LEAST_SECONDS, Schedule
 from pipeline.errors import VideoError
 from pipeline.language.completion import MAX_OBJECTS
 from pipeline.perception.user_clip import WEIGHTS, UserClip
@@ -49,17 +49,15 @@ class MeasuredClip:
         return self.taken.objects
 
 
-def clip_schedule(place: Path, seconds: float) -> Schedule:
-    """The whole frames of a clip of `seconds`. Raises VideoError where they are too few for the model."""
-    usual = Schedule()
-    frames = round(seconds * usual.fps)
-    if frames <= usual.model_frames:
-        needed = (usual.model_frames + 1) / usual.fps
+def clip_schedule(place: Path, times: np.ndarray) -> Schedule:
+    """The frames of a clip that were filmed at times (F,), s. Raises VideoError where they are too few."""
+    schedule = Schedule.of_frames(times)
+    if schedule.frames < LEAST_FRAMES or schedule.seconds < LEAST_SECONDS:
         raise VideoError(
-            f"{place}: {seconds:g} s are too short: the model sees {usual.model_frames} pairs of frames at {usual.fps} "
-            f"FPS, for which {needed:.2f} s are needed"
+            f"{place}: {schedule.frames} frames in {schedule.seconds:.3g} s are too short; valid: {LEAST_FRAMES} "
+            f"frames, and {LEAST_SECONDS:g} s, or more"
         )
-    return Schedule(seconds=frames / usual.fps)
+    return schedule
 
 
 def measured_clip(name: str, taken: UserClip, schedule: Schedule, flow: np.ndarray) -> MeasuredClip:
@@ -92,6 +90,6 @@ def limits(masks: np.ndarray, seconds: float) -> list[str]:
             f"the masks have {masks.max()} objects, more than the {MAX_OBJECTS} of a scene: some may be pieces of one "
             "body, shadows or reflections; --objects, --ignore or other --masks help"
         )
-    if abs(seconds - 1) > 1e-6:
-        notes.append(f"the clip has {seconds:g} s; the models that ship learned from clips of 1 s")
+    if abs(seconds - 1) > 0.1:
+        notes.append(f"the clip has {seconds:.3g} s; the models that ship learned from clips of 1 s")
     return notes

@@ -122,12 +122,10 @@ def search_method(searched: ClipSearch, answers: list[Answer], ranking: Ranking,
     )
 
 
-def tracks_method(
-    answer: PlanarAnswer, scene: Scene, evaluator: Evaluator, clip: MeasuredClip, ambiguous: bool
-) -> Method:
+def tracks_method(answer: PlanarAnswer, evaluator: Evaluator, clip: MeasuredClip, ambiguous: bool) -> Method:
     """The scene that was fitted to tracks. ambiguous: whether its view is."""
-    rewards = rank(evaluator, [scene]).rewards
-    return replace(_rewarded(TRACKS, scene, None, rewards, 0, clip, answer.fit.simulations), ambiguous=ambiguous)
+    rewards = rank(evaluator, [answer.scene]).rewards
+    return replace(_rewarded(TRACKS, answer.scene, None, rewards, 0, clip, answer.fit.simulations), ambiguous=ambiguous)
 
 
 def _rewarded(
@@ -146,14 +144,14 @@ def _rewarded(
 
 
 def _overlap(scene: Scene, clip: MeasuredClip) -> Overlap:
-    return replay_overlap(scene, clip.taken.masks, clip.schedule.fps)
+    return replay_overlap(scene, clip.taken.masks, clip.schedule.times)
 
 
-def replay_overlap(scene: Scene, masks: np.ndarray, fps: float) -> Overlap:
-    """Of a scene's replay with masks (T, H, W) of a clip at their size; none where the simulation becomes unstable."""
+def replay_overlap(scene: Scene, masks: np.ndarray, times: np.ndarray) -> Overlap:
+    """Of a scene's replay with masks (T, H, W), filmed at times (T,), s; none where the simulation becomes unstable."""
     height, width = masks.shape[1:]
     try:
-        own = masks_at(scene, np.arange(len(masks)) / fps, width, height)
+        own = masks_at(scene, times, width, height)
     except SimulationError:
         return Overlap(0.0, 0.0, 0.0, np.zeros((0, 2), int))
     return overlap(own, masks, len(scene.objects), int(masks.max(initial=0)))

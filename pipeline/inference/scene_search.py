@@ -46,12 +46,13 @@ def clip_evaluator(
     seen = schedule.frames
     outlines = ClipOutlines(
         masks[:seen],
-        np.arange(seen) / schedule.fps,
+        schedule.times,
         int(masks.max(initial=0)),
         None if pictures is None else pictures[:seen],
         shape_prior,
     )
-    rigid = outlines.rigid_flow(flow[: schedule.model_frames], schedule.pairs)
+    between = flow[: schedule.model_frames] / schedule.pair_scale.astype(np.float32)[:, None, None, None]
+    rigid = outlines.rigid_flow(between, schedule.pairs)
     target = make_target(masks[schedule.pairs[:, 0]], rigid, *size, outlines.flow_errors)
     return Evaluator(target, schedule, threads, outlines)
 
@@ -150,13 +151,13 @@ def search_forecast(
         threads: For simulation and rasterising.
         shape_prior: (M, 3) probability of each of `BASIC_SHAPES` by the network for shapes; None: not known.
     """
-    times = np.arange(len(masks)) / schedule.fps
-    seen = fitted_frames(times, masks)
-    seen -= seen % round(schedule.fps * schedule.seconds / schedule.model_frames)  # the model's frames are parted there
+    times = schedule.times
+    every = schedule.seconds / schedule.model_frames  # the model's frames are parted there
     try:
-        part = schedule.first(seen / schedule.fps)
+        part = schedule.first(every * np.floor(times[fitted_frames(times, masks)] / every + 1e-6))
     except ValueError:
         return None
+    seen = part.frames
     evaluator = clip_evaluator(masks, flow, part, size, threads, shape_prior=shape_prior)
     budget = max(LEAST_SEARCH, round(FORECAST_SHARE * simulations))
     found = search_clip(evaluator, starts, budget, np.random.default_rng(seed), incline=incline).result.scene

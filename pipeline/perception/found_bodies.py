@@ -141,7 +141,7 @@ def moving_masks(frames: np.ndarray, times: np.ndarray, networks: MaskNetworks) 
         ValueError: For frames of another type or shape.
     """
     size = (frames.shape[2], frames.shape[1])
-    clip = Clip(frames, times, times, float(1 / np.median(np.diff(times))), size, letterbox_for(size, size)[0])
+    clip = Clip(frames, times, times, float(1 / np.median(np.diff(times))), size, letterbox_for(size, size))
     try:
         return find_in_clip(clip, networks, Prompts()).masks
     except VideoError:

@@ -6,7 +6,6 @@ share of the fastest one's usual speed, so that a body in a hand, which is hardl
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,18 +13,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from pipeline.clips.schedule import LEAST_SECONDS
 from pipeline.errors import VideoError
 from pipeline.perception.clip_faults import SHAKING_PX, camera_moves, camera_shift
 from pipeline.segmentation.bodies import LEAST_SCORE, Candidates, candidate_scores, first_look, working_size
 from pipeline.segmentation.grouping import Track
 from pipeline.segmentation.network import SegmentationNetwork
 from pipeline.vision.recordings.mask_file import read_times
-from pipeline.vision.recordings.video import FPS, Decoder, check_file, frame_times
+from pipeline.vision.recordings.video import Decoder, check_file, frame_times
 
 SECONDS = 1.0  # of a stretch whose start is known: what the models learned from
 SHORT_FILE = 1.2  # s: a file so long is taken from its beginning
 MOST_FRAMES = 160  # looked at
-LEAST_SECONDS, MOST_SECONDS = 0.4, 12.0  # of a stretch
+MOST_SECONDS = 12.0  # of a stretch
 SLOW = 0.2  # share of the fastest body's usual speed, below which a body rests
 CHORD, LEAST_CHORD = 0.1, 2  # s, and samples, before and after, over which a speed is measured
 LEAST_WAY = 1.0  # radii that a body must get away in the recording
@@ -94,7 +94,7 @@ def stretch_of(
         return Stretch(begin, length if seconds is None else seconds, "masks")
     end = float(stamps[-1] + np.median(np.diff(stamps)))
     if masks is not None or end <= SHORT_FILE:
-        return Stretch(0.0, whole_frames(min(SECONDS, end)) if seconds is None else seconds, "the file")
+        return Stretch(0.0, end if seconds is None else seconds, "the file")
     if seconds is not None and seconds > end:
         raise VideoError(f"{video} is {end:.2f} s long: a clip of {seconds:g} s does not fit")
     return free_stretch(video, network(), stamps, assume_fps, seconds)
@@ -139,12 +139,7 @@ def fitted(low: float, high: float, end: float, seconds: float | None) -> Stretc
     length = seconds if seconds is not None else min(max(high - low, LEAST_SECONDS), MOST_SECONDS)
     start = low if length <= high - low else 0.5 * (low + high - length)
     start = min(max(start, 0.0), max(end - length, 0.0))
-    return Stretch(round(start, 3), whole_frames(min(length, end - start)), "motion")
-
-
-def whole_frames(seconds: float) -> float:
-    """s, of the whole frames of a clip that fit into a time, s; a tenth of a frame may lack."""
-    return math.floor(seconds * FPS + 0.1) / FPS
+    return Stretch(start, min(length, end - start), "motion")
 
 
 def spread_frames(path: Path, stamps: np.ndarray, assume_fps: float | None) -> tuple[np.ndarray, np.ndarray]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.errors import ParamsError, VideoError, naming
+from pipeline.errors import ParamsError, naming
 from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.found_bodies import FoundBodies, find_in_clip
 from pipeline.perception.free_motion import Stretch, stretch_of
@@ -19,12 +18,10 @@ from pipeline.segmentation import MaskNetworks, load_mask_networks
 from pipeline.vision.recordings.clip_folder import video_of
 from pipeline.vision.recordings.corrections import Correction
 from pipeline.vision.recordings.given_masks import given_masks
-from pipeline.vision.recordings.letterbox import letterbox_for
-from pipeline.vision.recordings.mask_file import letterboxed, renumbered
-from pipeline.vision.recordings.video import Clip, read_clip, resampled
+from pipeline.vision.recordings.mask_file import renumbered, sized
+from pipeline.vision.recordings.video import FPS, Clip, nearest_frames, read_clip, scaled
 
 UNCORRECTED = Correction()
-LEAST_FRAMES = 30  # in which the network looks for bodies, where so many were filmed
 NETWORK = "the network for masks"
 
 
@@ -60,7 +57,7 @@ class ReadClip:
         place: The video, or the folder with it.
         clip: The frames that are inferred from.
         source: Where its masks come from.
-        filmed: The frames in which they are looked for, in the video's own size, each but once; None with given ones.
+        filmed: The same frames in the video's own size, in which masks are looked for; None with given ones.
         assume_fps: As the clip was read with.
     """
 
@@ -76,21 +73,16 @@ def read_frames(
     *,
     start: float = 0.0,
     seconds: float = 1.0,
-    fps: float = 30.0,
     assume_fps: float | None = None,
     source: MaskSource | None = None,
     correction: Correction = UNCORRECTED,
 ) -> ReadClip:
-    """Read a clip.
-
-    Bodies are looked for in the video's own size, in the frames at `fps`, or at the least multiple of it that gives
-    LEAST_FRAMES, so that a short clip in slow motion has enough; of a video with fewer frames, in all of them.
+    """Read the frames of a clip as they were filmed; of a film with many a second, every second, third ….
 
     Args:
         place: A video, or a folder with one.
         start: Start of the clip, s.
         seconds: Length of the clip, s.
-        fps: Frame rate of the clip.
         assume_fps: Frame rate of the recording where its time stamps are wrong; None: they are used.
         source: Where its masks come from; None: our network finds them.
         correction: Of the frames.
@@ -105,25 +97,14 @@ def read_frames(
             f"--distortion, --steady: the masks in {source.given} are those of frames that are not corrected; valid: "
             "masks that are found"
         )
+    own = read_clip(video, start, seconds, fps=FPS, assume_fps=assume_fps)
     if source.given is not None:
-        return ReadClip(place, read_clip(video, start, seconds, fps, assume_fps=assume_fps), source, None, assume_fps)
-    count = max(round(seconds * fps), 1)
-    every = max(math.ceil(LEAST_FRAMES / count), 1)
-    own = read_clip(video, start, count / fps, fps * every, size=None, assume_fps=assume_fps)
+        return ReadClip(place, scaled(own), source, None, assume_fps)
     if correction:
         with naming(str(place)):
             frames, notes = correction.apply(own.frames)
         own = replace(own, frames=frames, file_notes=[*own.file_notes, *notes])
-    distinct = np.unique(own.source_times, return_index=True)[1]
-    if len(distinct) < 2:
-        raise VideoError(f"{place}: the clip has one frame only; at least two are needed")
-    filmed = replace(
-        own,
-        frames=own.frames[distinct],
-        times=own.source_times[distinct] - own.source_times[0],
-        source_times=own.source_times[distinct],
-    )
-    return ReadClip(place, resampled(own, every), source, filmed, assume_fps)
+    return ReadClip(place, scaled(own), source, own, assume_fps)
 
 
 def chosen_stretch(
@@ -171,16 +152,34 @@ def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:
         return UserClip(clip, ids, given.name, None, tuple(clip_faults(clip.frames, ids)))
     with naming(str(read.place)):
         found = _found(filmed, prompts, read.source)
-        at = np.searchsorted(filmed.source_times, clip.source_times)
-        height, width = found.masks.shape[1:]
-        masks = letterboxed(found.masks[at], letterbox_for((width, height), clip.letterbox.size)[0])
-        if not masks.any():
-            raise VideoError(
-                "the moving bodies are outside of the part of the picture that is used, or too small for it"
-            )
+    masks = sized(found.masks, clip.letterbox.size)
     lost = [k for k in range(1, len(found.bodies) + 1) if not (masks == k).any()]
-    doubts = [f"body {k} is outside of the part of the picture that is used, or too small for it" for k in lost]
+    doubts = [f"body {k} is too small for the size at which clips are compared" for k in lost]
     return UserClip(clip, renumbered(masks), _finder(read.source), found, (*found.doubts, *doubts))
+
+
+def on_grid(taken: UserClip, fps: float, count: int, size: tuple[int, int]) -> UserClip:
+    """A clip as the graph's suites have theirs: the nearest frames at `count` regular times, in one size.
+
+    Args:
+        taken: Of frames as they were filmed.
+        fps: Frames a second.
+        count: Frames.
+        size: (width, height) px.
+    """
+    at = nearest_frames(taken.clip, fps, count)
+    clip = scaled(taken.clip if taken.found is None else taken.found.clip, size)
+    again = int((np.diff(at) == 0).sum())
+    notes = [f"{again} of {count} frames repeat the one before: the recording has fewer than {fps:g} a second"]
+    at_times = replace(
+        clip,
+        frames=clip.frames[at],
+        times=np.arange(count) / fps,
+        source_times=clip.source_times[at],
+        file_notes=[*clip.file_notes, *(notes if again else [])],
+    )
+    masks = taken.masks if taken.found is None else taken.found.masks
+    return replace(taken, clip=at_times, masks=renumbered(sized(masks[at], size)))
 
 
 def _found(filmed: Clip, prompts: Prompts, source: MaskSource) -> FoundBodies:

@@ -17,7 +17,7 @@ from pipeline.search.outlines.clip_outlines import ClipOutlines
 from pipeline.search.outlines.outline_residuals import OutlineTarget
 from pipeline.search.pooled_residuals import PooledTarget, Residuals
 from pipeline.search.reward import Measured, Totals, measure_kernel
-from pipeline.search.target import REFERENCE_WIDTH, Target
+from pipeline.search.target import REFERENCE_AREA, Target
 from pipeline.vision.rendering.surface import FIXED_KINDS, KINDS
 
 INVALID_REWARD = -100.0
@@ -46,7 +46,7 @@ class Evaluator:
     """Evaluates candidates against one target. Each composition is compiled once.
 
     Args:
-        target: Masks and flow to match.
+        target: Masks and flow to match; flow leads from the first frame of each of the schedule's pairs to the second.
         schedule: Times of the target's frames.
         threads: For simulation and rendering.
         outlines: Of the clip; None: of the target's own masks.
@@ -78,7 +78,7 @@ class Evaluator:
     @property
     def times(self) -> np.ndarray:
         """(F,) s, of the target's frames."""
-        return self.schedule.pairs[:, 0] / self.schedule.fps
+        return self.schedule.times[self.schedule.pairs[:, 0]]
 
     def replay(self, scenes: SceneBatch, frames: int | None = None) -> States:
         """Simulate the candidates.
@@ -187,7 +187,8 @@ class Evaluator:
             iou = np.array([sequence_iou(counts, assign(pair_iou(counts))) for counts in each])
         else:
             iou = sequence_iou(measured.all_counts, pairs)
-        scale = REFERENCE_WIDTH / self.target.width
+        pixels = (REFERENCE_AREA / (self.target.width * self.target.height)) ** 0.5
+        scale = pixels * float(self.schedule.pair_scale.mean())
         epe_frame = measured.epe_frame * scale
         reward = np.where(valid, iou - epe_frame, INVALID_REWARD)
         return Rewards(reward, iou, epe_frame, measured.epe * scale, valid)

@@ -14,14 +14,21 @@ import numpy as np
 from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.scene.solid import reach_below
 from pipeline.search.target import Target
-from pipeline.vision.rendering.camera import Pinhole, focal_px, pinhole
+from pipeline.vision.rendering.camera import Pinhole, focal_px, fov_deg, pinhole
 
 CAMERA = Camera((0.0, -2.0, 0.95), fov=37.0, pitch=-22.4)
+CAMERA_SIZE = (480, 320)  # px, of the picture that it makes
 GRAVITY = 7.0  # m/s²; unknown, as is the scale of a clip
 NEAREST, FARTHEST = 0.6, 6.0  # m, range of the planar depth of the lowest point
 LEAST_HALF, MOST_HALF = 0.03, 0.38  # m, range of half extents
 FASTEST = 3.0  # m/s
 TRACK_SECONDS = 0.35  # part of the track that gives the velocity
+
+
+def usual_camera(width: int, height: int) -> Camera:
+    """An average camera that makes pictures of width x height px: its field of view across the diagonal is usual."""
+    focal = focal_px(CAMERA.fov, CAMERA_SIZE[1]) * np.hypot(width, height) / np.hypot(*CAMERA_SIZE)
+    return replace(CAMERA, fov=fov_deg(float(focal), height))
 
 
 @dataclass(frozen=True)
@@ -134,9 +141,17 @@ def _size(shape: str, across: float, up: float) -> tuple[float, ...]:
     return (1.6 * across, 1.6 * across, 1.8 * up)
 
 
-def guess_scene(target: Target, shapes: Sequence[str], times: np.ndarray, camera: Camera = CAMERA) -> Scene:
-    """A scene in which object i has shape shapes[i] and represents instance i. times: (F,) of the frames, s."""
+def guess_scene(target: Target, shapes: Sequence[str], times: np.ndarray, camera: Camera | None = None) -> Scene:
+    """A scene in which object i has shape shapes[i] and represents instance i.
+
+    Args:
+        target: What is to be shown.
+        shapes: Of the instances.
+        times: (F,) of the frames, s.
+        camera: None: a usual one.
+    """
     assert len(shapes) == target.instances
+    camera = camera or usual_camera(target.width, target.height)
     view = pinhole(camera)
     objects = [guess_object(shape, track_mask(target.masks, i), target, times, view) for i, shape in enumerate(shapes)]
     return Scene(tuple(objects), camera, (0.0, 0.0, -GRAVITY))

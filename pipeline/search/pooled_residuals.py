@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.compiled import kernel
-from pipeline.search.target import REFERENCE_WIDTH, Target
+from pipeline.search.target import REFERENCE_AREA, Target
 
 CELLS = 24  # of the finest grid across the width of the picture
 LEVELS = 3  # grids, each with half as many cells as the one before
@@ -84,7 +84,7 @@ class PooledTarget:
         self.cell = max(1, round(target.width / CELLS))
         nodes = [-(-n // self.cell) + 1 for n in (target.height, target.width)]
         self.shape = (3, *nodes)
-        scale = target.width / REFERENCE_WIDTH
+        scale = (target.width * target.height / REFERENCE_AREA) ** 0.5
         frames = len(target.masks)
         self._target = np.zeros((frames, target.instances, *self.shape), np.float32)
         for k in range(frames):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-REFERENCE_WIDTH = 480
+REFERENCE_AREA = 480 * 320  # px
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,7 @@ class Footage:
         motions: Layers of the 3D view. The first has the camera.
         seen: Pictures of the clip.
         replayed: Pictures of the replay, if there is one.
-        fps: Frames per second.
+        times: (F,) s, of the clip's frames.
         titles: Titles of the two groups of pictures.
     """
 
@@ -79,7 +79,7 @@ class Footage:
     motions: tuple[MotionLayer, ...]
     seen: Pictures = field(default_factory=Pictures)
     replayed: Pictures = field(default_factory=Pictures)
-    fps: float = 30.0
+    times: np.ndarray = field(kw_only=True)
     titles: tuple[str, str] = ("clip", "replay")
 
 

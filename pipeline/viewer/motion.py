@@ -28,7 +28,7 @@ def body_path(motion: MotionLayer, index: int) -> str:
     return f"world/{motion.name}/{motion.scene.objects[index].name}"
 
 
-def log_bodies(recording: rr.RecordingStream, motion: MotionLayer, fps: float) -> None:
+def log_bodies(recording: rr.RecordingStream, motion: MotionLayer, clock: np.ndarray) -> None:
     """Log shapes (static), poses at every step, and contacts, under world/<motion>."""
     trace = motion.trace
     for i, obj in enumerate(motion.scene.objects):
@@ -39,14 +39,14 @@ def log_bodies(recording: rr.RecordingStream, motion: MotionLayer, fps: float) -
         def poses(rows: np.ndarray, position: np.ndarray = position, xyzw: np.ndarray = xyzw) -> rr.ComponentColumnList:
             return rr.Transform3D.columns(translation=position[rows], quaternion=xyzw[rows])
 
-        send_steps(recording, path, trace.times, fps, poses)
+        send_steps(recording, path, trace.times, clock, poses)
         if motion.solid:
             path_of_centre = rr.LineStrips3D([position], colors=[(*object_colour(i), 110)], radii=WIRE_RADIUS)
             recording.log(f"world/{motion.name}/paths/{obj.name}", path_of_centre, static=True, strict=True)
     for body in motion.scene.fixed:
         log_fixed(recording, f"world/{motion.name}/{body.name}", body, motion.solid)
     if len(trace.contacts):
-        log_contacts(recording, motion, fps)
+        log_contacts(recording, motion, clock)
 
 
 def log_fixed(recording: rr.RecordingStream, path: str, body: FixedBody, solid: bool) -> None:
@@ -84,7 +84,7 @@ def hull_triangles(vertices: np.ndarray) -> np.ndarray:
     return ConvexHull(vertices).simplices
 
 
-def log_contacts(recording: rr.RecordingStream, motion: MotionLayer, fps: float) -> None:
+def log_contacts(recording: rr.RecordingStream, motion: MotionLayer, clock: np.ndarray) -> None:
     """Log an arrow per contact point and step: the force on the first body, ending at the point."""
     trace = motion.trace
     c = trace.contacts
@@ -106,7 +106,7 @@ def log_contacts(recording: rr.RecordingStream, motion: MotionLayer, fps: float)
     path = f"world/{motion.name}/contacts"
     style = rr.Arrows3D.from_fields(radii=0.006, show_labels=False)
     recording.log(path, style, static=True, strict=True)
-    send_steps(recording, path, trace.times, fps, arrows)
+    send_steps(recording, path, trace.times, clock, arrows)
 
 
 def contact_arrows(trace: Trace, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -121,7 +121,7 @@ def contact_arrows(trace: Trace, mass: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return c.position - vectors, vectors, np.bincount(c.step, minlength=len(trace.position))
 
 
-def log_plots(recording: rr.RecordingStream, motion: MotionLayer, fps: float) -> None:
+def log_plots(recording: rr.RecordingStream, motion: MotionLayer, clock: np.ndarray) -> None:
     """Log scalars under plots/speed/<motion>/<object> and plots/height/<motion>/<object>."""
     trace = motion.trace
     values = {
@@ -139,10 +139,10 @@ def log_plots(recording: rr.RecordingStream, motion: MotionLayer, fps: float) ->
             def scalars(rows: np.ndarray, series: np.ndarray = table[:, i]) -> rr.ComponentColumnList:
                 return rr.Scalars.columns(scalars=series[rows])
 
-            send_steps(recording, path, trace.times, fps, scalars)
+            send_steps(recording, path, trace.times, clock, scalars)
 
 
-def log_events(recording: rr.RecordingStream, motion: MotionLayer, fps: float, named: bool) -> None:
+def log_events(recording: rr.RecordingStream, motion: MotionLayer, clock: np.ndarray, named: bool) -> None:
     """Log a line of text for each event under events/<motion>. named: begin it with the name of the motion."""
     if not motion.events:
         return
@@ -151,5 +151,5 @@ def log_events(recording: rr.RecordingStream, motion: MotionLayer, fps: float, n
         level=["INFO"] * len(motion.events),
         color=[object_colour(e.first) for e in motion.events],
     )
-    times = at_times(np.array([e.time for e in motion.events]), fps)
+    times = at_times(np.array([e.time for e in motion.events]), clock)
     recording.send_columns(f"events/{motion.name}", times, columns, strict=True)

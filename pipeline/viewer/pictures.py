@@ -16,23 +16,23 @@ MASK_OPACITY = 0.35
 _MILLIMETRES = 1000.0
 
 
-def log_pictures(recording: rr.RecordingStream, path: str, pictures: Pictures, fps: float) -> None:
+def log_pictures(recording: rr.RecordingStream, path: str, pictures: Pictures, clock: np.ndarray) -> None:
     """Log the pictures under `path`/rgb, masks, depth and flow."""
     if pictures.rgb is not None:
         blobs = [_encoded(".jpg", p[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]) for p in pictures.rgb]
-        _send_blobs(recording, f"{path}/rgb", np.arange(len(blobs)), fps, blobs, "image/jpeg", draw_order=-10.0)
+        _send_blobs(recording, f"{path}/rgb", np.arange(len(blobs)), clock, blobs, "image/jpeg", draw_order=-10.0)
     if pictures.flow is not None:
         longest = max(float(np.linalg.norm(pictures.flow, axis=-1).max(initial=0.0)), 1e-3)
         shown = flow_picture(pictures.flow, "wheel", longest)
         blobs = [_encoded(".png", p[..., ::-1]) for p in shown]
-        _send_blobs(recording, f"{path}/flow", pictures.flow_frames, fps, blobs, "image/png", draw_order=-9.0)
+        _send_blobs(recording, f"{path}/flow", pictures.flow_frames, clock, blobs, "image/png", draw_order=-9.0)
     if pictures.depth is not None:
-        log_depth(recording, f"{path}/depth", pictures.depth, pictures.depth_frames, fps)
+        log_depth(recording, f"{path}/depth", pictures.depth, pictures.depth_frames, clock)
     if pictures.masks is not None:
-        log_masks(recording, f"{path}/masks", pictures.masks, fps)
+        log_masks(recording, f"{path}/masks", pictures.masks, clock)
 
 
-def log_masks(recording: rr.RecordingStream, path: str, masks: np.ndarray, fps: float) -> None:
+def log_masks(recording: rr.RecordingStream, path: str, masks: np.ndarray, clock: np.ndarray) -> None:
     """Log instance masks (F, H, W) in the colours of the objects."""
     style = rr.SegmentationImage.from_fields(opacity=MASK_OPACITY, draw_order=10.0)
     recording.log(path, style, static=True, strict=True)
@@ -41,10 +41,12 @@ def log_masks(recording: rr.RecordingStream, path: str, masks: np.ndarray, fps: 
     columns = rr.SegmentationImage.columns(
         buffer=list(np.ascontiguousarray(masks).reshape(len(masks), -1)), format=[kind] * len(masks)
     )
-    recording.send_columns(path, at_frames(np.arange(len(masks)), fps), columns, strict=True)
+    recording.send_columns(path, at_frames(np.arange(len(masks)), clock), columns, strict=True)
 
 
-def log_depth(recording: rr.RecordingStream, path: str, depth: np.ndarray, frames: np.ndarray, fps: float) -> None:
+def log_depth(
+    recording: rr.RecordingStream, path: str, depth: np.ndarray, frames: np.ndarray, clock: np.ndarray
+) -> None:
     """Log planar depths (P, H, W) m of frames (P,) as PNGs in mm; 0 for the background."""
     finite = np.isfinite(depth)
     millimetres = np.where(finite, np.clip(depth * _MILLIMETRES, 0, 65535), 0).astype(np.uint16)
@@ -57,7 +59,7 @@ def log_depth(recording: rr.RecordingStream, path: str, depth: np.ndarray, frame
     )
     recording.log(path, style, static=True, strict=True)
     columns = rr.EncodedDepthImage.columns(blob=[_encoded(".png", d) for d in millimetres])
-    recording.send_columns(path, at_frames(frames, fps), columns, strict=True)
+    recording.send_columns(path, at_frames(frames, clock), columns, strict=True)
 
 
 def mask_classes(names: list[str]) -> rr.AnnotationContext:
@@ -80,10 +82,10 @@ def _send_blobs(
     recording: rr.RecordingStream,
     path: str,
     frames: np.ndarray,
-    fps: float,
+    clock: np.ndarray,
     blobs: list[bytes],
     media: str,
     draw_order: float,
 ) -> None:
     recording.log(path, rr.EncodedImage.from_fields(media_type=media, draw_order=draw_order), static=True, strict=True)
-    recording.send_columns(path, at_frames(frames, fps), rr.EncodedImage.columns(blob=blobs), strict=True)
+    recording.send_columns(path, at_frames(frames, clock), rr.EncodedImage.columns(blob=blobs), strict=True)

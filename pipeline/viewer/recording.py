@@ -91,12 +91,12 @@ def log(recording: rr.RecordingStream, footage: Footage) -> None:
     recording.log("/", mask_classes(names), static=True, strict=True)
     if footage.motions and footage.motions[0].scene.camera is not None:
         log_camera(recording, footage.motions[0].scene.camera, footage.seen.size or DEFAULT_SIZE)
-    log_pictures(recording, CAMERA, footage.seen, footage.fps)
-    log_pictures(recording, REPLAYED, footage.replayed, footage.fps)
+    log_pictures(recording, CAMERA, footage.seen, footage.times)
+    log_pictures(recording, REPLAYED, footage.replayed, footage.times)
     for motion in footage.motions:
-        log_bodies(recording, motion, footage.fps)
-        log_plots(recording, motion, footage.fps)
-        log_events(recording, motion, footage.fps, len(footage.motions) > 1)
+        log_bodies(recording, motion, footage.times)
+        log_plots(recording, motion, footage.times)
+        log_events(recording, motion, footage.times, len(footage.motions) > 1)
 
 
 def log_camera(recording: rr.RecordingStream, camera: Camera, size: tuple[int, int]) -> None:

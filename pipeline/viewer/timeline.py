@@ -14,19 +14,19 @@ import rerun as rr
 FRAME, SIM_TIME = "frame", "sim_time"
 
 
-def at_times(times: np.ndarray, fps: float) -> list[rr.TimeColumn]:
-    """Both timelines for rows at times (R,) s. The frame of a row is the one shown at that time."""
+def at_times(times: np.ndarray, clock: np.ndarray) -> list[rr.TimeColumn]:
+    """Both timelines for rows at times (R,) s; clock: (F,) s, of the frames. A row has the frame shown at its time."""
     return [
-        rr.TimeColumn(FRAME, sequence=np.floor(times * fps + 1e-6).astype(np.int64)),
+        rr.TimeColumn(FRAME, sequence=np.maximum(np.searchsorted(clock, times + 1e-6, "right") - 1, 0)),
         rr.TimeColumn(SIM_TIME, duration=np.asarray(times, np.float64)),
     ]
 
 
-def at_frames(frames: np.ndarray, fps: float) -> list[rr.TimeColumn]:
-    """Both timelines for rows at frame numbers (R,)."""
+def at_frames(frames: np.ndarray, clock: np.ndarray) -> list[rr.TimeColumn]:
+    """Both timelines for rows at frame numbers (R,); clock: (F,) s, of the frames."""
     return [
         rr.TimeColumn(FRAME, sequence=np.asarray(frames, np.int64)),
-        rr.TimeColumn(SIM_TIME, duration=np.asarray(frames, np.float64) / fps),
+        rr.TimeColumn(SIM_TIME, duration=np.asarray(clock, np.float64)[frames]),
     ]
 
 
@@ -34,7 +34,7 @@ def send_steps(
     recording: rr.RecordingStream,
     path: str,
     times: np.ndarray,
-    fps: float,
+    clock: np.ndarray,
     columns: Callable[[np.ndarray], rr.ComponentColumnList],
 ) -> None:
     """Log rows at simulation steps. Steps between two frames are on `sim_time` only.
@@ -43,12 +43,12 @@ def send_steps(
         recording: The recording.
         path: The entity.
         times: (S,) of the steps, s.
-        fps: Frames per second.
+        clock: (F,) s, of the frames.
         columns: Makes the columns of the rows with given indices.
     """
-    place = times * fps
-    on_frame = np.abs(place - np.rint(place)) < 1e-6
-    shown, between = np.flatnonzero(on_frame), np.flatnonzero(~on_frame)
-    recording.send_columns(path, at_frames(np.rint(place[shown]), fps), columns(shown), strict=True)
+    frames = np.flatnonzero(clock <= times[-1] + 0.5 * (times[1] - times[0]))
+    shown = np.abs(times - clock[frames, None]).argmin(1)
+    between = np.setdiff1d(np.arange(len(times)), shown)
+    recording.send_columns(path, at_frames(frames, clock), columns(shown), strict=True)
     if len(between):
         recording.send_columns(path, [rr.TimeColumn(SIM_TIME, duration=times[between])], columns(between), strict=True)

@@ -34,7 +34,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         frames = np.repeat(np.where(masks > 0, 200, 60).astype(np.uint8)[..., None], 3, -1)
         folder = place / f"roll_{number}"
         folder.mkdir()
-        write_clip(folder / CLIP, FilmedClip(frames, masks, 30.0))
+        write_clip(folder / CLIP, FilmedClip(frames, masks, np.arange(len(frames)) / 30))
         save_scene(Scene((BALL,), CAMERA), folder / "scene.yaml")
         out.append(folder)
     return out

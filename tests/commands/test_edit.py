@@ -20,7 +20,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder as `dynamics infer` writes it, as far as `dynamics edit` reads it."""
     folder = tmp_path_factory.mktemp("found")
     (folder / "scene.yaml").write_text(small_clip.TEXT)
-    write_clip(folder / CLIP, FilmedClip(small_clip.frames(), small_clip.masks(), 30.0))
+    write_clip(folder / CLIP, FilmedClip(small_clip.frames(), small_clip.masks(), small_clip.SCHEDULE.times))
     return folder
 
 

@@ -72,11 +72,10 @@ def test_a_clip_in_slow_motion_is_looked_at_in_at_least_thirty_frames(tmp_path: 
     write_video(tmp_path / "slow.mp4", frames, 30)
     read = read_frames(tmp_path / "slow.mp4", seconds=0.4, assume_fps=240)
     assert read.filmed is not None
-    assert (len(read.clip.frames), len(read.filmed.frames)) == (12, 36)
-    assert set(read.clip.source_times) <= set(read.filmed.source_times)
+    assert len(read.clip.frames) == len(read.filmed.frames) == 32  # one of three
     usual = read_frames(tmp_path / "slow.mp4", seconds=0.4)
     assert usual.filmed is not None
-    assert len(usual.filmed.frames) in (12, 13)  # all that there are, each but once
+    assert len(usual.filmed.frames) == 12  # all that there are, each but once
     assert (np.diff(usual.filmed.source_times) > 0.02).all()
 
 

@@ -11,17 +11,18 @@ from pipeline.editing.layers import Layers, take_apart
 from pipeline.editing.view import BodyMotion, view_of
 from pipeline.physics.trace import Trace
 
-FRAMES, FPS = 30, 30.0
+FRAMES = 30
+TIMES = np.arange(FRAMES) / 30
 
 
 @cache
 def clip() -> FilmedClip:
-    return FilmedClip(small_clip.frames(), small_clip.masks(), FPS)
+    return FilmedClip(small_clip.frames(), small_clip.masks(), TIMES)
 
 
 @cache
 def motion() -> tuple[BodyMotion, Trace]:
-    return filmed_motion(small_clip.scene(), FRAMES, FPS)
+    return filmed_motion(small_clip.scene(), TIMES)
 
 
 @cache

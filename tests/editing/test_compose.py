@@ -14,7 +14,7 @@ from pipeline.vision.rendering.render import render_rgb
 
 
 def edited(*edits: Edit) -> EditedFrames:
-    made = run_edits(small_clip.scene(), filmed.motion()[1], edits, filmed.FRAMES, filmed.FPS)
+    made = run_edits(small_clip.scene(), filmed.motion()[1], edits, filmed.TIMES)
     rng = np.random.default_rng(0)
     return compose(filmed.clip(), filmed.layers(), made.motion, made.origin, made.first, rng)
 
@@ -58,7 +58,7 @@ def test_an_edited_clip_is_nearer_to_the_true_one_than_the_clip_as_it_was() -> N
     scene = small_clip.scene()
     edit = Edit(0.0, set="objects[crate].velocity=[-0.9, 0.0, 1.5]")
     made = edited(edit)
-    run = run_edits(scene, filmed.motion()[1], [edit], filmed.FRAMES, filmed.FPS)
+    run = run_edits(scene, filmed.motion()[1], [edit], filmed.TIMES)
     true, masks = rendered(run.scene, plain_appearance(2))
     both = (masks == 2) | (filmed.clip().masks == 2)
     assert filmed.psnr(made.frames, true, both) >= filmed.psnr(filmed.clip().frames, true, both) + 6

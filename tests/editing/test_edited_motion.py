@@ -8,10 +8,11 @@ import pytest
 import small_clip
 
 from pipeline.editing.edit_list import Edit
-from pipeline.editing.edited_motion import EditedMotion, frame_steps, run_edits
+from pipeline.editing.edited_motion import EditedMotion, run_edits
 from pipeline.errors import SceneError
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene
+from pipeline.scene.time_step import frame_steps
 
 BALL = {
     "shape": "sphere",
@@ -28,7 +29,7 @@ BALL = {
 
 
 def run(*edits: Edit) -> EditedMotion:
-    return run_edits(small_clip.scene(), filmed.motion()[1], edits, filmed.FRAMES, filmed.FPS)
+    return run_edits(small_clip.scene(), filmed.motion()[1], edits, filmed.TIMES)
 
 
 def test_without_edits_the_motion_is_the_clips() -> None:
@@ -41,7 +42,7 @@ def test_without_edits_the_motion_is_the_clips() -> None:
 def test_an_edit_at_the_beginning_gives_the_motion_of_the_edited_scene() -> None:
     made = run(Edit(0.0, set="gravity=1.6"))
     moon = simulate(replace(small_clip.scene(), gravity=(0, 0, -1.6)), 1.0)
-    np.testing.assert_allclose(made.motion.position, moon.position[frame_steps(filmed.FRAMES, filmed.FPS)], atol=1e-9)
+    np.testing.assert_allclose(made.motion.position, moon.position[frame_steps(filmed.TIMES)], atol=1e-9)
     assert made.first == 0
 
 

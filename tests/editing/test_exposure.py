@@ -37,11 +37,11 @@ def blurred_clip(shutter: float) -> FilmedClip:
     half = round(shutter * TIMES / 2)
     middle = np.arange(FRAMES) * TIMES
     spans = [pictures[max(t - half, 0) : t + half + 1].astype(float).mean(0) for t in middle]
-    return FilmedClip(np.rint(spans).astype(np.uint8), run.masks[middle], float(FPS))
+    return FilmedClip(np.rint(spans).astype(np.uint8), run.masks[middle], np.arange(FRAMES) / FPS)
 
 
 def taken_apart(shutter: float) -> tuple[FilmedClip, BodyMotion, Layers]:
-    clip, (motion, _) = blurred_clip(shutter), filmed_motion(scene(), FRAMES, FPS)
+    clip, (motion, _) = blurred_clip(shutter), filmed_motion(scene(), np.arange(FRAMES) / FPS)
     return clip, motion, take_apart(clip, motion, view_of(scene(), small_clip.WIDTH, small_clip.HEIGHT))
 
 

@@ -31,7 +31,7 @@ THROW = Scene(
 def clip_of(scene: Scene) -> UserClip:
     """A scene's clip with its own masks."""
     shown = replay_poses(scene, SCHEDULE)
-    letterbox, _ = letterbox_for((480, 320), (480, 320))
+    letterbox = letterbox_for((480, 320), (480, 320))
     clip = Clip(
         frames=shown.pictures("raycast"),
         times=TIMES,
@@ -49,13 +49,13 @@ def throw() -> UserClip:
 
 
 def fitted(clip: UserClip, world: World) -> FilmedWorld:
-    return with_scene(filmed_world(clip, world), clip)
+    return with_scene(filmed_world(clip, world))
 
 
 def test_a_throw_is_answered_and_forecast(throw: UserClip) -> None:
     found = fitted(throw, World())
     assert found.motion.view.kind == "flight"
-    assert found.scene is not None
+    assert found.answer is not None
     assert found.forecast is not None
     assert found.forecast.iou > 0.8 > found.forecast.constant_velocity_iou
     assert grade(0.9, found.forecast).name == "good"
@@ -69,8 +69,8 @@ def test_a_view_that_the_tracks_contradict_is_refused(throw: UserClip) -> None:
 def test_a_view_that_is_given_is_kept(throw: UserClip) -> None:
     found = fitted(throw, World(view="table"))
     assert found.motion.view.kind == "table"
-    assert found.scene is not None
-    assert found.scene.ground == 0
+    assert found.answer is not None
+    assert found.answer.scene.ground == 0
 
 
 def test_a_known_size_gives_the_scale(throw: UserClip) -> None:
@@ -132,13 +132,12 @@ def test_a_box_that_slides_is_measured_with_its_angle_and_honest_errors() -> Non
     assert box.angle_sigma.max() < 0.1
 
 
-def test_tracks_of_a_cropped_picture_are_moved_into_the_clip() -> None:
+def test_tracks_of_the_videos_own_picture_are_brought_into_the_clip() -> None:
     masks = np.zeros((8, 480, 640), np.uint8)
     masks[:, 200:240, 300:340] = 1
     (track,) = image_tracks(masks, np.arange(8) / 30)
-    letterbox = Letterbox((640, 480), (480, 320), (0, 26, 640, 427), (0, 0, 480, 320))
-    moved = clip_track(track, letterbox)
-    assert moved.centre[0] == pytest.approx([240, (220 - 26) * 0.75], abs=0.1)
+    moved = clip_track(track, Letterbox((640, 480), (480, 320), (26, 0, 427, 320)))
+    assert moved.centre[0] == pytest.approx([26 + 320 * 427 / 640, 220 * 427 / 640], abs=0.1)
 
 
 def test_the_last_third_is_forecast_and_short_clips_are_not() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.errors import VideoError
 from pipeline.inference import measure_clip as measuring
 from pipeline.inference.measure_clip import FlowSource, measure_clip
 from pipeline.inference.measured_clip import clip_schedule
@@ -44,11 +45,10 @@ def test_a_clip_begins_where_a_body_is_first_seen_if_enough_is_left(
     assert len(measured.taken.masks) == len(measured.taken.clip.frames)
 
 
-@pytest.mark.parametrize("seconds", [0.5166, 0.517, 0.55, 0.866, 0.9833, 1.0])
-def test_the_schedule_of_a_clip_has_as_many_frames_as_are_simulated(seconds: float) -> None:
-    schedule = clip_schedule(VIDEO, seconds)
-    assert schedule.frames == round(seconds * schedule.fps)
-    assert schedule.frames == len(schedule.frame_steps) <= 1 + schedule.steps / 8
+def test_clips_of_a_few_frames_are_too_short() -> None:
+    assert clip_schedule(VIDEO, np.arange(5) / 30).frames == 5
+    with pytest.raises(VideoError, match=r"4 frames in 0\.133 s are too short; valid: 5 frames, and 0\.15 s, or more"):
+        clip_schedule(VIDEO, np.arange(4) / 30)
 
 
 @pytest.mark.parametrize("seconds", [0.5166, 0.55, 0.6499])

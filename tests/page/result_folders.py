@@ -29,6 +29,6 @@ def write_inferred(folder: Path, result: dict[str, Any] = INFER) -> Path:
     """A folder with clip, scene and result."""
     folder.mkdir(parents=True)
     (folder / "scene.yaml").write_text(small_clip.TEXT)
-    write_clip(folder / CLIP, FilmedClip(small_clip.frames(), small_clip.masks(), 30.0))
+    write_clip(folder / CLIP, FilmedClip(small_clip.frames(), small_clip.masks(), small_clip.SCHEDULE.times))
     (folder / "result.json").write_text(json.dumps(result))
     return folder

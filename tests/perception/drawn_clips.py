@@ -73,4 +73,4 @@ def clip(frames: np.ndarray, start: float = 0.0) -> Clip:
     """A clip of frames (T, H, W, 3) uint8 at 30 FPS that begins `start` s after its video."""
     height, width = frames.shape[1:3]
     times, size = np.arange(len(frames)) / 30, (width, height)
-    return Clip(frames, times, times + start, 30.0, size, letterbox_for(size, size)[0])
+    return Clip(frames, times, times + start, 30.0, size, letterbox_for(size, size))

@@ -86,7 +86,7 @@ def test_a_body_that_trembles_beside_one_that_flies_rests() -> None:
 
 def test_a_stretch_has_the_length_that_is_asked_for_and_stays_in_the_file() -> None:
     assert fitted(1.0, 2.5, 10.0, None).seconds == pytest.approx(1.5)
-    assert fitted(1.0, 1.1, 10.0, None).start == pytest.approx(0.85)
+    assert fitted(1.0, 1.1, 10.0, None).start == pytest.approx(0.975)
     assert fitted(1.0, 20.0, 30.0, None).seconds == 12
     assert (fitted(9.5, 10.0, 10.0, 2.0).start, fitted(9.5, 10.0, 10.0, 2.0).seconds) == (8.0, 2.0)
 
@@ -116,9 +116,7 @@ def test_the_whole_of_a_short_file_can_be_read(tmp_path: Path, frames: int, fps:
     write_video(tmp_path / "clip.mp4", np.zeros((frames, 32, 48, 3), np.uint8), fps)
     part = stretch_of(tmp_path / "clip.mp4", no_network, assume_fps=None, start=None, seconds=None, masks=None)
     assert part.seconds == pytest.approx(frames / fps, abs=0.06)
-    for rate in (30, 60):
-        clip = read_clip(tmp_path / "clip.mp4", part.start, part.seconds, rate)
-        assert len(clip.frames) == round(part.seconds * rate)
+    assert len(read_clip(tmp_path / "clip.mp4", part.start, part.seconds).frames) == frames
 
 
 def test_a_disc_that_rests_and_then_moves_is_looked_at_while_it_moves(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def footage(trace: Trace) -> Footage:
     rgb = np.repeat(80 * masks[..., None], 3, -1)
     pictures = Pictures(rgb, masks, view.depth, first, view.flow, first)
     return Footage(
-        "suite/7", "# notes", (MotionLayer("truth", SCENE, trace, True, EVENTS),), pictures, fps=SCHEDULE.fps
+        "suite/7", "# notes", (MotionLayer("truth", SCENE, trace, True, EVENTS),), pictures, times=SCHEDULE.times
     )
 
 
@@ -75,8 +75,8 @@ def test_a_body_is_where_it_was_simulated_at_every_step_and_at_every_frame(file:
         xyzw = [p["Transform3D:quaternion"][0] for p in poses]
         np.testing.assert_allclose(xyzw, trace.quaternion[:, i][:, [1, 2, 3, 0]], atol=1e-6)
         at_frames = [p for p in poses if p.get("frame") is not None]
-        assert [p["frame"] for p in at_frames] == list(range(31))
-        np.testing.assert_allclose([seconds(p) for p in at_frames], np.arange(31) / 30, atol=1e-6)
+        assert [p["frame"] for p in at_frames] == list(range(30))
+        np.testing.assert_allclose([seconds(p) for p in at_frames], np.arange(30) / 30, atol=1e-6)
 
 
 def test_shapes_camera_and_notes_hold_for_all_times(file: Path) -> None:
@@ -134,8 +134,8 @@ def test_the_recording_is_the_clips_with_a_blueprint_for_all_and_rerun_can_read_
 
 def test_a_scene_alone_and_pictures_alone_can_be_shown(footage: Footage, trace: Trace, tmp_path: Path) -> None:
     blind = Scene(SCENE.objects, None, SCENE.gravity, None)
-    save(Footage("scene", "", (MotionLayer("scene", blind, trace),)), tmp_path / "scene.rrd")
-    save(Footage("pictures", "", (), footage.seen), tmp_path / "pictures.rrd")
+    save(Footage("scene", "", (MotionLayer("scene", blind, trace),), times=SCHEDULE.times), tmp_path / "scene.rrd")
+    save(Footage("pictures", "", (), footage.seen, times=SCHEDULE.times), tmp_path / "pictures.rrd")
     assert rows(tmp_path / "scene.rrd", "world/scene/ball")
     assert len(rows(tmp_path / "pictures.rrd", "world/camera/rgb")) == 30
 
@@ -159,7 +159,10 @@ def test_fixed_bodies_stand_in_the_scene_and_events_name_them(tmp_path: Path) ->
     areas = np.full((SCHEDULE.frames, 1), 1000.0)
     found = find_events(trace, scene.shapes, areas, SCHEDULE.frame_steps, DEFAULT_THRESHOLDS)
     assert event_text(found[0], scene) == "ball hits ramp"
-    save(Footage("scene", "", (MotionLayer("scene", scene, trace, True, tuple(found)),)), tmp_path / "a.rrd")
+    save(
+        Footage("scene", "", (MotionLayer("scene", scene, trace, True, tuple(found)),), times=SCHEDULE.times),
+        tmp_path / "a.rrd",
+    )
     (drawn,) = (r for r in rows(tmp_path / "a.rrd", "world/scene/ramp", static=True) if "Boxes3D:half_sizes" in r)
     assert drawn["Boxes3D:half_sizes"] == [pytest.approx([0.5, 0.25, 0.05])]
     assert rows(tmp_path / "a.rrd", "world/scene/wall", static=True)

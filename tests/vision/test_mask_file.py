@@ -51,13 +51,14 @@ def test_resizing_keeps_ids_whole(tmp_path, masks):
     assert np.array_equal(larger[:, ::2, ::2], masks)
 
 
-def test_masks_of_the_sources_size_are_cropped_as_the_clip_was(tmp_path, rng):
+def test_masks_of_the_sources_size_are_placed_as_the_clip_is(tmp_path, rng):
     masks = rng.integers(0, 3, (2, 48, 64)).astype(np.uint8)
     np.savez(tmp_path / "masks.npz", masks=masks)
-    letterbox, _ = letterbox_for((64, 48), (64, 43))
-    _, top, _, height = letterbox.window
-    read = read_masks(tmp_path / "masks.npz", (64, 43), letterbox=letterbox)
-    assert np.array_equal(read, masks[:, top : top + height])
+    letterbox = letterbox_for((64, 48), (84, 48))
+    left, _, width, _ = letterbox.place
+    read = read_masks(tmp_path / "masks.npz", (84, 48), letterbox=letterbox)
+    assert np.array_equal(read[:, :, left : left + width], masks)
+    assert not read[:, :, :left].any()
 
 
 def error_of(path, **options):

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.search.guess import CAMERA
+from pipeline.search.guess import usual_camera
 from pipeline.search.outlines.contour import Contour, instance_contour
 from pipeline.search.outlines.rigid_flow import replace_flow
 from pipeline.search.outlines.shape_evidence import LEAST_PROBABILITY, UNIFORM, ShapeEvidence, shape_evidence
@@ -50,7 +50,8 @@ class ClipOutlines:
     @cached_property
     def evidence(self) -> tuple[ShapeEvidence, ...]:
         """Of each instance, which shape it has, and the fits of likely shapes with the rotation that pictures show."""
-        focal, upright = focal_px(CAMERA.fov, self.height), pinhole(CAMERA).rotation_world.T
+        camera = usual_camera(self.masks.shape[2], self.height)
+        focal, upright = focal_px(camera.fov, self.height), pinhole(camera).rotation_world.T
         priors = [UNIFORM] * self.instances if self.shape_prior is None else self.shape_prior
         found = [
             shape_evidence(contour, self.times, focal, upright, prior)

@@ -34,8 +34,8 @@ def given_masks(path: Path, clip: Clip, video: Path, assume_fps: float | None) -
         times = frame_times(video, assume_fps)
         if len(masks) != len(times):
             raise VideoError(
-                f"{path} has {len(masks)} masks; valid: {len(clip.frames)}, one for each frame of the clip at "
-                f"{1 / clip.times[1]:g} FPS, or {len(times)}, one for each frame of {video.name}"
+                f"{path} has {len(masks)} masks; valid: {len(clip.frames)}, one for each frame of the clip that is "
+                f"used, or {len(times)}, one for each frame of {video.name}"
             )
         chosen = np.abs(times - clip.source_times[:, None]).argmin(1)
     if not masks[chosen].any():
@@ -49,7 +49,7 @@ def _nearest(path: Path, times: np.ndarray, masks: np.ndarray, clip: Clip) -> np
         raise VideoError(f"{path}: `times` is {times.shape}; valid: ({len(masks)},), s, one for each mask")
     apart = np.abs(times - clip.source_times[:, None])
     first, last = clip.source_times[[0, -1]]
-    if apart.min(1).max() > 1 / min(clip.source_fps, 1 / clip.times[1]):
+    if apart.min(1).max() > float(np.diff(clip.times).max()):
         raise VideoError(
             f"{path} has masks from {times.min():.2f} to {times.max():.2f} s of its video; the clip needs them from "
             f"{first:.2f} to {last:.2f} s: give the same --start, --seconds and --fps to both commands"

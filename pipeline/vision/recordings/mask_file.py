@@ -28,7 +28,7 @@ def read_masks(
         path: A folder of PNGs, a PNG, or an NPZ.
         size: (width, height) of the result, px.
         count: Number of masks that is required; None: any.
-        letterbox: That of the clip. Masks with the shape of the recording are cropped as it is, others are resized.
+        letterbox: That of the clip. Masks with the shape of the recording are brought to its place, others are resized.
 
     Returns:
         Ids (T, H, W) uint8: 0 for the background, else 1 to N in the order of the values in the file.
@@ -49,12 +49,13 @@ def read_masks(
     ids = np.where(masks == 0, 0, np.searchsorted(values, masks) + 1).astype(np.uint8)
     own = (ids.shape[2], ids.shape[1])
     if letterbox is not None and abs(own[0] * letterbox.source[1] / (own[1] * letterbox.source[0]) - 1) < 0.01:
-        return letterboxed(ids, letterbox_for(own, letterbox.size)[0])
+        return sized(ids, letterbox.size)
     return np.stack([cv2.resize(m, size, interpolation=cv2.INTER_NEAREST_EXACT) for m in ids])
 
 
-def letterboxed(ids: np.ndarray, letterbox: Letterbox) -> np.ndarray:
-    """Ids (T, H, W) as the letterbox shows them."""
+def sized(ids: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Ids (T, H, W) in another size (width, height), px, as the letterbox shows them."""
+    letterbox = letterbox_for((ids.shape[2], ids.shape[1]), size)
     return np.stack([letterbox.apply(m, nearest=True) for m in ids])
 
 

@@ -1,4 +1,4 @@
-"""Video files: reading frames at regular times in one size, and writing files that browsers play.
+"""Video files: reading frames as they were filmed, and writing files that browsers play.
 
 PyAV is used because its wheel includes FFmpeg, gives the time stamp of each frame and the rotation that phones record,
 and encodes H.264. OpenCV's wheel does the last two unreliably.
@@ -7,6 +7,7 @@ and encodes H.264. OpenCV's wheel does the last two unreliably.
 from __future__ import annotations
 
 import contextlib
+import math
 import platform
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -19,22 +20,25 @@ import numpy as np
 
 from pipeline.errors import OutputError, VideoError
 from pipeline.untrusted import MOST_PIXELS, open_untrusted
-from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for
+from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for, of_area
 
-SIZE = (480, 320)  # px, width and height
-FPS = 30.0
+FPS = 30.0  # frames a second that are enough of a film
+LEAST_FRAMES = 30  # which of a clip in slow motion are kept even so
+AREA = 480 * 320  # px² of the pictures in which clips are compared
 MOST_BYTES = 2**30  # of the frames of a clip in its own size
+CLOCK = Fraction(1, 90_000)  # s, of the time stamps that are written
+STEADY = 0.02  # intervals between frames that differ by a smaller share are equal
 SEEK_FROM = 2.0  # s; up to there frames are decoded from the beginning
 
 
 @dataclass(frozen=True)
 class Clip:
-    """A part of a video at a regular frame rate.
+    """A part of a video, in frames that were filmed, each once.
 
     Attributes:
         frames: (T, H, W, 3) uint8 RGB.
-        times: (T,) s from the start of the clip, regular.
-        source_times: (T,) s from the first frame of the file: when each frame was recorded.
+        times: (T,) s from the first of them.
+        source_times: (T,) s from the first frame of the file.
         source_fps: Frame rate of the recording.
         source_size: (width, height) px, upright.
         letterbox: From the upright recording to `frames`.
@@ -52,28 +56,26 @@ class Clip:
     @property
     def notes(self) -> list[str]:
         """What was changed or assumed, a sentence each."""
-        note = letterbox_for(self.letterbox.source, self.letterbox.size)[1]
-        return [*self.file_notes, *([note] if note else []), *repeats(self.source_times.tolist(), 1 / self.times[1])]
+        return [*self.file_notes, *([self.letterbox.note] if self.letterbox.note else [])]
 
 
 def read_clip(
     path: Path | str,
     start: float = 0.0,
-    seconds: float = 1.0,
-    fps: float = FPS,
-    size: tuple[int, int] | None = SIZE,
+    seconds: float | None = 1.0,
+    *,
+    fps: float | None = None,
+    size: tuple[int, int] | None = None,
     assume_fps: float | None = None,
 ) -> Clip:
-    """Read a part of a video as round(seconds * fps) frames.
-
-    Each frame is the recorded one that is nearest in time, by the time stamps of the file. Variable frame rates are
-    handled.
+    """Read the frames of a part of a video as they were filmed, by the time stamps of the file.
 
     Args:
         path: Video file.
-        start: Start of the clip, s.
-        seconds: Length of the clip, s.
-        fps: Frame rate of the clip.
+        start: Start of the clip, s: of the first frame, or up to half an interval before it.
+        seconds: Length of the clip, s; None: to the end of the file.
+        fps: Frames a second that are enough: of a file with twice as many or more, every second, third … is left out,
+            down to LEAST_FRAMES. None: all are kept.
         size: (width, height) px; None: the recording's own, or as large as `MOST_BYTES` allow.
         assume_fps: Frame rate that replaces the time stamps where they are wrong, as in slow motion. `start` and
             `seconds` then refer to that time.
@@ -82,76 +84,80 @@ def read_clip(
         VideoError: The file is not a readable video, or the clip is not within it.
     """
     path = Path(path)
-    count = round(seconds * fps)
-    if not (seconds > 0 and fps > 0 and start >= 0 and count >= 2):
+    if seconds is None:
+        check_file(path)
+        seconds = max(float(frame_times(path, assume_fps).max(initial=0)) - start, 0) + 1 / FPS
+    if not (0 < seconds < np.inf and 0 <= start < np.inf):
         raise VideoError(
-            f"{path}: {seconds:g} s from {start:g} s at {fps:g} FPS is not a valid clip: the start must be 0 or "
-            "more, and at least 2 frames are needed"
+            f"{path}: {seconds:g} s from {start:g} s is not a valid clip: the start must be 0 or more, the length more"
         )
     if assume_fps is not None and not 0 < assume_fps < float("inf"):
         raise VideoError(f"{path}: the frame rate must be positive and finite, not {assume_fps:g}")
     check_file(path)
     decoder = Decoder(path, start, assume_fps)
+    rate = assume_fps or decoder.header_fps
+    early, every = 0.5 / rate, 1 if fps is None else thinning(rate, seconds, fps)
     letterbox: Letterbox | None = None
     frames: list[np.ndarray] = []
     recorded: list[float] = []
-    wanted = start + np.arange(count) / fps
-    before: tuple[float, np.ndarray] | None = None
+    within = 0
     for time, picture in decoder:
+        if time >= start + seconds - early - 1e-9:
+            break
+        if time < start - early - 1e-9:
+            continue
         if letterbox is None:
             source = (picture.shape[1], picture.shape[0])
-            letterbox, _ = letterbox_for(source, size or largest_size(source, count))
-        if before is not None:
-            while len(frames) < count and wanted[len(frames)] <= (before[0] + time) / 2:
-                frames.append(letterbox.apply(before[1]))
-                recorded.append(before[0])
-        before = (time, picture)
-        if len(frames) == count:
-            break
+            letterbox = letterbox_for(source, size or largest_size(source, round(seconds * rate / every) + 1))
+        if within % every == 0:
+            frames.append(letterbox.apply(picture))
+            recorded.append(time)
+        within += 1
     decoder.close()
     check_decoded(path, decoder, start)
-    assert before is not None
-    assert letterbox is not None
-    slack = max(0.5 / fps, decoder.interval - 0.5 / fps) + 1e-6  # the last frame is shown up to the recording's end
-    while len(frames) < count and wanted[len(frames)] <= before[0] + slack:
-        frames.append(letterbox.apply(before[1]))
-        recorded.append(before[0])
-    if len(frames) < count:
-        end = before[0] + decoder.interval
+    end = decoder.last + decoder.interval
+    if start + seconds > end + max(decoder.interval, 1 / FPS):
         broken = " before it breaks off" if decoder.broken else ""
         raise VideoError(
             f"{path} is {end:.2f} s long{broken}: a clip of {seconds:g} s from {start:g} s on does not fit; at most "
             f"{max(end - start, 0):.2f} s do"
         )
+    if len(frames) < 2:
+        raise VideoError(f"{path}: {seconds:g} s from {start:g} s on have fewer than 2 frames at {rate:.4g} FPS")
+    assert letterbox is not None
     return Clip(
         frames=np.stack(frames),
-        times=np.arange(count) / fps,
+        times=np.array(recorded) - recorded[0],
         source_times=np.array(recorded),
         source_fps=decoder.fps,
         source_size=letterbox.source,
         letterbox=letterbox,
-        file_notes=decoder.notes(assume_fps),
+        file_notes=decoder.notes(assume_fps, every),
     )
+
+
+def thinning(rate: float, seconds: float, fps: float) -> int:
+    """Every how many frames of a film, `rate` a second, one is kept, so that `fps` or LEAST_FRAMES are left."""
+    return max(1, min(math.floor(rate / fps + 0.1), math.floor(rate * seconds / LEAST_FRAMES + 0.01)))
 
 
 def largest_size(source: tuple[int, int], count: int) -> tuple[int, int]:
     """The recording's size (width, height), px, made smaller where `count` frames would take more than `MOST_BYTES`."""
-    width, height = source
-    scale = min(1.0, (MOST_BYTES / (count * width * height * 3)) ** 0.5)
-    return round(width * scale), round(height * scale)
+    return of_area(source, min(source[0] * source[1], MOST_BYTES / (3 * count)))
 
 
-def resampled(clip: Clip, every: int, size: tuple[int, int] = SIZE) -> Clip:
-    """A clip in its own size, reduced to its frames 0, every, 2 every … and brought to another size (width, height)."""
+def scaled(clip: Clip, size: tuple[int, int] | None = None) -> Clip:
+    """A clip in its own size brought to another (width, height), px; None: evenly to AREA."""
     height, width = clip.frames.shape[1:3]
-    fitted, _ = letterbox_for((width, height), size)
-    return replace(
-        clip,
-        frames=np.stack([fitted.apply(f) for f in clip.frames[::every]]),
-        times=clip.times[::every],
-        source_times=clip.source_times[::every],
-        letterbox=letterbox_for(clip.source_size, size)[0],
-    )
+    wanted = size or of_area(clip.source_size, AREA)
+    fitted = letterbox_for((width, height), wanted)
+    frames = clip.frames if (width, height) == wanted else np.stack([fitted.apply(f) for f in clip.frames])
+    return replace(clip, frames=frames, letterbox=letterbox_for(clip.source_size, wanted))
+
+
+def nearest_frames(clip: Clip, fps: float, count: int) -> np.ndarray:
+    """(count,) the frames of a clip that are nearest to regular times, `fps` a second."""
+    return np.asarray(np.abs(clip.times - np.arange(count)[:, None] / fps).argmin(1))
 
 
 def frame_times(path: Path | str, assume_fps: float | None = None) -> np.ndarray:
@@ -183,14 +189,6 @@ def check_decoded(path: Path, decoder: Decoder, start: float) -> None:
         raise VideoError(f"{path} has one frame only: at least two are needed")
     if start > decoder.last + decoder.interval:
         raise VideoError(f"{path} is {decoder.last + decoder.interval:.2f} s long: {start:g} s is after its end")
-
-
-def repeats(recorded: list[float], fps: float) -> list[str]:
-    """A note on frames that repeat because the recording has fewer."""
-    same = int((np.diff(recorded) <= 0).sum())
-    if not same:
-        return []
-    return [f"{same} of {len(recorded)} frames repeat the one before: the recording has fewer than {fps:g} a second"]
 
 
 #: A playlist may name other files and addresses; containers that hold their own pictures are opened, and nothing else.
@@ -281,7 +279,8 @@ class Decoder:
         self.rotation = round(frame.rotation / 90) * 90 % 360
         return np.rot90(picture, self.rotation // 90)  # both count anticlockwise
 
-    def notes(self, assume_fps: float | None) -> list[str]:
+    def notes(self, assume_fps: float | None, every: int) -> list[str]:
+        """What the file needed or was assumed to be, a sentence each; every: of so many frames one was kept."""
         out = []
         if assume_fps is not None and abs(assume_fps / self.header_fps - 1) > 0.005:
             out.append(f"the header says {self.header_fps:.4g} FPS; {assume_fps:g} FPS is used as given")
@@ -290,9 +289,11 @@ class Decoder:
         steps = np.array(self._steps)
         if assume_fps is None and len(steps) > 2 and np.ptp(np.quantile(steps, [0.02, 0.98])) > 0.25 * np.median(steps):
             out.append(
-                f"variable frame rate, intervals of {steps.min() * 1e3:.0f} to {steps.max() * 1e3:.0f} ms: resampled "
-                "by time stamps"
+                f"variable frame rate, intervals of {steps.min() * 1e3:.0f} to {steps.max() * 1e3:.0f} ms: each frame "
+                "counts at its own time"
             )
+        if every > 1:
+            out.append(f"one frame of {every} is used, {self.fps / every:.4g} a second")
         if self.rotation:
             out.append(f"rotated by {self.rotation} degrees anticlockwise, as the file states")
         if abs(self.aspect - 1) > 0.005:
@@ -310,8 +311,10 @@ _NO_AVX512 = {"x264-params": "asm=sse4.2"} if platform.machine() in ("x86_64", "
 _X264 = {"crf": "18", "threads": "1"} | _NO_AVX512
 
 
-def write_video(path: Path | str, frames: np.ndarray, fps: float = FPS) -> None:
+def write_video(path: Path | str, frames: np.ndarray, fps: float | np.ndarray = FPS) -> None:
     """Write frames (T, H, W, 3) uint8 RGB as H.264 mp4 (yuv420p, playable while it loads).
+
+    fps: Frames a second, or (T,) s, when each of them is shown.
 
     The file gets its name when it is complete. An odd width or height is padded with the last column or row. Raises
     OutputError.
@@ -323,7 +326,7 @@ def write_video(path: Path | str, frames: np.ndarray, fps: float = FPS) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with av.open(str(temporary), "w", format="mp4", options={"movflags": "+faststart"}) as container:
-            encode(container, frames, Fraction(fps).limit_denominator(1001))
+            encode(container, frames, fps)
         temporary.replace(path)
     except (OSError, av.FFmpegError) as error:
         with contextlib.suppress(OSError):
@@ -331,11 +334,24 @@ def write_video(path: Path | str, frames: np.ndarray, fps: float = FPS) -> None:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def encode(container: av.container.OutputContainer, frames: np.ndarray, rate: Fraction) -> None:
+def encode(container: av.container.OutputContainer, frames: np.ndarray, fps: float | np.ndarray) -> None:
+    """Encode frames (T, H, W, 3); fps: as of `write_video`."""
     name, options = ("libx264", _X264) if "libx264" in av.codecs_available else ("mpeg4", {})
-    stream = container.add_stream(name, rate=rate, options=options)
+    rate, times = (float(fps), None) if np.ndim(fps) == 0 else steady_rate(np.asarray(fps))
+    stream = container.add_stream(name, rate=Fraction(rate).limit_denominator(1001), options=options)
     assert isinstance(stream, av.VideoStream)
     stream.width, stream.height, stream.pix_fmt = frames.shape[2], frames.shape[1], "yuv420p"
-    for frame in frames:
-        container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
+    if times is not None:
+        stream.codec_context.time_base = CLOCK
+    for k, picture in enumerate(frames):
+        frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+        if times is not None:
+            frame.pts, frame.time_base = round((times[k] - times[0]) / CLOCK), CLOCK
+        container.mux(stream.encode(frame))
     container.mux(stream.encode())
+
+
+def steady_rate(times: np.ndarray) -> tuple[float, np.ndarray | None]:
+    """The mean rate of times (T,), s, and the times where the intervals between them differ; else None."""
+    steps = np.diff(times)
+    return float(1 / steps.mean()), times if np.ptp(steps) > STEADY * steps.mean() else None

@@ -47,6 +47,11 @@ def focal_px(fov_y_deg: float, height: int) -> float:
     return height / (2.0 * math.tan(math.radians(fov_y_deg) / 2.0))
 
 
+def fov_deg(focal: float, height: int) -> float:
+    """Vertical field of view, degrees, of an image that is `height` px high, with a focal length in px."""
+    return math.degrees(2.0 * math.atan(height / (2.0 * focal)))
+
+
 def project(points_world: np.ndarray, camera: Pinhole, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
     """Project points of the world into the image.
 
