@@ -28,7 +28,7 @@ from pipeline.inference.filmed_world import World
 from pipeline.inference.find_scenes import FoundScenes, SearchBudget, find_scenes
 from pipeline.inference.measure_clip import FlowSource, measure_clip
 from pipeline.inference.measured_clip import MeasuredClip
-from pipeline.inference.method import TRACKS, Method
+from pipeline.inference.method import TRACKS, Method, steady_line_doubt
 from pipeline.inference.progress import Progress
 from pipeline.inference.scene_search import LEAST_SEARCH
 from pipeline.inference.trust import Grade, grade
@@ -113,7 +113,9 @@ class Inference(FolderResult):
     @property
     def doubts(self) -> list[str]:
         """Why the answer should not be relied on."""
-        return [*self.clip.taken.doubts, *self.scenes.filmed.doubts]
+        filmed = self.scenes.filmed
+        steady = steady_line_doubt(filmed.motion.view, self.settings.world)
+        return [*self.clip.taken.doubts, *filmed.doubts, *([] if steady is None else [steady])]
 
     def replay(self) -> Replay:
         """The scene, run over the clip."""

@@ -154,6 +154,18 @@ def with_scene(filmed: FilmedWorld, threads: int = 1) -> FilmedWorld:
     return replace(filmed, answer=told.answer, forecast=told.forecast)
 
 
+def seen_as(filmed: FilmedWorld, kind: str) -> FilmedWorld | None:
+    """That world with its clip seen from another view, of `pipeline.motion.view.VIEWS`; None where the tracks cannot
+    show that view."""
+    f, told = filmed.followed, filmed.motion.view.kind
+    try:
+        again = follow(f.masks, f.frames, f.times, replace(f.world, view=kind), f.pictured)
+    except ParamsError:
+        return None
+    view = replace(again.motion.view, reason=f"its replay fits better than that of a {told}, which the tracks tell of")
+    return replace(filmed, followed=replace(again, motion=replace(again.motion, view=view)), answer=None, forecast=None)
+
+
 @dataclass(frozen=True)
 class Pictured:
     """What a user knows of the picture, in px of the frames in which bodies are followed.

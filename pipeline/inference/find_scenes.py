@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.errors import SimulationError
 from pipeline.inference.asking import LoadingModel, Question, ask_model
-from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, with_scene
+from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, seen_as, with_scene
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.method import (
     SEARCH,
@@ -42,9 +42,10 @@ from pipeline.inference.scene_search import (
     search_forecast,
 )
 from pipeline.inference.trust import Forecast
+from pipeline.motion.view import VIEWS
 from pipeline.search.best_of_k import rank
 from pipeline.search.certainty import Certainty
-from pipeline.search.evaluator import Rewards
+from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.vision.recordings.letterbox import of_area
 
 if TYPE_CHECKING:
@@ -164,19 +165,18 @@ def find_scenes(
                 methods.append(answer_method("best of K", answers, ranking.rewards, top, clip, len(answers)))
         with progress.step("view"):  # what is left of it
             filmed = viewing.result()
-    view = filmed.motion.view
-    progress.say("view", f"{view.kind}: {view.reason}")
+    told = filmed.motion.view
+    progress.say("view", f"{told.kind}: {told.reason}")
     ranked = [answers[int(i)].scene for i in ranking.order]
     starts = distinct_starts(ranked, ranking.rewards.valid[ranking.order].tolist(), STARTS)
     searched = None
-    for way in ways(view.kind, budget.simulations, world.measured):
+    for way in ways(told.kind, budget.simulations, world.measured):
         with progress.step(way):
             if way == TRACKS:
-                filmed = with_scene(filmed, cores())
-                if filmed.answer is None:
+                filmed, fitted = from_tracks(filmed, evaluator, clip, world, budget.simulations > 0)
+                if fitted is None:
                     continue
-                ambiguous = budget.simulations > 0 and is_ambiguous(view, world)
-                methods.append(tracks_method(filmed.answer, evaluator, clip, ambiguous))
+                methods.append(fitted)
             else:
                 searched = search_clip(
                     evaluator,
@@ -191,6 +191,8 @@ def find_scenes(
                 methods.append(search_method(searched, answers, ranking, clip))
         if settled(methods):
             break
+    if filmed.motion.view.kind != told.kind:
+        progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
     best = best_of(methods)
     certain: tuple[Certainty, ...] = ()
     if searched is not None:
@@ -218,6 +220,36 @@ def find_scenes(
         ),
         certainties=certain,
     )
+
+
+def from_tracks(
+    filmed: FilmedWorld, evaluator: Evaluator, clip: MeasuredClip, world: World, searched: bool
+) -> tuple[FilmedWorld, Method | None]:
+    """The scene that fits the tracks in the likeliest view or, where that does not explain the clip, in the best one.
+
+    Args:
+        filmed: The world that the tracks tell of.
+        evaluator: Of the clip.
+        clip: The clip.
+        world: What the user knows; a view that is given is the only one.
+        searched: There is a search as well, which knows tables.
+    """
+    best: tuple[FilmedWorld, Method | None] = (filmed, None)
+    for kind in (filmed.motion.view.kind, *(v for v in VIEWS if v != filmed.motion.view.kind)):
+        likeliest = kind == filmed.motion.view.kind
+        seen = filmed if likeliest else seen_as(filmed, kind)
+        if seen is None:
+            continue
+        fitted = with_scene(seen, cores())
+        if fitted.answer is not None:
+            method = tracks_method(fitted.answer, evaluator, clip, searched and is_ambiguous(fitted.motion.view, world))
+            if best[1] is None or method.merit > best[1].merit:
+                best = fitted, method
+        elif likeliest:
+            best = fitted, None
+        if world.view is not None or (best[1] is not None and settled([best[1]])):
+            break
+    return best
 
 
 def cores() -> int:

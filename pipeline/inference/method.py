@@ -90,6 +90,16 @@ def settled(methods: Sequence[Method]) -> bool:
     return best_of(methods) is last and last.overlap.sequence >= EXPLAINS_IOU and not last.ambiguous
 
 
+def steady_line_doubt(view: View, world: World) -> str | None:
+    """A sentence where bodies move along one line without speeding up, which is seen from above as from the side."""
+    if view.kind != "top" or not is_ambiguous(view, world):
+        return None
+    return (
+        "bodies move along one line at a steady speed: they may be seen from above, or sink steadily and be seen from "
+        "aside; the clip does not tell, --view top or --view side does"
+    )
+
+
 def is_ambiguous(view: View, world: World) -> bool:
     """Whether the tracks fit another view as well: all motion is along one direction, as it may be on a table, too."""
     if world.view is not None or world.measured or view.kind not in ("top", "incline"):

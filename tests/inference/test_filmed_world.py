@@ -10,7 +10,10 @@ from pipeline.clips.replay import replay_poses
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
 from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
-from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, with_scene
+from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, seen_as, with_scene
+from pipeline.inference.find_scenes import from_tracks
+from pipeline.inference.measured_clip import MeasuredClip
+from pipeline.inference.scene_search import clip_evaluator
 from pipeline.inference.trust import Forecast, fitted_frames, grade, gravity_doubt
 from pipeline.motion.image_track import image_tracks
 from pipeline.perception.user_clip import UserClip
@@ -71,6 +74,21 @@ def test_a_view_that_is_given_is_kept(throw: UserClip) -> None:
     assert found.motion.view.kind == "table"
     assert found.answer is not None
     assert found.answer.scene.ground == 0
+
+
+def test_where_the_likeliest_view_does_not_explain_a_clip_the_others_are_tried(throw: UserClip) -> None:
+    flow = np.zeros((SCHEDULE.model_frames, 320, 480, 2), np.float32)
+    clip = MeasuredClip(throw, SCHEDULE, flow, None, ())
+    evaluator = clip_evaluator(throw.masks, flow, SCHEDULE, (120, 80), 1)
+    wrong = seen_as(filmed_world(throw, World()), "top")
+    assert wrong is not None
+    found, method = from_tracks(wrong, evaluator, clip, World(), searched=False)
+    assert found.motion.view.kind in ("flight", "side")
+    assert "top" in found.motion.view.reason
+    assert method is not None
+    assert method.overlap.sequence > 0.7
+    asked, _ = from_tracks(wrong, evaluator, clip, World(view="top"), searched=False)
+    assert asked.motion.view.kind == "top"
 
 
 def test_a_known_size_gives_the_scale(throw: UserClip) -> None:
