@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from pipeline.clips.replay import HEIGHT, WIDTH
 from pipeline.errors import ParamsError
 from pipeline.perception.mask_source import WEIGHTS, MaskSource
 from pipeline.perception.prompts import Prompts
@@ -34,6 +33,9 @@ SCHEMA = pa.schema(
         "notes": pa.list_(pa.string()),
     }
 )
+
+
+SIZE = (480, 320)  # px, width and height, of all clips of the graph
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -
             source=MaskSource(masks_beside(place)),
         )
         frames_a_clip = round(parameters.seconds * parameters.frames_per_second)
-        taken = on_grid(with_masks(read, Prompts()), parameters.frames_per_second, frames_a_clip, (WIDTH, HEIGHT))
+        taken = on_grid(with_masks(read, Prompts()), parameters.frames_per_second, frames_a_clip, SIZE)
         rows.append(
             {
                 "clip": clip,

@@ -16,7 +16,7 @@ from pipeline.api.saved_result import EditResult, InferResult, SimulateResult, r
 from pipeline.api.scene_source import SCENE_FILE, with_camera
 from pipeline.api.simulate import COLUMNS, EDITED, ORIGINAL
 from pipeline.clips.replay import replay
-from pipeline.clips.schedule import Schedule
+from pipeline.clips.schedule import FilmedSchedule, Schedule
 from pipeline.editing.edit_list import Edit
 from pipeline.editing.edited_motion import filmed_motion, run_edits
 from pipeline.editing.filmed_clip import CLIP, read_clip
@@ -100,7 +100,7 @@ def paths_of(scene: Scene, trace: Trace, ghost: bool = False) -> list[BodyPath]:
 def _of_infer(folder: Path, result: InferResult) -> ResultPage:
     clip, scene = read_clip(folder / CLIP), load_scene(folder / SCENE_FILE)
     height, width = clip.masks.shape[1:]
-    run = replay(scene, Schedule.of_frames(clip.times), width, height)
+    run = replay(scene, FilmedSchedule.of(clip.times), width, height)
     backend, _ = choose_backend("auto")
     outlines = np.stack([outlined(f, m, (width, height)) for f, m in zip(clip.frames, run.masks, strict=True)])
     panels = [

@@ -10,7 +10,6 @@ from pipeline.clips.schedule import Schedule
 from pipeline.compiled import kernel
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
-from pipeline.vision.recordings.letterbox import of_area
 from pipeline.vision.rendering.camera import pinhole
 from pipeline.vision.rendering.exact_flow import exact_flow
 from pipeline.vision.rendering.rasteriser import rasterise
@@ -66,13 +65,11 @@ def _count(masks: np.ndarray, counts: np.ndarray) -> None:
                 counts[frame, masks[frame, pixel]] += 1
 
 
-def event_areas(scene: Scene, trace: Trace, schedule: Schedule, width: int = 480, height: int = 320) -> np.ndarray:
-    """(F, N) area of each object in every frame of width x height px, in px of 480x320: what `find_events` takes.
-
-    The masks are drawn as small as EVENT_SIZE.
-    """
-    size = of_area((width, height), EVENT_SIZE[0] * EVENT_SIZE[1])
-    return areas_px(frame_masks(scene, trace, schedule, *size), len(scene.objects))
+def event_areas(
+    scene: Scene, trace: Trace, schedule: Schedule, width: int = EVENT_SIZE[0], height: int = EVENT_SIZE[1]
+) -> np.ndarray:
+    """(F, N) area of each object in every frame, px of 480x320, by masks of width x height (`find_events`)."""
+    return areas_px(frame_masks(scene, trace, schedule, width, height), len(scene.objects))
 
 
 def pair_view(scene: Scene, position: np.ndarray, quaternion: np.ndarray, width: int, height: int) -> View:

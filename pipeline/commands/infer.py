@@ -13,10 +13,10 @@ SUMMARY = "find the scene that a clip shows: shapes, sizes, masses, frictions, m
 DESCRIPTION = """\
 Find the scene that a clip shows.
 
-The bodies that move are found (`dynamics masks` does only that), the clip is brought to 30 FPS and 480x320, and its
-optical flow is measured. The model is shown what its checkpoint says that it was trained with (model_input.json;
-models/words: masks and flow of each body) and writes scenes, each is simulated and compared with the clip, and
---search refines the best ones. OUT then has
+The bodies that move are found (`dynamics masks` does only that) in the frames as they were filmed, each at its own time
+(of 60 a second or more, every second, third ...), and optical flow is measured. The model is shown what its checkpoint
+says that it was trained with (model_input.json; models/words: masks and flow of each body) and writes scenes, each is
+simulated and compared with the clip, and --search refines the best ones. OUT then has
 
   overlay.png     the clip with the outlines of the replay over it, and both flows: look at this first
   masks.png       which bodies were found in the clip, written before anything is inferred from them

@@ -12,8 +12,6 @@ from pipeline.language.completion import Completion, read_completion
 from pipeline.model.answering import Shown, write
 from pipeline.model.sampling import Sampling, batches
 from pipeline.scene.scene import Scene
-from pipeline.vision.recordings.letterbox import Letterbox
-from pipeline.vision.rendering.camera import focal_px, fov_deg
 
 if TYPE_CHECKING:
     from pipeline.model.base import Base
@@ -31,31 +29,23 @@ class Answer:
         sample: GREEDY, or 0 to K - 1.
         text: The completion.
         log_probability: nats, that the model gave to its free choices.
-        letterbox: From the clip's picture to the one that the model was shown; None: they are one.
+        seen: The scene with the camera of the clip's own picture; None: the model was shown that.
     """
 
     sample: int
     text: str
     log_probability: float
-    letterbox: Letterbox | None = None
+    seen: Scene | None = None
 
     @cached_property
     def completion(self) -> Completion:
         """The text, parsed."""
         return read_completion(self.text)
 
-    @cached_property
+    @property
     def scene(self) -> Scene:
         """What it says, seen by the camera of the clip's own picture."""
-        said = self.completion.scene
-        return said if self.letterbox is None else source_camera(said, self.letterbox)
-
-
-def source_camera(scene: Scene, letterbox: Letterbox) -> Scene:
-    """The scene with the camera of a letterbox's source, where its own sees what the letterbox makes of that."""
-    assert scene.camera is not None
-    focal = focal_px(scene.camera.fov, letterbox.size[1]) / letterbox.scale
-    return replace(scene, camera=replace(scene.camera, fov=fov_deg(focal, letterbox.source[1])))
+        return self.seen or self.completion.scene
 
 
 def answer_seed(*labels: object) -> int:

@@ -15,8 +15,10 @@ import numpy as np
 
 from pipeline.errors import ModelError, ParamsError, naming
 from pipeline.model.model_input import ModelInput, missing_input, read_input
-from pipeline.vision.recordings.letterbox import letterbox_for, of_area
+from pipeline.scene.scene import Scene
+from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for, of_area
 from pipeline.vision.recordings.mask_file import sized
+from pipeline.vision.rendering.camera import focal_px, fov_deg
 
 if TYPE_CHECKING:
     from pipeline.clips.schedule import Schedule
@@ -103,7 +105,14 @@ def ask_model(loading: LoadingModel, clip: MeasuredClip, question: Question) -> 
         base, shown, flow, frames, sized(taken.masks[first], box.size), 1 / schedule.fps, clip.shape_prior
     )
     (answers,) = ask(base, lambda _: seen, [answer_seed(q.seed, 0)], sampling, DECODE_BATCH_SIZE)
-    return [replace(a, letterbox=box) for a in answers], sampling
+    return [replace(a, seen=source_camera(a.scene, box)) for a in answers], sampling
+
+
+def source_camera(scene: Scene, letterbox: Letterbox) -> Scene:
+    """The scene with the camera of a letterbox's source, where its own sees what the letterbox makes of that."""
+    assert scene.camera is not None
+    focal = focal_px(scene.camera.fov, letterbox.size[1]) / letterbox.scale
+    return replace(scene, camera=replace(scene.camera, fov=fov_deg(focal, letterbox.source[1])))
 
 
 def raw_flow(clip: Clip, schedule: Schedule, shown: ModelInput, source: str, raft: Path) -> np.ndarray:

@@ -46,7 +46,6 @@ from pipeline.motion.view import VIEWS
 from pipeline.search.best_of_k import rank
 from pipeline.search.certainty import Certainty
 from pipeline.search.evaluator import Evaluator, Rewards
-from pipeline.vision.recordings.letterbox import of_area
 
 if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
@@ -55,6 +54,7 @@ if TYPE_CHECKING:
 #: As params.yaml has them for the graph (`search`; a test compares them).
 SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward; of another shape, as large an area
 STARTS = 3  # answers that a search starts from
+MOST_FRAMES = 120  # of a clip that is fitted in more than one view: of a longer one that takes minutes
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def find_scenes(
         SimulationError: Where no answer can be simulated.
     """
     taken = clip.taken
-    size = of_area(taken.clip.letterbox.size, SEARCH_SIZE[0] * SEARCH_SIZE[1])
+    size = clip.shaped(SEARCH_SIZE)
     with ThreadPoolExecutor(2, "tracks") as beside:
         viewing = beside.submit(filmed_world, taken, world)
         evaluating = beside.submit(
@@ -247,7 +247,8 @@ def from_tracks(
                 best = fitted, method
         elif likeliest:
             best = fitted, None
-        if world.view is not None or (best[1] is not None and settled([best[1]])):
+        given = world.view is not None or len(clip.taken.masks) > MOST_FRAMES
+        if given or (best[1] is not None and settled([best[1]])):
             break
     return best
 

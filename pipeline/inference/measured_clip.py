@@ -8,13 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.clips.schedule import LEAST_FRAMES, LEAST_SECONDS, Schedule
+from pipeline.clips.schedule import FilmedSchedule
 from pipeline.errors import VideoError
 from pipeline.language.completion import MAX_OBJECTS
+from pipeline.perception.free_motion import LEAST_SECONDS
 from pipeline.perception.user_clip import WEIGHTS, UserClip
 from pipeline.segmentation.body_shapes import shape_probabilities
 from pipeline.segmentation.shape_network import ShapeNetwork, load_shape_network
+from pipeline.vision.recordings.letterbox import of_area
 
+LEAST_FRAMES = 5  # of a clip
 STILL_PX = 0.3  # px of 480x320 per frame interval: a slower body does not move
 
 
@@ -38,7 +41,7 @@ class MeasuredClip:
     """
 
     taken: UserClip
-    schedule: Schedule
+    schedule: FilmedSchedule
     flow: np.ndarray
     shape_prior: np.ndarray | None
     notes: tuple[str, ...]
@@ -48,10 +51,14 @@ class MeasuredClip:
         """How many instances the masks have."""
         return self.taken.objects
 
+    def shaped(self, size: tuple[int, int]) -> tuple[int, int]:
+        """px, width and height, of pictures with the clip's shape and the area of a size."""
+        return of_area(self.taken.clip.letterbox.size, size[0] * size[1])
 
-def clip_schedule(place: Path, times: np.ndarray) -> Schedule:
+
+def clip_schedule(place: Path, times: np.ndarray) -> FilmedSchedule:
     """The frames of a clip that were filmed at times (F,), s. Raises VideoError where they are too few."""
-    schedule = Schedule.of_frames(times)
+    schedule = FilmedSchedule.of(times)
     if schedule.frames < LEAST_FRAMES or schedule.seconds < LEAST_SECONDS:
         raise VideoError(
             f"{place}: {schedule.frames} frames in {schedule.seconds:.3g} s are too short; valid: {LEAST_FRAMES} "
@@ -60,7 +67,7 @@ def clip_schedule(place: Path, times: np.ndarray) -> Schedule:
     return schedule
 
 
-def measured_clip(name: str, taken: UserClip, schedule: Schedule, flow: np.ndarray) -> MeasuredClip:
+def measured_clip(name: str, taken: UserClip, schedule: FilmedSchedule, flow: np.ndarray) -> MeasuredClip:
     """The clip of that name with its flow (P, H, W, 2). Raises VideoError where nothing moves in its masks."""
     check_motion(name, np.linalg.norm(flow, axis=-1), taken.masks[schedule.pairs[:, 0]])
     notes = [*taken.clip.notes, *(taken.found.notes if taken.found else ())]

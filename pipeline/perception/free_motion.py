@@ -13,7 +13,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pipeline.clips.schedule import LEAST_SECONDS
 from pipeline.errors import VideoError
 from pipeline.perception.clip_faults import SHAKING_PX, camera_moves, camera_shift
 from pipeline.segmentation.bodies import LEAST_SCORE, Candidates, candidate_scores, first_look, working_size
@@ -25,7 +24,7 @@ from pipeline.vision.recordings.video import Decoder, check_file, frame_times
 SECONDS = 1.0  # of a stretch whose start is known: what the models learned from
 SHORT_FILE = 1.2  # s: a file so long is taken from its beginning
 MOST_FRAMES = 160  # looked at
-MOST_SECONDS = 12.0  # of a stretch
+LEAST_SECONDS, MOST_SECONDS = 0.15, 12.0  # of a stretch
 SLOW = 0.2  # share of the fastest body's usual speed, below which a body rests
 CHORD, LEAST_CHORD = 0.1, 2  # s, and samples, before and after, over which a speed is measured
 LEAST_WAY = 1.0  # radii that a body must get away in the recording

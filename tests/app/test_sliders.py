@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 import small_clip
 
-from pipeline.app.live_replay import HEIGHT, WIDTH, LiveScene
+from pipeline.app.live_replay import LiveScene
 from pipeline.app.sliders import edits_of, read_changes, sliders_of
 from pipeline.errors import SceneError
 from pipeline.scene.edited import edited
@@ -68,9 +68,9 @@ def test_every_slider_starts_within_its_range() -> None:
 
 
 def test_a_live_replay_shows_the_bodies_where_they_are_and_the_found_motion_as_ghosts() -> None:
-    live = LiveScene.of(small_clip.scene(), 30, 30.0)
+    live = LiveScene.of(small_clip.scene(), small_clip.SCHEDULE, (480, 320))
     told = live.replay(read_changes({"gravity": 2}))
-    assert (told["width"], told["height"], told["edits"]) == (WIDTH, HEIGHT, ["gravity=[0, 0, -2]"])
+    assert (told["width"], told["height"], told["edits"]) == (240, 160, ["gravity=[0, 0, -2]"])
     assert [b["ghost"] for b in told["motion"]["bodies"]] == [False, False, True, True]
     assert [b["ghost"] for b in live.replay(read_changes({}))["motion"]["bodies"]] == [False, False]
     pictures = live.pictures(live.scene, live.trace)

@@ -116,7 +116,7 @@ def test_a_search_that_cannot_be_is_refused(visitor: Visitor, search: str, gravi
 
 
 def test_the_clip_is_edited_only_where_a_slider_was_moved(visitor: Visitor, tmp_path: Path) -> None:
-    live = LiveScene.of(small_clip.scene(), 30, 30.0)
+    live = LiveScene.of(small_clip.scene(), small_clip.SCHEDULE, (480, 320))
     visitor.result = Result(tmp_path, {"film": {"frames": 30, "fps": 30.0}}, live)
     with pytest.raises(ParamsError, match="no slider was moved"):
         visitor.edit({})

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pipeline.clips.schedule import Schedule
+from pipeline.clips.schedule import FilmedSchedule, Schedule
 
 
 def test_a_second_at_30_frames_has_ten_pairs_three_frames_apart() -> None:
@@ -46,7 +46,7 @@ def test_the_first_part_has_the_same_frames_as_the_whole() -> None:
 @pytest.mark.parametrize("count", [5, 12, 30, 90])
 def test_the_model_sees_the_filmed_frames_that_are_nearest_to_its_moments(rate: int, count: int) -> None:
     times = np.arange(count) / rate
-    schedule = Schedule.of_frames(times)
+    schedule = FilmedSchedule.of(times)
     assert (schedule.frames, schedule.seconds) == (count, pytest.approx(count / rate, rel=1e-4))
     first, second = schedule.pairs.T
     moments = np.arange(10) * schedule.seconds / 10
@@ -58,14 +58,14 @@ def test_the_model_sees_the_filmed_frames_that_are_nearest_to_its_moments(rate: 
 
 
 def test_a_second_that_was_filmed_at_30_frames_has_the_schedule_of_a_rendered_one() -> None:
-    filmed, rendered = Schedule.of_frames(np.arange(30) / 30), Schedule()
+    filmed, rendered = FilmedSchedule.of(np.arange(30) / 30), Schedule()
     np.testing.assert_array_equal(filmed.pairs, rendered.pairs)
     np.testing.assert_array_equal(filmed.frame_steps, rendered.frame_steps)
     np.testing.assert_allclose(filmed.pair_scale, 1, rtol=1e-3)
 
 
 def test_the_first_part_of_a_filmed_clip_has_the_same_frames(rng: np.random.Generator) -> None:
-    whole = Schedule.of_frames(np.cumsum(rng.uniform(0.02, 0.05, 40)) - 0.02)
+    whole = FilmedSchedule.of(np.cumsum(rng.uniform(0.02, 0.05, 40)) - 0.02)
     part = whole.first(0.7 * whole.seconds)
     assert part.model_frames == 7
     np.testing.assert_array_equal(part.pairs, whole.pairs[:7])
