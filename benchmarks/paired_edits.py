@@ -132,7 +132,7 @@ def found_scene(folder: Path, pair: Pair, simulations: int, with_masks: bool) ->
             search=simulations,
         )
         masks = relabelled(found.clip.taken.masks, found.best.overlap.pairs, len(found.scene.objects))
-        write_clip(folder / CLIP, FilmedClip(found.clip.taken.clip.frames, masks, schedule.times))
+        write_clip(folder / CLIP, FilmedClip(found.clip.taken.clip.frames, masks, found.clip.schedule.times))
         (folder / SCENE).write_text(write_scene(found.scene), encoding="utf-8")
     return load_scene(folder / SCENE), read_clip(folder / CLIP)
 

@@ -84,7 +84,7 @@ def edit(found: str | Path, edits: Sequence[Edit] = (), progress: Progress | Non
         clip, scene = read_clip(folder / CLIP), load_scene(folder / SCENE_FILE)
         if scene.camera is None or not scene.objects:
             raise SceneError(f"{folder / SCENE_FILE}: a camera and at least one object are needed")
-        ordered = in_order(edits, clip.seconds)
+        ordered = in_order(edits, clip.schedule.seconds)
         filmed, trace = filmed_motion(scene, clip.times)
         motion = run_edits(scene, trace, ordered, clip.times)
     with progress.step("layers"):

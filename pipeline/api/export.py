@@ -16,7 +16,7 @@ from pipeline.api.saved_result import EditResult, InferResult, SimulateResult, r
 from pipeline.api.scene_source import SCENE_FILE, with_camera
 from pipeline.api.simulate import COLUMNS, EDITED, ORIGINAL
 from pipeline.clips.replay import replay
-from pipeline.clips.schedule import FilmedSchedule, Schedule
+from pipeline.clips.schedule import Schedule
 from pipeline.editing.edit_list import Edit
 from pipeline.editing.edited_motion import filmed_motion, run_edits
 from pipeline.editing.filmed_clip import CLIP, read_clip
@@ -100,7 +100,7 @@ def paths_of(scene: Scene, trace: Trace, ghost: bool = False) -> list[BodyPath]:
 def _of_infer(folder: Path, result: InferResult) -> ResultPage:
     clip, scene = read_clip(folder / CLIP), load_scene(folder / SCENE_FILE)
     height, width = clip.masks.shape[1:]
-    run = replay(scene, FilmedSchedule.of(clip.times), width, height)
+    run = replay(scene, clip.schedule, width, height)
     backend, _ = choose_backend("auto")
     outlines = np.stack([outlined(f, m, (width, height)) for f, m in zip(clip.frames, run.masks, strict=True)])
     panels = [
@@ -113,7 +113,7 @@ def _of_infer(folder: Path, result: InferResult) -> ResultPage:
         title=f"{Path(result.clip).name}: {', '.join(o.name for o in scene.objects)}",
         grade=result.grade,
         reason=result.grade_reason,
-        film=film(panels, clip.fps),
+        film=film(panels, clip.schedule.rate),
         motion=motion_record(scene, paths_of(scene, run.trace), RATE, width / height),
         scene=write_scene(scene),
         tables=[_methods(result), *_forecast(result), *_events(result)],
@@ -180,8 +180,8 @@ def _of_edit(folder: Path, result: EditResult) -> ResultPage:
         title=f"{_clip_of(source)}, edited",
         grade="",
         reason="; ".join(str(e) for e in edits) or "nothing was changed",
-        film=film([Panel("as filmed", clip.frames), Panel("edited", edited)], clip.fps),
-        motion=motion_record(scene, [*paths, *ghosts], clip.fps, width / height),
+        film=film([Panel("as filmed", clip.frames), Panel("edited", edited)], clip.schedule.rate),
+        motion=motion_record(scene, [*paths, *ghosts], clip.schedule.rate, width / height),
         scene=(folder / SCENE_FILE).read_text(encoding="utf-8"),
         tables=[Table("Where the bodies' pixels are from", (), shares)],
         notes=["In 3D, transparent bodies move as in the clip."],

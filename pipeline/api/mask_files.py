@@ -59,7 +59,7 @@ def _write_overlay(path: Path, found: Masks) -> None:
     clip = found.found.clip
     labels = [f" {b.label}" for b in found.found.bodies]
     frames = overlay_frames(clip.frames, found.masks, labels)
-    write_video(path, frames, 1 / float(np.median(np.diff(clip.source_times))))
+    write_video(path, frames, clip.times)
 
 
 def _result(found: Masks) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from pipeline.vision.flow.flow_picture import flow_picture
+from pipeline.vision.recordings.letterbox import of_area
 from pipeline.vision.rendering.appearance import object_colour
 
 Row = tuple[str, ...]
@@ -63,9 +64,7 @@ def draw(sheet: Sheet) -> np.ndarray:
     shown = sheet.frames[chosen]
     times = [f"t = {sheet.times[f]:.2f} s" for f in shown]
     longest = max(float(np.quantile(np.linalg.norm(sheet.flow[chosen], axis=-1), 0.999)), 1.0)
-    height, width = sheet.rgb.shape[1:3]
-    scale = (TILE_AREA / (width * height)) ** 0.5
-    size = round(width * scale), round(height * scale)
+    size = of_area((sheet.rgb.shape[2], sheet.rgb.shape[1]), TILE_AREA)
     rows = [
         ("input\nwith the replay's\noutlines", [outlined(sheet.rgb[f], sheet.replay_masks[f], size) for f in shown]),
         ("replay", [_tile(sheet.replay_rgb[f], size) for f in shown]),

@@ -18,7 +18,6 @@ from pipeline.app.body_masks import BodyMasks
 from pipeline.app.job import ENDED, Job, JobQueue
 from pipeline.app.live_replay import LiveScene
 from pipeline.app.sliders import edits_of, gravity_slider, read_changes, sliders_of
-from pipeline.clips.schedule import FilmedSchedule
 from pipeline.editing.filmed_clip import CLIP, read_clip
 from pipeline.errors import ParamsError, VideoError
 from pipeline.scene.scene import Scene
@@ -297,7 +296,7 @@ class Visitor:
         clip = read_clip(folder / "out" / CLIP)
         height, width = clip.masks.shape[1:]
         scene = load_scene(folder / "out" / "scene.yaml")
-        live = LiveScene.of(scene, FilmedSchedule.of(clip.times), (width, height))
+        live = LiveScene.of(scene, clip.schedule, (width, height))
         self._forget_result()
         self.result = Result(folder, found, live)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.clips.schedule import FilmedSchedule
 from pipeline.errors import VideoError
 from pipeline.untrusted import read_npz
 
@@ -30,14 +31,9 @@ class FilmedClip:
     times: np.ndarray
 
     @property
-    def fps(self) -> float:
-        """Frames a second, in the mean."""
-        return (len(self.times) - 1) / float(self.times[-1])
-
-    @property
-    def seconds(self) -> float:
-        """Up to the end of the last frame."""
-        return float(self.times[-1] + np.median(np.diff(self.times)))
+    def schedule(self) -> FilmedSchedule:
+        """Its frames in time."""
+        return FilmedSchedule.of(self.times)
 
 
 def write_clip(path: Path, clip: FilmedClip) -> None:

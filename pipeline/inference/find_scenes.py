@@ -234,23 +234,25 @@ def from_tracks(
         world: What the user knows; a view that is given is the only one.
         searched: There is a search as well, which knows tables.
     """
-    best: tuple[FilmedWorld, Method | None] = (filmed, None)
-    for kind in (filmed.motion.view.kind, *(v for v in VIEWS if v != filmed.motion.view.kind)):
-        likeliest = kind == filmed.motion.view.kind
-        seen = filmed if likeliest else seen_as(filmed, kind)
-        if seen is None:
-            continue
-        fitted = with_scene(seen, cores())
-        if fitted.answer is not None:
-            method = tracks_method(fitted.answer, evaluator, clip, searched and is_ambiguous(fitted.motion.view, world))
-            if best[1] is None or method.merit > best[1].merit:
-                best = fitted, method
-        elif likeliest:
-            best = fitted, None
-        given = world.view is not None or len(clip.taken.masks) > MOST_FRAMES
-        if given or (best[1] is not None and settled([best[1]])):
+
+    def fitted(seen: FilmedWorld) -> tuple[FilmedWorld, Method | None]:
+        found = with_scene(seen, cores())
+        if found.answer is None:
+            return found, None
+        ambiguous = searched and is_ambiguous(found.motion.view, world)
+        return found, tracks_method(found.answer, evaluator, clip, ambiguous)
+
+    best, method = fitted(filmed)
+    alone = world.view is not None or len(clip.taken.masks) > MOST_FRAMES
+    for kind in [v for v in VIEWS if v != filmed.motion.view.kind and not alone]:
+        if method is not None and settled([method]):
             break
-    return best
+        seen = seen_as(filmed, kind)
+        if seen is not None:
+            other, rival = fitted(seen)
+            if rival is not None and (method is None or rival.merit > method.merit):
+                best, method = other, rival
+    return best, method
 
 
 def cores() -> int:

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pipeline.clips.schedule import FilmedSchedule
 from pipeline.inference.asking import raw_flow, shown_flow
 from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
@@ -88,7 +89,7 @@ def seen_from(taken: UserClip) -> float:
 def say_bodies(progress: Progress, name: str, start: float, taken: UserClip, notes: Sequence[str]) -> None:
     """Tell what was read and found; notes: on the clip."""
     width, height = taken.clip.source_size
-    span = f"{start:.3g} to {start + clip_schedule(Path(name), taken.clip.times).seconds:.3g} s"
+    span = f"{start:.3g} to {start + FilmedSchedule.of(taken.clip.times).seconds:.3g} s"
     progress.say("clip", f"{name}: {span}, {width}x{height}, {taken.clip.source_fps:.4g} FPS")
     for note in notes:
         progress.say("note", note)
