@@ -17,6 +17,7 @@ from pipeline.segmentation.grouping import Track
 LATEST = 3  # frames between the end of the one track and the beginning of the other
 TAKEN, LEFT = 1.5, 3.0  # radii from the place that is taken over, and from the place where the first body was last
 SAME_SIZE = 1.5  # most ratio of their radii
+AHEAD = 5  # frames of a track, from which its motion is led back
 LEAST_AREA, LEAST_RUN = 0.5, 3  # of the median: smaller pieces, and fewer in a row, before a track begins are flecks
 
 
@@ -78,3 +79,35 @@ def _apart(one: Track, when: int, other: Track, then: int) -> float:
     """Distance of two tracks' centres in their frames `when` and `then`, in radii of the larger one."""
     distance = np.linalg.norm(one.pieces[when].centre - other.pieces[then].centre)
     return float(distance) / max(_radius(one), _radius(other))
+
+
+def without_leaps(tracks: Sequence[Track]) -> list[Track]:
+    """The tracks, of which each that was lost for some frames goes on as what fits best, among itself and the tracks
+    that begin meanwhile.
+
+    A body that bounces while it is not seen goes on from the place where it was last seen, whatever its velocity.
+    """
+    for track, other in itertools.permutations(tracks, 2):
+        for last, after in itertools.pairwise(sorted(track.pieces)):
+            start = _begin(other)
+            lost = after > last + 1
+            if lost and last < start <= after and _misfit(track, last, other, start) < _misfit(track, last, track, after):
+                before = {t: p for t, p in track.pieces.items() if t <= last}
+                onward = {t: p for t, p in other.pieces.items() if t >= start}
+                left = {t: p for t, p in track.pieces.items() if t >= after}
+                rest = [k for k in tracks if k is not track and k is not other]
+                mended = replace(track, pieces=before | onward), replace(other, pieces=left)
+                return without_leaps([*rest, *mended])
+    return list(tracks)
+
+
+def _misfit(track: Track, last: int, other: Track, start: int) -> float:
+    """How ill a track that is last seen in frame `last` goes on as another one from `start` on: the distance, in radii,
+    from where its own pieces lead back to, and the ratio of their radii."""
+    seen = [t for t in sorted(other.pieces) if t >= start][:AHEAD]
+    centres = np.array([other.pieces[t].centre for t in seen])
+    if len(seen) < LEAST_RUN:
+        return np.inf
+    way = [np.polyval(np.polyfit(np.array(seen) - last, x, 1), 0) for x in centres.T]
+    size = np.median([len(other.pieces[t].pixels) for t in seen]) / track.typical_area
+    return float(np.linalg.norm(way - track.pieces[last].centre)) / _radius(track) + 0.5 * abs(float(np.log(size)))

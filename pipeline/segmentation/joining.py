@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from pipeline.segmentation.grouping import Piece, Track
-from pipeline.segmentation.identity_switches import without_switches
+from pipeline.segmentation.identity_switches import without_leaps, without_switches
 
 LONGEST_GAP = 10  # frames
 SHORTEST = 2  # frames; what is seen for less is noise
@@ -24,7 +25,7 @@ LEAST_BRIDGE = 0.15  # mean probability, of a moving body, between the ends
 def joined(tracks: list[Track], probability: np.ndarray) -> list[Track]:
     """The tracks with those of one body made one. probability: (T, H, W) that a pixel shows a moving body."""
     width = probability.shape[2]
-    own = without_switches([t for t in tracks if len(t.pieces) >= SHORTEST], len(probability))
+    own = without_leaps(without_switches([t for t in tracks if len(t.pieces) >= SHORTEST], len(probability)))
     whole = _together(_continued(own), width)
     return _together(_continued(_stiff(whole, probability)), width)
 
@@ -179,10 +180,18 @@ def stiff_offset(one: Track, other: Track, probability: np.ndarray) -> np.ndarra
     length = float(np.linalg.norm(offset))
     if deviation > STIFF[0] * radii + STIFF[1] or travel < min(length, 2 * radii) or length > 5 * radii:
         return None
-    height, width = probability.shape[1:]
-    along = np.linspace(0.2, 0.8, 13)[:, None]
-    bridge = []
-    for t in common:
-        col, row = (one.pieces[t].centre + along * offset).astype(int).T
-        bridge.append(probability[t, np.clip(row, 0, height - 1), np.clip(col, 0, width - 1)].mean())
-    return offset if np.mean(bridge) > LEAST_BRIDGE else None
+    bridge = [_between(one.pieces[t], other.pieces[t], probability[t]) for t in common]
+    seen = [p for p in bridge if p is not None]
+    return offset if seen and np.mean(seen) > LEAST_BRIDGE else None
+
+
+def _between(one: Piece, other: Piece, probability: np.ndarray) -> float | None:
+    """Mean probability (H, W) of what is in the common hull of two pieces and beside both; None where nothing is."""
+    own = np.zeros(probability.shape, np.uint8)
+    own.reshape(-1)[np.union1d(one.pixels, other.pixels)] = 1
+    hull = np.zeros_like(own)
+    points = cv2.findNonZero(own)
+    assert points is not None
+    cv2.fillConvexPoly(hull, cv2.convexHull(points), 1)
+    beside = (hull > 0) & (cv2.dilate(own, np.ones((3, 3), np.uint8)) == 0)  # at an edge the probability is soft
+    return float(probability[beside].mean()) if beside.any() else None

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.tracks.contacts import closest_approaches
+from pipeline.discrepancy.tracks.contacts import closest_approaches, ground_may_push
+from pipeline.discrepancy.tracks.velocity_jumps import VelocityJump
 
 SIGMA = 0.002
 
@@ -21,3 +22,8 @@ def test_balls_that_pass_at_a_distance_do_not_collide(rng: np.random.Generator) 
     time = np.arange(60) / 60
     distance = np.hypot(0.2, 1.5 * (time - 0.5)) + rng.normal(0, 1.4 * SIGMA, 60)
     assert closest_approaches(time, distance, 0.1, SIGMA) == []
+
+
+@pytest.mark.parametrize(("change", "may"), [((0.1, 0.0, 2.0), True), ((0.8, 0.3, 1.0), True), ((1.0, 0.4, 0.02), False)])
+def test_the_ground_pushes_upwards_and_sideways_by_friction_alone(change: tuple[float, ...], may: bool) -> None:
+    assert ground_may_push(VelocityJump(0.5, np.zeros(3), np.array(change), 30.0)) is may

@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.segmentation.bodies import draw_masks
 from pipeline.segmentation.grouping import Piece, Track, follow
-from pipeline.segmentation.identity_switches import without_switches
+from pipeline.segmentation.identity_switches import without_leaps, without_switches
 from pipeline.segmentation.inference import Prediction, steadied
 from pipeline.segmentation.joining import joined
 from pipeline.segmentation.resting import resting, with_rests, without_ghosts
@@ -181,6 +181,12 @@ def test_two_bodies_of_different_colours_that_stay_side_by_side_are_not_joined()
     assert len(tracks_of(frames, prediction)) == 2
 
 
+def test_two_balls_of_one_colour_that_touch_and_move_together_are_not_joined():
+    frames, prediction, mask = answers([line((20, 20), (80, 60)), line((34, 20), (94, 60))])
+    frames[mask == 2] = frames[mask == 1][0]
+    assert len(tracks_of(frames, prediction)) == 2
+
+
 def test_halves_whose_votes_disagree_are_one_body_where_their_radius_says_so():
     frames, prediction, mask = answers([line((30, 40), (80, 40))], radius=14)
     x = np.mgrid[:HEIGHT, :WIDTH][1] + 0.5
@@ -246,6 +252,17 @@ def test_a_puck_that_stops_and_the_one_that_goes_on_have_their_own_tracks():
 def test_a_body_that_begins_elsewhere_takes_nobodys_place():
     tracks, mask = struck_pucks(shift=-50)
     assert [len(k.pieces) for k in without_switches(tracks, len(mask))] == [16, 8, 8]
+
+
+def test_a_body_that_was_lost_while_it_bounced_does_not_leap_to_another_one():
+    bounces = np.concatenate([line((100, 40), (40, 40), 13), line((45, 40), (100, 40), 12)])
+    rests = np.repeat([[22.0, 40.0]], 25, 0)
+    frames, _, mask = answers([bounces, rests], radius=6)
+    leaps = track_of(bounces, frames, mask, 1, range(12))
+    leaps.pieces.update(track_of(rests, frames, mask, 2, range(15, 25)).pieces)
+    own = without_leaps([leaps, track_of(bounces, frames, mask, 1, range(13, 25))])
+    seen = [{int(mask[t].ravel()[p.pixels[0]]) for t, p in track.pieces.items()} for track in own]
+    assert sorted(map(tuple, seen)) == [(1,), (2,)]
 
 
 def test_a_body_that_rests_in_the_background_has_no_ghost_before_it_comes():

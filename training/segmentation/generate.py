@@ -27,7 +27,7 @@ from training.segmentation.solid_clip import draw_solid_clip
 
 SIZE = (240, 160)  # px, width and height
 KINDS = ("sampled", "mujoco", "raycast", "flat")
-SHARES = (0.5, 0.15, 0.05, 0.3)
+SHARES = (0.35, 0.35, 0.1, 0.2)
 
 
 def draw_clip(rng: np.random.Generator, kind: str) -> DrawnClip:

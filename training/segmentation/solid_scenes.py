@@ -57,7 +57,7 @@ def sample_distribution(rng: np.random.Generator) -> Distribution:
 def draw_moving_scene(rng: np.random.Generator, seconds: float) -> tuple[Scene, Trace, float] | None:
     """A scene of one to six bodies, its trace, and the tilt of the ground about the y axis, rad; None where the draw
     or the simulation fails. The ground is the plane z = 0 all the same: gravity is tilted against it."""
-    count = int(rng.choice([1, 2, 3, 4, 5, 6], p=[0.2, 0.25, 0.25, 0.18, 0.08, 0.04]))
+    count = int(rng.choice([1, 2, 3, 4, 5, 6], p=[0.12, 0.2, 0.24, 0.22, 0.14, 0.08]))
     shapes = [str(s) for s in rng.choice(BASIC_SHAPES, count)]
     for _ in range(200):
         scene = draw_scene(rng, shapes, sample_distribution(rng))
@@ -67,7 +67,7 @@ def draw_moving_scene(rng: np.random.Generator, seconds: float) -> tuple[Scene, 
         return None
     objects = list(scene.objects)
     grounded = [o.position[2] < reach_below(o) + 0.01 for o in objects]
-    share = float(rng.choice([0.0, 0.3, 0.55]))
+    share = float(rng.uniform(0.0, 0.75))
     rests = [bool(g and rng.random() < share) for g in grounded]
     if all(rests):
         rests[int(rng.integers(count))] = False

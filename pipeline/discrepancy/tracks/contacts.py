@@ -12,6 +12,7 @@ from pipeline.discrepancy.tracks.velocity_jumps import VelocityJump
 from pipeline.scene.scene import Scene, SceneObject, half_extents
 
 UPWARDS = 0.8  # least share of the change of velocity that is upwards in a bounce on the ground
+MOST_FRICTION = 1.2  # of bodies on the ground: rubber on concrete has about 1
 SIDEWAYS = 0.5  # largest share that is vertical in a hit by another body from the side
 TOUCH = 3.5  # standard deviations of a coordinate: how much wider than 0 the gap between touching balls may seem
 LEAST_APPROACH = 0.08  # m/s: bodies that approach each other more slowly may lie side by side
@@ -79,9 +80,15 @@ def hit_object(jump: VelocityJump, around: Surroundings) -> int | None:
         rows_missing = len(intervals) and intervals.max() > 1.5 * np.median(np.diff(time))
         if is_upwards(jump) and rows_missing:
             missed += 0.5 * float(jump.change[2]) * float(intervals.max())
-        if min(at_jump, gap[low].min()) < 0.25 * size + 0.01 + 4 * sigma + missed:
+        if min(at_jump, gap[low].min()) < 0.25 * size + 0.01 + 4 * sigma + missed and ground_may_push(jump):
             return GROUND
     return met
+
+
+def ground_may_push(jump: VelocityJump) -> bool:
+    """Whether a level ground may have caused a velocity jump: it pushes upwards, and sideways by friction alone."""
+    error = 2 * float(np.linalg.norm(jump.change)) / max(jump.z, 1.0)
+    return bool(np.hypot(*jump.change[:2]) <= MOST_FRICTION * (jump.change[2] + error) + error)
 
 
 def is_upwards(jump: VelocityJump) -> bool:

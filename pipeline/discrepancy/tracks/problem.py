@@ -108,6 +108,8 @@ def build_problem(tracks: Sequence[Track], known: KnownScene, held_out: float, r
     cut = cut_tracks(tracks, known)
     if not cut.arcs:
         raise MeasurementError("no clip has a smooth stretch of 6 samples in the air or level on the ground")
+    if all(np.ptp(a.position, axis=0).max() == 0 for a in cut.arcs):
+        raise MeasurementError("no body moves: every position of each object is the same")
     return replace(_stacked(cut, known, clips, held), frame_rate=frame_rate(tracks))
 
 

@@ -128,13 +128,13 @@ def stack_arcs(arcs: Sequence[Arc], clips: Sequence[str], known: KnownScene, gro
     others = np.full((count, 2 * steps + 1, most, 3), FAR_AWAY)
     bodies = [known.of_clip(a.clip).objects[a.object] for a in chosen]
     scenes = [known.of_clip(a.clip) for a in chosen]
+    # A two-dimensional recording has no depth; in a body that rests no coordinate may vary.
+    measured = np.any([np.ptp(a.position, axis=0) > 0 for a in arcs], axis=0)
     for i, arc in enumerate(chosen):
         m = len(arc.time)
         time[i, :m], position[i, :m] = arc.time - arc.time[0], arc.position
         time[i, m:] = time[i, m - 1]
-        weight[i, :m] = (1 / arc.sigma)[:, None] * (
-            np.ptp(arc.position, axis=0) > 0
-        )  # a two-dimensional recording has no depth
+        weight[i, :m] = (1 / arc.sigma)[:, None] * measured
         if arc.quaternion is not None and np.isfinite(arc.quaternion).all():
             rotation[i, :m] = matrix_from_quaternion(arc.quaternion)
         if grounded and arc.spin is not None:

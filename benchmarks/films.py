@@ -1,0 +1,142 @@
+"""Rendered films with what phones and people do to them, one plain command each: bodies, view, overlap, grade.
+
+    python -m benchmarks.films [--films 100] [--first 0] [--seed 5] [--way NAME ...] [--search 2000] [--out FOLDER]
+
+Films: benchmarks/rendered_films.py. Each is written as a video file and asked for as `dynamics infer` would be, without
+any option. A film's overlap is that of the answer's replay with the true masks in the stretch that the answer is of; a
+body that moves and has no counterpart counts as 0. --out: the table, a row of films.csv for each film.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from benchmarks.rendered_films import WAYS, Film, draw_film
+from pipeline.api.infer import Inference, infer
+from pipeline.clips.replay import masks_at
+from pipeline.errors import DynamicsError
+from pipeline.metrics.overlap import overlap
+from pipeline.vision.recordings.letterbox import of_area
+from pipeline.vision.recordings.video import write_video
+
+PX = 480 * 320  # of the masks that are compared
+DESERVED = 0.7  # IoU of an answer that deserves to be graded good
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a film was answered. refused: the error, where there is no answer; by: the method; seconds: it took."""
+
+    film: int
+    way: str
+    kind: str
+    bodies: int
+    found_bodies: int = 0
+    view: str = ""
+    iou: float = 0.0
+    grade: str = ""
+    by: str = ""
+    begin: float = 0.0
+    end: float = 0.0
+    seconds: float = 0.0
+    refused: str = ""
+
+    @property
+    def bodies_right(self) -> bool:
+        return self.bodies == self.found_bodies
+
+    @property
+    def view_right(self) -> bool:
+        """A flight may be answered as a side view, where nothing tells that there is no support."""
+        return self.view == self.kind or {self.view, self.kind} == {"side", "flight"}
+
+
+def film_iou(film: Film, found: Inference) -> tuple[float, float, float]:
+    """Sequence IoU of the answer's replay in the stretch that it is of, and that stretch, s."""
+    stamps = found.clip.taken.clip.source_times
+    begin, end = float(stamps[0]), float(stamps[-1])
+    within = (film.times >= begin - 1e-3) & (film.times <= end + 1e-3)
+    size = of_area(film.way.size, PX)
+    true = np.stack([cv2.resize(m, size, interpolation=cv2.INTER_NEAREST) for m in film.masks[within]])
+    seen = masks_at(found.scene, np.maximum(film.times[within] - begin, 0), *size)
+    return overlap(seen, true, len(found.scene.objects), len(film.scene.objects)).sequence, begin, end
+
+
+def outcome(seed: int, index: int, search: int) -> Outcome:
+    """Of the film with this index. search: simulations."""
+    film = draw_film(seed, index)
+    of = {"film": index, "way": film.way.name, "kind": film.kind, "bodies": len(film.scene.objects)}
+    start = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "film.mp4"
+        write_video(path, film.frames, film.times)
+        try:
+            found = infer(path, search=search)
+        except DynamicsError as error:
+            return Outcome(**of, refused=str(error), seconds=time.monotonic() - start)
+    iou, begin, end = film_iou(film, found)
+    return Outcome(
+        **of,
+        found_bodies=len(found.scene.objects),
+        view=found.scenes.filmed.motion.view.kind,
+        iou=round(iou, 3),
+        grade=found.grade.name,
+        by=found.best.name,
+        begin=round(begin, 2),
+        end=round(end, 2),
+        seconds=round(time.monotonic() - start, 1),
+    )
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """The outcomes by the way of filming, and all together, as Markdown."""
+    rows = pd.DataFrame([asdict(o) | {"right": o.bodies_right, "seen": o.view_right} for o in outcomes])
+    lines = [
+        "| filmed | films | bodies right | view right | IoU | graded good | of these deserved | refused | s, median |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for name, own in [*rows.groupby("way", sort=False), ("all", rows)]:
+        good = own[own["grade"] == "good"]
+        deserved = f"{(good['right'] & (good['iou'] >= DESERVED)).mean():.2f}" if len(good) else "–"
+        lines.append(
+            f"| {name} | {len(own)} | {own['right'].mean():.2f} | {own['seen'].mean():.2f} | {own['iou'].mean():.2f} "
+            f"| {len(good) / len(own):.2f} | {deserved} | {(own['refused'] != '').sum()} | {own['seconds'].median():.0f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--films", type=int, default=5 * len(WAYS))
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=5)
+    parser.add_argument("--way", nargs="*", default=[], choices=[w.name for w in WAYS], metavar="NAME")
+    parser.add_argument("--search", type=int, default=2000)
+    parser.add_argument("--out", type=Path)
+    arguments = parser.parse_args(argv)
+    indices = range(arguments.first, arguments.first + arguments.films)
+    asked = [i for i in indices if not arguments.way or WAYS[i // 5 % len(WAYS)].name in arguments.way]
+    outcomes = []
+    for index in tqdm(asked, unit="film"):
+        outcomes.append(outcome(arguments.seed, index, arguments.search))
+        tqdm.write(" | ".join(str(v) for v in asdict(outcomes[-1]).values()))
+    print("\n" + table(outcomes))
+    if arguments.out is not None:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        pd.DataFrame([asdict(o) for o in outcomes]).to_csv(arguments.out / "films.csv", index=False)
+        command = f"python -m benchmarks.films --films {arguments.films} --seed {arguments.seed}"
+        (arguments.out / "films.md").write_text(f"# Rendered films\n\n`{command}`\n\n{table(outcomes)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""Films that are rendered with what phones and people do to them: shape, frame rate, blur, hands, distance.
+
+The scenes are those of `pipeline.scene.sample_views`; how one is filmed comes from `WAYS`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.clips.draw_views import draw_view_clips, view_kind
+from pipeline.clips.schedule import Schedule
+from pipeline.physics.simulate import simulate
+from pipeline.scene.sample_views import ASPECT
+from pipeline.scene.scene import Scene
+from pipeline.shards.clip_rng import clip_rng
+from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
+from pipeline.vision.rendering.camera import pinhole, project
+from pipeline.vision.rendering.rasteriser import rasterise
+from pipeline.vision.rendering.render import render_rgb
+from training.segmentation.hands import draw_hand, sample_hand
+
+SUITE = "films"
+WIDE, UPRIGHT = (640, 360), (360, 640)  # px
+HELD = 0.4  # s before a hand lets go
+SUBFRAMES = 8  # of a blurred frame
+DRAWN_FPS = 30  # of the schedule by which scenes are accepted
+
+
+@dataclass(frozen=True)
+class Way:
+    """How a film is made.
+
+    Attributes:
+        name: In tables.
+        fps: Frames a second; a varying rate has this mean.
+        size: px, width and height.
+        seconds: Of free motion.
+        exposure: s, over which a frame is blurred.
+        far: Factor of what the camera sees: bodies are so much smaller.
+        hand: A hand holds the first body for HELD s and lets go.
+        varying: Share by which the time between two frames varies.
+    """
+
+    name: str
+    fps: float
+    size: tuple[int, int] = WIDE
+    seconds: float = 1.0
+    exposure: float = 0.004
+    far: float = 1.0
+    hand: bool = False
+    varying: float = 0.0
+
+
+WAYS = (
+    Way("plain, 30", 30),
+    Way("upright, 30", 30, UPRIGHT),
+    Way("15", 15),
+    Way("24, blur", 24, exposure=1 / 48),
+    Way("a hand, 30", 30, hand=True),
+    Way("far", 30, far=2.5),
+    Way("60", 60),
+    Way("varying rate", 30, varying=0.3),
+    Way("short", 30, seconds=0.3),
+    Way("upright, 60, blur", 60, UPRIGHT, exposure=1 / 60),
+    Way("29.97", 30000 / 1001),
+    Way("25, dim: much blur", 25, exposure=1 / 25),
+    Way("near", 30, far=0.7),
+    Way("50", 50),
+    Way("a hand, upright, 25", 25, UPRIGHT, hand=True, exposure=1 / 100),
+    Way("120", 120),
+    Way("upright, 24", 24, UPRIGHT),
+    Way("far, blur", 30, far=2.0, exposure=1 / 60),
+    Way("very short, 60", 60, seconds=0.17),
+    Way("3 s", 30, seconds=3.0),
+)
+
+
+@dataclass(frozen=True)
+class Film:
+    """A film and its truth.
+
+    Attributes:
+        way: How it was filmed.
+        kind: Of `pipeline.scene.sample_views.VIEWS`.
+        scene: From the moment on at which bodies are free.
+        times: (T,) s, of the frames.
+        free: s, from where on bodies are free.
+        frames: (T, H, W, 3) uint8 RGB.
+        masks: (T, H, W) uint8, what is seen of each body: 0 background, i + 1 object i.
+    """
+
+    way: Way
+    kind: str
+    scene: Scene
+    times: np.ndarray
+    free: float
+    frames: np.ndarray
+    masks: np.ndarray
+
+    @property
+    def moving(self) -> int:
+        """How many bodies move in the picture by more than a pixel."""
+        count = 0
+        for i in range(1, len(self.scene.objects) + 1):
+            seen = [np.argwhere(m == i).mean(0) for m in self.masks if (m == i).any()]
+            count += bool(seen) and float(np.ptp(seen, axis=0).max()) > 1
+        return count
+
+
+def draw_film(seed: int, index: int) -> Film:
+    """The film with this index: its view alternates fastest, then its way.
+
+    Raises:
+        DynamicsError: The draw of its scene uses up its tries.
+    """
+    way, kind = WAYS[index // 5 % len(WAYS)], view_kind(index)
+    schedule = Schedule(way.seconds, DRAWN_FPS) if way.seconds >= 0.5 else Schedule()
+    (scene,) = draw_view_clips(seed, SUITE, [index], schedule).scenes
+    scene = seen_by(scene, way)
+    rng = clip_rng(seed, SUITE, index, "film")
+    free = HELD if way.hand else 0.0
+    times = frame_times(rng, way, free + way.seconds)
+    opened = np.linspace(0, way.exposure, SUBFRAMES) if way.exposure > 1 / 250 else np.zeros(1)
+    position, quaternion = poses(scene, (times[:, None] + opened).ravel() - free)
+    appearance = sample_appearance(rng, len(scene.objects), n_fixed=len(scene.fixed))
+    frames = render_rgb(scene, position, quaternion, appearance, *way.size, "raycast")
+    frames = frames.reshape(len(times), len(opened), *frames.shape[1:]).astype(np.float32).mean(1)
+    middle = slice(len(opened) // 2, None, len(opened))
+    assert scene.camera is not None
+    camera = pinhole(scene.camera)
+    masks = rasterise(
+        scene.objects, position[middle], quaternion[middle], camera, *way.size, scene.ground, fixed=scene.fixed
+    ).mask
+    if way.hand:
+        held, depth = project(position[middle][:, :1], camera, *way.size)
+        palm = float(np.sqrt(max((masks == 1).sum((1, 2)).max(), 100) / np.pi)) * rng.uniform(0.8, 1.6)
+        hand = sample_hand(rng, *way.size, held[:, 0], palm, times / times[-1], free / times[-1])
+        for t in range(len(times)):
+            layer = draw_hand(hand, t, *way.size)
+            frames[t] += layer[..., 3:] * (255 * layer[..., :3] - frames[t])
+            masks[t][layer[..., 3] > 0.5] = 0
+    frames = apply_sensor(np.clip(frames, 0, 255).astype(np.uint8), sample_sensor(rng), rng)
+    return Film(way, kind, scene, times, free, frames, masks)
+
+
+def seen_by(scene: Scene, way: Way) -> Scene:
+    """The scene with a camera that sees, in a picture of another shape, all that the drawn one saw, times `way.far`."""
+    assert scene.camera is not None
+    wider = max(1.0, ASPECT * way.size[1] / way.size[0]) * way.far
+    fov = 2 * np.degrees(np.arctan(wider * np.tan(np.radians(scene.camera.fov) / 2)))
+    return replace(scene, camera=replace(scene.camera, fov=float(fov)))
+
+
+def frame_times(rng: np.random.Generator, way: Way, seconds: float) -> np.ndarray:
+    """(T,) s, from 0."""
+    count = max(round(seconds * way.fps), 5)
+    steps = (1 + way.varying * rng.uniform(-1, 1, count)) / way.fps
+    return np.concatenate([[0.0], np.cumsum(steps)[:-1]])
+
+
+def poses(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (T, N, 3) m and quaternions (T, N, 4) at times, s: simulated from 0 on; before it, a body is brought to
+    its start by a steady push from rest."""
+    trace = simulate(scene, max(float(times.max()), 0.0) + 0.05)
+    at = np.round(np.maximum(times, 0) * trace.rate).astype(int)
+    early = np.minimum(times, 0)[:, None, None]
+    velocity = np.array([o.velocity for o in scene.objects])
+    return trace.position[at] + velocity * early * (1 + early / (2 * HELD)), trace.quaternion[at]
