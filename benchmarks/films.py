@@ -110,7 +110,8 @@ def table(outcomes: Sequence[Outcome]) -> str:
         deserved = f"{(good['right'] & (good['iou'] >= DESERVED)).mean():.2f}" if len(good) else "–"
         lines.append(
             f"| {name} | {len(own)} | {own['right'].mean():.2f} | {own['seen'].mean():.2f} | {own['iou'].mean():.2f} "
-            f"| {len(good) / len(own):.2f} | {deserved} | {(own['refused'] != '').sum()} | {own['seconds'].median():.0f} |"
+            f"| {len(good) / len(own):.2f} | {deserved} "
+            f"| {(own['refused'] != '').sum()} | {own['seconds'].median():.0f} |"
         )
     return "\n".join(lines) + "\n"
 

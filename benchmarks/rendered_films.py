@@ -134,7 +134,7 @@ def draw_film(seed: int, index: int) -> Film:
         scene.objects, position[middle], quaternion[middle], camera, *way.size, scene.ground, fixed=scene.fixed
     ).mask
     if way.hand:
-        held, depth = project(position[middle][:, :1], camera, *way.size)
+        held, _ = project(position[middle][:, :1], camera, *way.size)
         palm = float(np.sqrt(max((masks == 1).sum((1, 2)).max(), 100) / np.pi)) * rng.uniform(0.8, 1.6)
         hand = sample_hand(rng, *way.size, held[:, 0], palm, times / times[-1], free / times[-1])
         for t in range(len(times)):

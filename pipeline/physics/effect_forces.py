@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.kind import EffectKind, Regime
-from pipeline.scene.effects.registry import effect_kinds
+from pipeline.scene.effects.text import effect_kind
 from pipeline.scene.scene import Effect, Scene, half_extents
 
 CHATTER_STEPS = 16  # a body that slides at 3 m/s hops by 5 mm, for 15 steps of 1/240 s
@@ -46,11 +46,11 @@ def moves_ground(kind: EffectKind) -> bool:
 
 def chosen_effects(scenes: Sequence[Scene], which: Callable[[EffectKind], bool]) -> list[AppliedEffect]:
     """The effects of B scenes whose kind is wanted. The scenes share their effects' names and objects, in order."""
-    names = [[(e.name, e.objects) for e in s.effects] for s in scenes]
-    assert all(n == names[0] for n in names), "scenes of one batch share their effects' names"
+    names = [[(e.name, e.objects, e.only) for e in s.effects] for s in scenes]
+    assert all(n == names[0] for n in names), "scenes of one batch share their effects' names and where they act"
     out = []
     for i, effect in enumerate(scenes[0].effects):
-        kind = effect_kinds()[effect.name]
+        kind = effect_kind(effect)
         if which(kind):
             out.append(AppliedEffect(kind, _stacked([s.effects[i] for s in scenes]), _acts(effect, scenes[0])))
     return out

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.scene.effects.region import Region
+
 SIGNIFICANT_DIGITS = 6
 
 #: Size keys of each shape: full lengths in m. A mesh has a file and a scale instead.
@@ -179,11 +181,19 @@ class FixedBody:
 
 @dataclass(frozen=True)
 class Effect:
-    """A physical law that is added to the scene: name, parameters, and the objects it acts on (None: all)."""
+    """A physical law that is added to the scene.
+
+    Attributes:
+        name: Of its kind.
+        parameters: Names and values.
+        objects: On which it acts; None: all.
+        only: Where it acts; None: everywhere.
+    """
 
     name: str
     parameters: tuple[tuple[str, Any], ...] = ()
     objects: tuple[str, ...] | None = None
+    only: Region | None = None
 
     def __post_init__(self) -> None:
         values = ((k, rounded_vector(v) if isinstance(v, tuple) else rounded(v)) for k, v in self.parameters)

@@ -6,7 +6,7 @@ The format is described in docs/formats.md. Reading a written scene gives an equ
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from pipeline.errors import SceneError, did_you_mean
+from pipeline.scene.effects.region import Region
 from pipeline.scene.effects.text import effect_from_dict
 from pipeline.scene.scene import CONTACT_KEYS, FIXED_SIZE_KEYS, SIZE_KEYS, Camera, Effect, FixedBody, Scene, SceneObject
 from pipeline.scene.schema import PLACES, SHAPE_MODELS, CameraText, FixedText, ObjectText, SceneText
@@ -207,7 +208,7 @@ def number_text(value: float) -> str:
     return text[:-2] if text.endswith(".0") and abs(value) >= 1e6 else text
 
 
-def _vector_text(values: tuple[float, ...]) -> str:
+def _vector_text(values: Sequence[float]) -> str:
     return "[" + ", ".join(number_text(v) for v in values) + "]"
 
 
@@ -227,6 +228,24 @@ def effect_text(effect: Effect) -> str:
     parts += [f"{k}: {_vector_text(v) if isinstance(v, tuple) else number_text(v)}" for k, v in effect.parameters]
     if effect.objects is not None:
         parts.append(f"objects: [{', '.join(map(_name_text, effect.objects))}]")
+    if effect.only is not None:
+        parts.append(f"only: {_region_text(effect.only)}")
+    return "{" + ", ".join(parts) + "}"
+
+
+def _region_text(region: Region) -> str:
+    """Where an effect acts as a mapping on one line."""
+    parts = []
+    for key, value in region.as_dict().items():
+        if isinstance(value, dict):
+            inner = ", ".join(
+                f"{k}: {_vector_text(v) if isinstance(v, list) else number_text(v)}" for k, v in value.items()
+            )
+            parts.append(f"{key}: {{{inner}}}")
+        elif isinstance(value, list):
+            parts.append(f"{key}: [{', '.join(map(_quoted, value))}]")
+        else:
+            parts.append(f"{key}: {number_text(value)}")
     return "{" + ", ".join(parts) + "}"
 
 

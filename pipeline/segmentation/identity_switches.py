@@ -91,7 +91,11 @@ def without_leaps(tracks: Sequence[Track]) -> list[Track]:
         for last, after in itertools.pairwise(sorted(track.pieces)):
             start = _begin(other)
             lost = after > last + 1
-            if lost and last < start <= after and _misfit(track, last, other, start) < _misfit(track, last, track, after):
+            if (
+                lost
+                and last < start <= after
+                and _misfit(track, last, other, start) < _misfit(track, last, track, after)
+            ):
                 before = {t: p for t, p in track.pieces.items() if t <= last}
                 onward = {t: p for t, p in other.pieces.items() if t >= start}
                 left = {t: p for t, p in track.pieces.items() if t >= after}

@@ -24,6 +24,8 @@ def test_balls_that_pass_at_a_distance_do_not_collide(rng: np.random.Generator) 
     assert closest_approaches(time, distance, 0.1, SIGMA) == []
 
 
-@pytest.mark.parametrize(("change", "may"), [((0.1, 0.0, 2.0), True), ((0.8, 0.3, 1.0), True), ((1.0, 0.4, 0.02), False)])
+@pytest.mark.parametrize(
+    ("change", "may"), [((0.1, 0.0, 2.0), True), ((0.8, 0.3, 1.0), True), ((1.0, 0.4, 0.02), False)]
+)
 def test_the_ground_pushes_upwards_and_sideways_by_friction_alone(change: tuple[float, ...], may: bool) -> None:
     assert ground_may_push(VelocityJump(0.5, np.zeros(3), np.array(change), 30.0)) is may

@@ -1,4 +1,4 @@
-"""Imports inside the discovery go one way: discover -> report -> selection -> fitting -> tracks."""
+"""Imports inside the discovery go one way: discover -> report -> selection -> where -> fitting -> tracks."""
 
 import ast
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "pipeline" / "discrepancy"
-LAYERS = ("tracks", "fitting", "selection", "report")
+LAYERS = ("tracks", "fitting", "where", "selection", "report")
 
 
 def imported_modules(path: Path) -> set[str]:

@@ -95,21 +95,26 @@ def _estimates(found: Candidate, kind: EffectKind, body: int | None) -> dict[str
     return {p.name: ParameterEstimate(values[p.name], spreads[p.name], p.unit) for p in kind.parameters}
 
 
-def calibrated(calibration: Calibration, found: Candidate) -> dict[str, ParameterEstimate]:
-    """The free parameters of the known scene, `object.parameter`, as fitted with the effects of `found`."""
+def calibrated(
+    calibration: Calibration, found: Candidate, theta: np.ndarray | None = None, errors: np.ndarray | None = None
+) -> dict[str, ParameterEstimate]:
+    """The free parameters of the known scene, `object.parameter`, as fitted with the effects of `found`; or theta (G,)
+    with its standard errors (G,)."""
+    theta = found.fit.theta if theta is None else theta
+    errors = standard_errors(found) if errors is None else errors
     known = calibration.problem.known
     fitted = [parameter for parameter in SCENE_FITTABLE if parameter in known.fit]
     scene_level = {kind.name: p for p in fitted if (kind := kind_of_scene_parameter(p)) is not None}
-    errors, out = standard_errors(found), {}
+    out: dict[str, ParameterEstimate] = {}
     for i, u in enumerate(found.fit.model.unknowns):
         if u.owner.startswith(OBJECT) and u.name in known.fit:
             name = known.scene.objects[int(u.owner.removeprefix(OBJECT))].name
             determined = errors[i] < DETERMINED * u.sigma
             out[f"{name}.{u.name}"] = ParameterEstimate(
-                float(found.fit.theta[i]), float(errors[i]) if determined else None, u.unit
+                float(theta[i]), float(errors[i]) if determined else None, u.unit
             )
         elif u.owner in scene_level:
-            out[scene_level[u.owner]] = ParameterEstimate(float(found.fit.theta[i]), float(errors[i]), u.unit)
+            out[scene_level[u.owner]] = ParameterEstimate(float(theta[i]), float(errors[i]), u.unit)
     if "damping" in known.fit:
         for number, obj in enumerate(known.scene.objects):
             bounce = fit_restitution([b for b in calibration.bounces if b.object == number])

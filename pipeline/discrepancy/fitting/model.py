@@ -12,7 +12,8 @@ from pipeline.discrepancy.fitting.motion import ActingEffect, GroundFriction
 from pipeline.discrepancy.tracks.known_scene import SCENE_FITTABLE, KnownScene
 from pipeline.discrepancy.tracks.stack import ArcStack
 from pipeline.scene.effects.kind import EffectKind, Parameter
-from pipeline.scene.effects.registry import effect_kinds, kind_of_scene_parameter
+from pipeline.scene.effects.registry import kind_of_scene_parameter
+from pipeline.scene.effects.text import effect_kind
 from pipeline.scene.mjcf import TORSIONAL_FRICTION
 from pipeline.scene.scene import Effect
 
@@ -125,7 +126,7 @@ class Model:
         for effect in self.stated:
             acts = np.array([effect.objects is None or self.objects[o] in effect.objects for o in stack.object])
             values = {name: np.array(value, float)[None, None] for name, value in effect.parameters}
-            out.append(ActingEffect(effect_kinds()[effect.name], values, acts))
+            out.append(ActingEffect(effect_kind(effect), values, acts))
         return out
 
     @property

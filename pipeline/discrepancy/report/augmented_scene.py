@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated, estimates_by_body
+from pipeline.discrepancy.selection.local_effect import only_of
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.tracks.arc import Arc
 from pipeline.discrepancy.tracks.known_scene import FITTED
@@ -41,7 +42,8 @@ def scene_of(found: Selection, model: Candidate) -> Scene:
     for name in model.effects:
         for body, estimates in estimates_by_body(model, name).items():
             values = tuple((k, tuple(e.value) if isinstance(e.value, list) else e.value) for k, e in estimates.items())
-            effects.append(Effect(name, values, None if body is None else (scene.objects[body].name,)))
+            objects_ = None if body is None else (scene.objects[body].name,)
+            effects.append(Effect(name, values, objects_, only_of(model)))
     gravity = scene.gravity
     if "gravity" in numbers:
         gravity = tuple(np.array(gravity) / np.linalg.norm(gravity) * numbers["gravity"].value)

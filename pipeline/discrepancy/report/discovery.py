@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pipeline.discrepancy.fitting.candidate import Candidate
-from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated, effect_estimates
+from pipeline.discrepancy.fitting.estimates import ParameterEstimate, effect_estimates
 from pipeline.discrepancy.fitting.predictions import FRICTION_PLACE, SCALE_PLACE
 from pipeline.discrepancy.report.augmented_scene import augmented_scene
+from pipeline.discrepancy.report.disagreement import clean_numbers, disagreement, with_errors
 from pipeline.discrepancy.report.formula import residual_formula
-from pipeline.discrepancy.report.localisation import Stretch, stretches
+from pipeline.discrepancy.report.localisation import Stretch
 from pipeline.discrepancy.report.remainder import Remainder, remainder_of
 from pipeline.discrepancy.selection.confidence import SMOOTHED, confidence, probabilities
 from pipeline.discrepancy.selection.equivalence import equivalent_sets, next_experiment
 from pipeline.discrepancy.selection.established import models_without
 from pipeline.discrepancy.selection.gap import Gap, measure_gap
+from pipeline.discrepancy.selection.local_effect import only_of
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.tracks.problem import Problem
 from pipeline.scene.scene import Scene
 
 UNKNOWN = "unknown"
 MOST_DISAGREEMENTS = 40
-NOTABLE_Z = 3.0
 NOTABLE_CORRELATION = 0.1
 
 
@@ -37,12 +39,14 @@ class NamedEffect:
         share: Of the explained gap (of its square), that goes back to it; None where the model without it was not
             fitted.
         parameters: By name.
+        only: Where it acts, each number with its standard error; None: everywhere.
     """
 
     effect: str
     confidence: float
     share: float | None
     parameters: dict[str, ParameterEstimate]
+    only: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,7 @@ class Discovery:
         verdict: The answer.
         calibrated: Free parameters of the known scene, without effects.
         gap: Before and after, in metres.
-        disagreement: Where the calibrated model misses the measurements, the most significant first.
+        disagreement: Intervals in which something unknown acts, the most significant first.
         probability: Of `none`, `unknown` and each candidate.
         scene: The known scene with the effects found.
         notes: What a reader should know beside the verdict, a sentence each.
@@ -107,14 +111,13 @@ class Discovery:
 
 def discovery_of(found: Selection) -> Discovery:
     """The discovery that a selection amounts to."""
-    disagreement = [s for s in stretches(found.baseline) if s.z > NOTABLE_Z]
     gap = measure_gap(found.measured, found.baseline, found.answer)
     return Discovery(
         selection=found,
         verdict=_verdict(found, gap),
-        calibrated=calibrated(found.calibration, found.none),
+        calibrated=clean_numbers(found),
         gap=gap,
-        disagreement=tuple(disagreement[:MOST_DISAGREEMENTS]),
+        disagreement=tuple(disagreement(found)[:MOST_DISAGREEMENTS]),
         probability=probabilities(found),
         scene=augmented_scene(found),
         notes=_notes(found),
@@ -127,7 +130,8 @@ def _verdict(found: Selection, gap: Gap) -> Verdict:
     equivalent = equivalent_sets(found)
     own = {name: effect_estimates(answer, name) for name in answer.effects}
     several = len(own) > 1
-    sure, shares = confidence(found, names), _shares(found)
+    sure, shares, region = confidence(found, names), _shares(found), only_of(answer)
+    only = None if region is None else with_errors(region, found)
     return Verdict(
         effects=names,
         parameters={f"{n}.{k}" if several else k: e for n, numbers in own.items() for k, e in numbers.items()},
@@ -135,7 +139,7 @@ def _verdict(found: Selection, gap: Gap) -> Verdict:
         equivalent=equivalent,
         experiment=next_experiment(names, equivalent),
         form=residual_formula(found.none) if found.unknown else None,
-        named=tuple(NamedEffect(name, sure, shares.get(name), numbers) for name, numbers in own.items()),
+        named=tuple(NamedEffect(name, sure, shares.get(name), numbers, only) for name, numbers in own.items()),
         remainder=remainder_of(found, gap),
     )
 

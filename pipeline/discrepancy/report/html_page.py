@@ -11,6 +11,7 @@ from pipeline.discrepancy.fitting.estimates import ParameterEstimate
 from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.report.figures import ranking_figure, residual_figure, trajectory_figure
 from pipeline.evaluation.report import Section, drawing, html_table, page
+from pipeline.scene.effects.region import Region
 from pipeline.scene.effects.registry import effect_kinds
 
 LEAST_SURE = 0.6  # highest confidence of a verdict that is called doubtful
@@ -43,10 +44,13 @@ def _said(report: Mapping[str, Any]) -> str:
             if equivalent
             else f"Something is missing that no listed effect explains {sure}: {verdict['form']}."
         )
+        if report["where"] is not None and report["where"]["only"]:
+            what += f" It acts only {Region.of(report['where']['only']).words}."
         return f"{what} {numbers}, and no listed effect closes it; the noise floor is {floor:.3g} mm."
     alike = f" These measurements cannot tell it from {equivalent}." if equivalent else ""
+    place = "".join(f" {Region.of(n['only']).words}" for n in verdict["named"] if "only" in n)
     return (
-        f"The simulation lacks {' and '.join(verdict['effects'])} {sure}.{alike} {numbers} without and "
+        f"The simulation lacks {' and '.join(verdict['effects'])}{place} {sure}.{alike} {numbers} without and "
         f"{after:.3g} mm with it; the noise floor is {floor:.3g} mm.{_remaining(verdict['remainder'])}"
     )
 
@@ -71,6 +75,7 @@ def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, fact
     """
     verdict = report["verdict"]
     sections = [
+        Section("Where they disagree", _region(report), _where(report)),
         Section("Verdict", verdict["experiment"], _parameters(found.verdict.parameters) + _laws(found.answer.effects)),
         Section(
             "Candidates",
@@ -87,7 +92,6 @@ def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, fact
             "Measured and predicted.",
             drawing(trajectory_figure(found, table), "z over time; from above"),
         ),
-        Section("Where they disagree", "Short stretches, the most significant first.", _where(report)),
         Section("Calibrated", "Free parameters of the known scene.", _parameters(found.calibrated)),
         Section("Notes", "", "".join(f"<p>{note}</p>" for note in report["notes"])),
     ]
@@ -145,6 +149,16 @@ def _candidates(report: Mapping[str, Any]) -> str:
         for c in report["candidates"]
     ]
     return html_table(["effect", "probability", "delta BIC", "held-out gain, nats", "parameters"], rows)
+
+
+def _region(report: Mapping[str, Any]) -> str:
+    """The region in which the known scene fails, in words."""
+    where = report["where"]
+    if where is None:
+        return "Intervals in which something unknown acts, the most significant first."
+    place = Region.of(where["only"]).words if where["only"] else "in all of the measurements"
+    who = f", of {', '.join(where['objects'])} alone" if where["objects"] else ""
+    return f"The known scene fails {place}{who}: {where['share']:.0%} of the time of motion."
 
 
 def _where(report: Mapping[str, Any]) -> str:

@@ -34,6 +34,7 @@ class Stretch:
         z: Significance of the force, in standard deviations of a normal distribution.
         velocity: (3,) m/s.
         towards: (3,) m, from the body to another object; None without one.
+        unit: Of force and stderr: N, or N s of a blow.
     """
 
     clip: str
@@ -46,6 +47,7 @@ class Stretch:
     z: float
     velocity: np.ndarray
     towards: np.ndarray | None
+    unit: str = "N"
 
 
 def stretches(found: Candidate) -> list[Stretch]:
@@ -86,7 +88,7 @@ def stretches(found: Candidate) -> list[Stretch]:
                         regime=regime_of(stack, i, velocity, spin),
                         force=acceleration * stack.mass[i],
                         stderr=float(error * stack.mass[i]),
-                        z=_normal_z(float((acceleration**2).sum() / error**2)),
+                        z=normal_z(float((acceleration**2).sum() / error**2)),
                         velocity=velocity,
                         towards=near[0] - nodes.position[0, i, node] if len(near) else None,
                     )
@@ -94,7 +96,7 @@ def stretches(found: Candidate) -> list[Stretch]:
     return sorted(out, key=lambda s: -s.z)
 
 
-def _normal_z(chi2: float) -> float:
+def normal_z(chi2: float) -> float:
     """A chi squared of three degrees of freedom as standard deviations (Wilson and Hilferty's cube root)."""
     return float(((chi2 / 3) ** (1 / 3) - (1 - 2 / 27)) / np.sqrt(2 / 27))
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.estimates import effect_estimates
+from pipeline.discrepancy.report.disagreement import where_dict
 from pipeline.discrepancy.report.discovery import Discovery, Verdict
 from pipeline.discrepancy.report.localisation import Stretch, direction_words
 from pipeline.discrepancy.tracks.noise import MAD
@@ -26,6 +27,7 @@ def report_dict(found: Discovery) -> dict[str, Any]:
         "clips": {"fitted": list(problem.fitted), "held_out": list(problem.held_out)},
         "calibrated": {k: e.as_dict() for k, e in found.calibrated.items()},
         "disagreement": [_stretch(s, names) for s in found.disagreement],
+        "where": where_dict(selection),
         "candidates": _candidates(found),
         "verdict": _verdict(found.verdict),
         "gap": {
@@ -53,7 +55,7 @@ def _stretch(s: Stretch, names: list[str]) -> dict[str, Any]:
         "t_end": s.end,
         "regime": str(s.regime),
         "residual": float(np.linalg.norm(s.force)),
-        "unit": "N",
+        "unit": s.unit,
         "z_score": s.z,
         "direction": direction_words(s),
     }
@@ -97,6 +99,7 @@ def _verdict(v: Verdict) -> dict[str, Any]:
             "confidence": n.confidence,
             "share": n.share,
             "parameters": {k: e.as_dict() for k, e in n.parameters.items()},
+            **({} if n.only is None else {"only": n.only}),
         }
         for n in v.named
     ]

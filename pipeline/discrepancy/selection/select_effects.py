@@ -17,6 +17,7 @@ from pipeline.discrepancy.selection.equivalence import absorbed_laws, alike_each
 from pipeline.discrepancy.selection.established import with_established
 from pipeline.discrepancy.selection.forecast import forecast_error
 from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE, ForwardSelection, forward_selection
+from pipeline.discrepancy.selection.local_effect import Where, find_where, local_effects
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.testable import testable_kinds
 from pipeline.discrepancy.selection.unexplained import (
@@ -41,7 +42,52 @@ MOST_DROPS = 2  # times that arcs are dropped by the best model
 
 
 def select_effects(problem: Problem, effects: Sequence[str], progress: Progress) -> Selection:
-    """The selection for a problem, with nuisances where no listed effect explains it.
+    """The selection for a problem: of an effect in a part of the world, or of effects everywhere.
+
+    Where the known scene fails in a part only, an effect that acts there wins if it explains the measurements, and more
+    than any one that acts everywhere.
+
+    Args:
+        problem: What is fitted.
+        effects: Names of the effects that may be answered.
+        progress: Called with the name of each effect that is fitted.
+    """
+    calibration = calibrate(problem)
+    where = find_where(calibration.none)
+    local = _select_local(calibration, where, effects, progress) if where.local else None
+    return replace(local or _select_everywhere(problem, effects, progress), where=where)
+
+
+def _select_local(
+    calibration: Calibration, where: Where, effects: Sequence[str], progress: Progress
+) -> Selection | None:
+    """The selection of one effect that acts where the known scene fails; None where that is not the answer."""
+    kinds = testable_kinds(effects, calibration.problem, any_spin=False)
+    singles = local_effects(calibration, where, kinds, progress)
+    if not singles or is_unexplained(calibration, singles[0]):
+        return None
+    chosen = singles[0]
+    rivals = [c.score for c in extend(calibration, calibration.none, _everywhere(kinds), progress)]
+    if chosen.score > min([calibration.none.score, *rivals]) - CLAIM_MORE:
+        return None
+    z, share = excess(calibration, chosen)
+    testable = {kind.name for kind in kinds}
+    return Selection(
+        calibration=calibration,
+        singles=tuple(singles),
+        chosen=chosen,
+        alike=alike_single(chosen, singles),
+        excess_share=share,
+        excess_z=z,
+        unknown=False,
+        untestable=tuple(name for name in effects if name not in testable),
+        ruled_out=(),
+        baseline=calibration.none,
+    )
+
+
+def _select_everywhere(problem: Problem, effects: Sequence[str], progress: Progress) -> Selection:
+    """The selection of effects that act everywhere, with nuisances where no listed effect explains the measurements.
 
     If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
     counts if at most one effect is enough then, or if several explain all: beside a remainder any second effect wins by
@@ -71,7 +117,9 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     own_frictions = _select_with_own_frictions(problem, found, effects, progress)
     if own_frictions is not None:
         return own_frictions
-    return with_established(found, testable_kinds(effects, found.problem, any_spin=True), progress) or found
+    return (
+        with_established(found, _everywhere(testable_kinds(effects, found.problem, any_spin=True)), progress) or found
+    )
 
 
 def _select_with_own_frictions(
@@ -93,7 +141,7 @@ def _select_with_own_frictions(
     again = select_once(with_friction_nuisance(problem), effects, progress)
     again = replace(again, baseline=found.none)
     if again.excess_z > UNEXPLAINED_Z:
-        return with_established(again, testable_kinds(effects, again.problem, any_spin=True), progress)
+        return with_established(again, _everywhere(testable_kinds(effects, again.problem, any_spin=True)), progress)
     return again if again.chosen.effects else None
 
 
@@ -114,7 +162,7 @@ def select_once(problem: Problem, effects: Sequence[str], progress: Progress = l
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
     """
-    kinds = testable_kinds(effects, problem, any_spin=False)
+    kinds = _everywhere(testable_kinds(effects, problem, any_spin=False))
     calibration, best, singles = _fit_singles(problem, kinds, progress)
     if best.effects:
         calibration = recalibrated(calibration, singles[:RESTARTS])
@@ -145,6 +193,11 @@ def select_once(problem: Problem, effects: Sequence[str], progress: Progress = l
         baseline=calibration.none,
         tried=found.tried,
     )
+
+
+def _everywhere(kinds: Sequence[EffectKind]) -> list[EffectKind]:
+    """The effects that may act everywhere."""
+    return [kind for kind in kinds if not kind.discovery.local]
 
 
 def _fit_singles(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pipeline.discrepancy.fitting.calibration import Calibration
 from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.selection.local_effect import Where
 from pipeline.discrepancy.tracks.problem import Problem
 
 
@@ -25,6 +26,7 @@ class Selection:
         ruled_out: Names of effects that something beside the motion speaks against.
         baseline: The calibrated model with lengths and noise as they were before nuisances (`select_effects`).
         tried: All models of several effects that were fitted.
+        where: Where the known scene fails.
         first: The selection whose residuals count as noise in this one; None where noise is as measured.
     """
 
@@ -39,6 +41,7 @@ class Selection:
     ruled_out: tuple[str, ...]
     baseline: Candidate
     tried: tuple[Candidate, ...] = ()
+    where: Where | None = None
     first: Selection | None = None
 
     @property

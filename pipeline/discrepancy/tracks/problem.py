@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -139,26 +139,44 @@ def recorded_alone(problem: Problem) -> tuple[int, ...]:
 
 def split_at_jumps(problem: Problem) -> Problem:
     """The problem with arcs cut where their velocity jumps, as if something had been hit there."""
-    pieces: list[Arc] = []
     reach = problem.floor.smoothing.reach
-    for arc in problem.arcs:
+
+    def parts(arc: Arc) -> list[np.ndarray]:
         edges = [-np.inf, *(jump.time for jump in arc.jumps), np.inf]
-        for left, right in itertools.pairwise(edges):
-            inside = (arc.time > left + reach) & (arc.time < right - reach)
-            if inside.sum() >= LEAST_PIECE:
-                pieces.append(
-                    replace(
-                        arc,
-                        time=arc.time[inside],
-                        position=arc.position[inside],
-                        sigma=arc.sigma[inside],
-                        row=arc.row[inside],
-                        others=arc.others[inside],
-                        spin=None if arc.spin is None else arc.spin[inside],
-                        quaternion=None if arc.quaternion is None else arc.quaternion[inside],
-                        jumps=(),
-                    )
-                )
+        inside = [(arc.time > a + reach) & (arc.time < b - reach) for a, b in itertools.pairwise(edges)]
+        return [i for i in inside if i.sum() >= LEAST_PIECE]
+
+    return _split(problem, parts)
+
+
+def short_pieces(problem: Problem, seconds: float, least: int) -> Problem:
+    """The problem with arcs cut into pieces of about so many seconds, each of at least so many samples."""
+
+    def parts(arc: Arc) -> list[np.ndarray]:
+        count = max(1, min(round((arc.time[-1] - arc.time[0]) / seconds), len(arc.time) // least))
+        rows = np.arange(len(arc.time))
+        return [np.isin(rows, part) for part in np.array_split(rows, count)]
+
+    return _split(problem, parts)
+
+
+def _split(problem: Problem, parts: Callable[[Arc], list[np.ndarray]]) -> Problem:
+    """The problem with each arc cut into the parts, each (T,) bool, that a function tells."""
+    pieces = [
+        replace(
+            arc,
+            time=arc.time[inside],
+            position=arc.position[inside],
+            sigma=arc.sigma[inside],
+            row=arc.row[inside],
+            others=arc.others[inside],
+            spin=None if arc.spin is None else arc.spin[inside],
+            quaternion=None if arc.quaternion is None else arc.quaternion[inside],
+            jumps=(),
+        )
+        for arc in problem.arcs
+        for inside in parts(arc)
+    ]
     cut = Cut(tuple(pieces), (), TrackNoise(problem.sigma, problem.floor.smoothing), frozenset())
     split = _stacked(cut, problem.known, problem.clips, frozenset(problem.held_out), problem.floor)
     return replace(split, outliers=problem.outliers, frame_rate=problem.frame_rate)

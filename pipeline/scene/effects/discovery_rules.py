@@ -120,6 +120,7 @@ class DiscoveryRules:
         of_a_body: Whether its numbers are a body's own: bodies that were recorded one by one may differ in them.
         unmeasured_spin: Radius of a ball, m -> the effect's parameters by convention, with which it is tried where no
             spin was measured. Each flight then has an unknown spin.
+        local: Whether only a part of the world can show it: everywhere, a free number of the scene is the same.
         must_beat_shuffled_spins: Whether the measured spins must explain more than the spins of other clips.
         canonical: (values, errors, fitted scene parameters) -> the preferred one of equivalent descriptions.
         other_evidence: (values, errors, frame rate) -> 1 where something beside the motion speaks for the effect,
@@ -136,6 +137,7 @@ class DiscoveryRules:
     fit_hits: Callable[[Hits], HitFit] | None = None
     of_a_body: bool = False
     unmeasured_spin: Callable[[float], Mapping[str, float]] | None = None
+    local: bool = False
     must_beat_shuffled_spins: bool = False
     canonical: Callable[[Numbers, Numbers, Sequence[str]], tuple[Numbers, Numbers]] | None = None
     other_evidence: Callable[[Numbers, Numbers, float], int] | None = None

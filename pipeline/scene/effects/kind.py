@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.discovery_rules import DEFAULT, DiscoveryRules
 from pipeline.scene.effects.hiding import Hiding
+from pipeline.scene.effects.region import Region
 from pipeline.scene.scene import Scene
 
 Values = Mapping[str, np.ndarray]
@@ -89,6 +90,7 @@ class EffectKind:
         kick: (values) -> time (...) s and momentum (..., 3) N s of a blow.
         discovery: How it is discovered.
         hiding: How it is hidden in worlds for the blind benchmark; None: it is not.
+        only: Where it acts; None: everywhere.
     """
 
     name: str
@@ -110,6 +112,7 @@ class EffectKind:
     kick: Callable[[Values], tuple[np.ndarray, np.ndarray]] | None = None
     discovery: DiscoveryRules = DEFAULT
     hiding: Hiding | None = None
+    only: Region | None = None
 
     @property
     def size(self) -> int:
@@ -127,6 +130,38 @@ class EffectKind:
         return self.bounce_ratio is None and self.discovery.fit_hits is None
 
     @property
+    def may_be_local(self) -> bool:
+        """Whether it is a force, so that it may act in a part of the world."""
+        others = (self.bounce_ratio, self.collide, self.mass_offset, self.recording, self.kick, self.rolling_friction)
+        return all(law is None for law in others)
+
+    @property
     def is_single_blow(self) -> bool:
         """Whether it may be a single blow, which only several blows tell from other such effects."""
         return self.kick is not None or self.discovery.fit_hits is not None
+
+
+def local_kind(kind: EffectKind, region: Region) -> EffectKind:
+    """The effect as it acts in a region only. MuJoCo has no such effect, so its force is applied."""
+    assert kind.may_be_local
+
+    def within(law: Law | None, vector: bool = True) -> Law | None:
+        if law is None:
+            return None
+
+        def cut(values: Values, body: Body) -> np.ndarray:
+            inside = region.holds(body.time, body.position, body.velocity)
+            return np.where(inside[..., None] if vector else inside, law(values, body), 0.0)
+
+        return cut
+
+    return replace(
+        kind,
+        force=within(kind.force),
+        torque=within(kind.torque),
+        air_velocity=within(kind.air_velocity),
+        ground_velocity=within(kind.ground_velocity),
+        normal_force=within(kind.normal_force, vector=False),
+        edit=None,
+        only=region,
+    )

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from pipeline.errors import SceneError, did_you_mean
-from pipeline.scene.effects.kind import EffectKind, Parameter
+from pipeline.scene.effects.kind import EffectKind, Parameter, local_kind
+from pipeline.scene.effects.region import Region
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect
 
@@ -29,7 +30,8 @@ def effect_from_dict(entry: Any, index: int, names: Sequence[str], source: str) 
         name, valid_names = entry.get("name"), effect_kinds()
         hint = did_you_mean(name, valid_names)
         raise SceneError(f"{place}.name: unknown effect {name!r}{hint}; valid: {', '.join(valid_names)}")
-    valid = ["name", *(p.name for p in kind.parameters), "objects"] + ["object"] * (kind.kick is not None)
+    valid = ["name", *(p.name for p in kind.parameters), "objects"]
+    valid += ["object"] * (kind.kick is not None) + ["only"] * kind.may_be_local
     for key in entry:
         if key not in valid:
             hint = did_you_mean(key, valid)
@@ -39,7 +41,41 @@ def effect_from_dict(entry: Any, index: int, names: Sequence[str], source: str) 
             needed = ", ".join(f"{p.name} ({p.unit})" for p in kind.parameters)
             raise SceneError(f"{place}.{parameter.name}: missing key; needed by {kind.name}: {needed}")
     values = tuple((p.name, _value(entry[p.name], p, f"{place}.{p.name}")) for p in kind.parameters)
-    return Effect(kind.name, values, _objects(entry, names, place))
+    only = None if entry.get("only") is None else _region(entry["only"], f"{place}.only")
+    return Effect(kind.name, values, _objects(entry, names, place), only)
+
+
+LIMITS = {"after": "s", "before": "s", "faster": "m/s", "slower": "m/s"}
+BALL = (Parameter("center", "m", length=3), Parameter("radius", "m", low=0.0))
+PLANE = (Parameter("normal", "-", length=3), Parameter("offset", "m"))
+
+
+def _region(entry: Any, place: str) -> Region:
+    """Where an effect acts: the conditions that hold together."""
+    valid = [*LIMITS, "within", "beyond", "clips"]
+    if not isinstance(entry, dict) or not entry:
+        raise SceneError(f"{place}: must be a mapping of conditions, not {entry!r}; valid: {', '.join(valid)}")
+    for key in entry:
+        if key not in valid:
+            hint = did_you_mean(key, valid)
+            raise SceneError(f"{place}.{key}: unknown condition{hint}; valid: {', '.join(valid)}")
+    found: dict[str, Any] = {
+        k: _number(entry[k], Parameter(k, u), f"{place}.{k}") for k, u in LIMITS.items() if k in entry
+    }
+    for key, parts, names in (("within", BALL, ("centre", "radius")), ("beyond", PLANE, ("normal", "offset"))):
+        if key not in entry:
+            continue
+        keys = " and ".join(p.name for p in parts)
+        if not isinstance(entry[key], dict) or set(entry[key]) != {p.name for p in parts}:
+            raise SceneError(f"{place}.{key}: must have the keys {keys}, not {entry[key]!r}")
+        for name, part in zip(names, parts, strict=True):
+            found[name] = _value(entry[key][part.name], part, f"{place}.{key}.{part.name}")
+    if "clips" in entry:
+        clips = entry["clips"]
+        if not isinstance(clips, list) or not clips or not all(isinstance(c, str) for c in clips):
+            raise SceneError(f"{place}.clips: must be a list of names of recordings, not {clips!r}")
+        found["clips"] = tuple(clips)
+    return Region(**found)
 
 
 def _value(value: Any, parameter: Parameter, place: str) -> float | tuple[float, ...]:
@@ -75,5 +111,6 @@ def _objects(entry: dict[str, Any], names: Sequence[str], place: str) -> tuple[s
 
 
 def effect_kind(effect: Effect) -> EffectKind:
-    """The kind of a scene's effect."""
-    return effect_kinds()[effect.name]
+    """The kind of a scene's effect, which acts where the effect does."""
+    kind = effect_kinds()[effect.name]
+    return kind if effect.only is None else local_kind(kind, effect.only)

@@ -1,0 +1,115 @@
+"""Where the known scene and the measurements disagree: intervals with the missing force, and their region."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated
+from pipeline.discrepancy.fitting.predictions import run
+from pipeline.discrepancy.report.localisation import Stretch, normal_z, regime_of
+from pipeline.discrepancy.selection.local_effect import Where
+from pipeline.discrepancy.selection.selection import Selection
+from pipeline.discrepancy.tracks.arc import FAR_AWAY
+from pipeline.discrepancy.where.region_search import BLOW_SAMPLES, smooth_velocity
+from pipeline.scene.effects.region import Region
+
+
+def disagreement(found: Selection) -> list[Stretch]:
+    """The intervals in which something unknown acts, the most significant first."""
+    where, problem = found.where, found.baseline.problem
+    assert where is not None
+    fit, out = found.baseline.fit, []
+    for stack, start in zip(problem.stacks, fit.starts, strict=True):
+        _, nodes = run(stack, fit.model, fit.theta[None], start[None])
+        for i, k in enumerate(stack.index):
+            arc, step = problem.arcs[k], float(np.median(np.diff(problem.arcs[k].time)))
+            velocity = smooth_velocity(arc)
+            for v in (v for part in where.clean.explained[k] for v in part.intervals):
+                middle = (v.start + v.end) / 2
+                row = int(np.argmin(np.abs(arc.time - middle)))
+                node = int(np.clip((middle - stack.start[i]) / max(stack.duration[i], 1e-9), 0, 1) * stack.steps)
+                others = arc.others[row][np.abs(arc.others[row]).max(1) < FAR_AWAY]
+                blow = v.end - v.start < BLOW_SAMPLES * step
+                size = stack.mass[i] * (v.end - v.start if blow else 1.0)
+                out.append(
+                    Stretch(
+                        clip=arc.clip,
+                        object=arc.object,
+                        start=middle - step / 2 if blow else v.start,
+                        end=middle + step / 2 if blow else v.end,
+                        regime=regime_of(stack, i, velocity[row], nodes.angular_velocity[0, i, node]),
+                        force=size * v.acceleration,
+                        stderr=float(size * v.error),
+                        z=normal_z(v.gain),
+                        velocity=velocity[row],
+                        towards=others[0] - arc.position[row] if len(others) else None,
+                        unit="N s" if blow else "N",
+                    )
+                )
+    return sorted(out, key=lambda s: -s.z)
+
+
+def clean_numbers(found: Selection) -> dict[str, ParameterEstimate]:
+    """The free numbers of the known scene, fitted where it holds; where it holds nowhere, to everything."""
+    if found.where is None or not found.where.has_clean_part:
+        return calibrated(found.calibration, found.none)
+    clean = found.where.clean
+    errors = np.sqrt(np.maximum(np.diag(clean.covariance), 0.0))
+    return calibrated(found.calibration, found.none, clean.theta, errors)
+
+
+def false_discovery_rate(where: Where) -> float:
+    """The share of the intervals that noise alone would make: each may have any of a path's pairs of ends."""
+    chances = []
+    for part in (part for own in where.clean.explained for part in own):
+        samples = int((np.abs(part.basis).max(1) > 0).sum())
+        paths = sum(len(own) for own in where.clean.explained)
+        for v in part.intervals:
+            shown = max(int((v.acceleration != 0).sum()), 1)
+            chances.append(min(1.0, paths * samples**2 / 2 * float(chi2.sf(v.gain, shown))))
+    return float(np.mean(chances)) if chances else 0.0
+
+
+def where_dict(found: Selection) -> dict[str, Any] | None:
+    """The region as report.json has it; None where the known scene fails nowhere, or in no region."""
+    where = found.where
+    if where is None or where.region is None:
+        return None
+    names = [o.name for o in found.problem.known.scene.objects]
+    objects = None if where.region.objects is None else [names[k] for k in where.region.objects]
+    return {
+        "only": where.region.region.as_dict(),
+        "objects": objects,
+        "share": where.region.share,
+        "agreement": where.region.agreement,
+        "false_discovery_rate": false_discovery_rate(where),
+    }
+
+
+def with_errors(region: Region, found: Selection) -> dict[str, Any]:
+    """A region as `Region.as_dict`, each number with its standard error, by the time between two samples at the ends
+    of the intervals."""
+    arcs, where = found.baseline.problem.arcs, found.where
+    assert where is not None
+    steps, speeds = [], []
+    for arc, own in zip(arcs, where.clean.explained, strict=True):
+        velocity = smooth_velocity(arc)
+        for t in (t for part in own for v in part.intervals for t in (v.start, v.end)):
+            if arc.time[0] < t < arc.time[-1]:
+                steps.append(float(np.median(np.diff(arc.time))))
+                speeds.append(float(np.linalg.norm(velocity[int(np.argmin(np.abs(arc.time - t)))])))
+    moment = float(np.mean(steps)) / 2 / max(len(steps), 1) ** 0.5 if steps else 0.0
+    length = moment * float(np.mean(speeds)) if speeds else 0.0
+    errors = {"after": moment, "before": moment, "faster": length, "slower": length}
+
+    def entry(key: str, value: Any) -> Any:
+        if isinstance(value, dict):
+            return {k: entry(k, v) for k, v in value.items()}
+        if isinstance(value, list):
+            return value if key == "clips" else {"value": value, "stderr": [length] * len(value)}
+        return {"value": value, "stderr": errors.get(key, length)}
+
+    return {k: entry(k, v) for k, v in region.as_dict().items()}

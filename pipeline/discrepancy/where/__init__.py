@@ -1,0 +1,1 @@
+"""Where the known scene fails: the part that it explains, and intervals and a region of the rest."""

@@ -1,0 +1,223 @@
+"""The simplest region that holds what the known scene does not explain: one condition or two, by description length.
+
+Each sample in which a body moves is inside or outside of an interval. A region that says so of most of them with few
+numbers wins. Neighbouring samples err alike, so that a sample counts for a part of one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.discrepancy.tracks.arc import Arc
+from pipeline.discrepancy.where.intervals import Explained
+from pipeline.scene.effects.region import Region
+
+ALIKE_SAMPLES = 3.0  # samples that count as one
+BLOW_SAMPLES = 2.5  # a shorter interval is a blow, which has no region
+ANGLES, PLACES = 36, 15  # tried at first: normals of a plane, and places along each axis of a ball's centre
+REFINED = 3  # times that a centre is sought again nearby
+
+
+@dataclass(frozen=True)
+class Samples:
+    """S samples of moving bodies.
+
+    Attributes:
+        time: (S,) s.
+        position: (S, 3) m.
+        velocity: (S, 3) m/s.
+        clip: (S,) index of the recording.
+        object: (S,) index of the object.
+        inside: (S,) bool, in an interval.
+    """
+
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    clip: np.ndarray
+    object: np.ndarray
+    inside: np.ndarray
+
+    @property
+    def speed(self) -> np.ndarray:
+        return np.asarray(np.linalg.norm(self.velocity, axis=1))
+
+    def where(self, chosen: np.ndarray) -> Samples:
+        """The samples chosen, (S,) bool."""
+        return Samples(*(getattr(self, k)[chosen] for k in self.__dataclass_fields__))
+
+
+@dataclass(frozen=True)
+class FoundRegion:
+    """A region, and how well it says where the known scene fails.
+
+    Attributes:
+        region: Empty: everywhere.
+        objects: The objects in which it fails; None: all.
+        share: Of the time of motion, that is inside.
+        agreement: F1 of the region and the intervals, over samples.
+    """
+
+    region: Region
+    objects: tuple[int, ...] | None
+    share: float
+    agreement: float
+
+
+def moving_samples(
+    arcs: tuple[Arc, ...], explained: tuple[tuple[Explained, ...], ...], clips: tuple[str, ...], least_speed: float
+) -> Samples:
+    """The samples at which bodies move, with whether they are in an interval; those in blows are left out."""
+    rows = []
+    for arc, own in zip(arcs, explained, strict=True):
+        step = float(np.median(np.diff(arc.time)))
+        used = np.zeros(len(arc.time), bool)
+        inside = np.zeros(len(arc.time), bool)
+        for part in own:
+            used |= np.abs(part.basis).max(1) > 0
+            for v in part.intervals:
+                at = (arc.time >= v.start) & (arc.time <= v.end)
+                if v.end - v.start < BLOW_SAMPLES * step:
+                    used &= ~at
+                inside |= at
+        velocity = smooth_velocity(arc)
+        used &= (np.linalg.norm(velocity, axis=1) > least_speed) | inside
+        shape = (len(arc.time),)
+        clip, number = np.full(shape, clips.index(arc.clip)), np.full(shape, arc.object)
+        rows.append(Samples(arc.time, arc.position, velocity, clip, number, inside).where(used))
+    return Samples(*(np.concatenate([getattr(r, k) for r in rows]) for k in Samples.__dataclass_fields__))
+
+
+def smooth_velocity(arc: Arc) -> np.ndarray:
+    """(T, 3) m/s, by parabolas through neighbouring samples."""
+    count, half = len(arc.time), 4
+    out = np.empty_like(arc.position)
+    for k in range(count):
+        near = slice(max(0, min(k - half, count - 2 * half - 1)), min(count, max(k + half + 1, 2 * half + 1)))
+        t = arc.time[near] - arc.time[k]
+        out[k] = np.linalg.lstsq(np.column_stack([np.ones_like(t), t, t * t]), arc.position[near], rcond=None)[0][1]
+    return out
+
+
+def find_region(samples: Samples, clips: tuple[str, ...]) -> FoundRegion | None:
+    """The simplest region of the intervals; None where no region says more of them than none. clips: names."""
+    inside = samples.inside
+    if not inside.any():
+        return None
+    price = float(np.log(len(inside))) / 2 * ALIKE_SAMPLES
+    best: tuple[float, Region, np.ndarray, tuple[int, ...] | None] | None = None
+    for objects, own in _by_object(samples):
+        for region in [Region(), *_regions(samples.where(own), clips, price)]:
+            says = own & _holds(region, samples, clips)
+            cost = float((says != inside).sum()) + price * (region.numbers + (objects is not None))
+            if best is None or cost < best[0]:
+                best = cost, region, says, objects
+    assert best is not None
+    cost, region, says, objects = best
+    if cost >= inside.sum():  # as well: the scene fails nowhere, but for noise
+        return None
+    share = float(says.mean())
+    right = float((says & inside).sum())
+    return FoundRegion(region, objects, share, 2 * right / max(float(says.sum() + inside.sum()), 1.0))
+
+
+def _by_object(samples: Samples) -> Iterator[tuple[tuple[int, ...] | None, np.ndarray]]:
+    """All objects, and each alone, with its samples (S,) bool."""
+    yield None, np.ones(len(samples.time), bool)
+    numbers = np.unique(samples.object)
+    if len(numbers) > 1:
+        for number in numbers:
+            yield (int(number),), samples.object == number
+
+
+def _holds(region: Region, samples: Samples, clips: tuple[str, ...]) -> np.ndarray:
+    out = region.holds(samples.time, samples.position, samples.velocity)
+    if region.clips is not None:
+        out &= np.isin(samples.clip, [clips.index(c) for c in region.clips])
+    return np.asarray(out)
+
+
+def _regions(samples: Samples, clips: tuple[str, ...], price: float) -> list[Region]:
+    """The best region of each kind, and each with the best second condition."""
+    first = _single(samples, Region(), clips, price)
+    out = list(first)
+    for region in first:
+        left = samples.where(_holds(region, samples, clips))
+        if len(left.time) > 1 and left.inside.any() and not left.inside.all():
+            out += _single(left, region, clips, price)
+    return out
+
+
+def _single(samples: Samples, beside: Region, clips: tuple[str, ...], price: float) -> list[Region]:
+    """The region with the best further condition of each kind that it lacks."""
+    out, speed = [], samples.speed
+    for key, values, above in (
+        ("after", samples.time, True),
+        ("before", samples.time, False),
+        ("faster", speed, True),
+        ("slower", speed, False),
+    ):
+        if getattr(beside, key) is None:
+            out.append(replace(beside, **{key: _threshold(values, samples.inside, above)[0]}))  # type: ignore[arg-type]
+    if beside.centre is None:
+        centre, radius = _ball(samples)
+        out.append(replace(beside, centre=centre, radius=radius))
+    if beside.normal is None:
+        normal, offset = _plane(samples)
+        out.append(replace(beside, normal=normal, offset=offset))
+    if beside.clips is None:
+        numbers = np.arange(len(clips))
+        gain = [float((2.0 * samples.inside[samples.clip == k] - 1).sum()) for k in numbers]
+        chosen = tuple(clips[k] for k in numbers if gain[k] > price)
+        if 0 < len(chosen) < len(clips):
+            out.append(replace(beside, clips=chosen))
+    return out
+
+
+def _threshold(values: np.ndarray, inside: np.ndarray, above: bool) -> tuple[float, int]:
+    """The value above (below) which most samples are inside and beyond which few are, and how many are wrong."""
+    order = np.argsort(values if above else -values)
+    ranked, hit = values[order], inside[order]
+    # beyond place k all are said to be inside: wrong are those inside before it, and those outside from it on
+    wrong = np.concatenate([[0], np.cumsum(hit)]) + np.concatenate([[0], np.cumsum(~hit[::-1])])[::-1]
+    k = int(wrong.argmin())
+    edge = np.concatenate([[2 * ranked[0] - ranked[-1]], (ranked[1:] + ranked[:-1]) / 2, [2 * ranked[-1] - ranked[0]]])
+    return float(edge[k]), int(wrong[k])
+
+
+def _ball(samples: Samples) -> tuple[tuple[float, ...], float]:
+    """Centre and radius of the ball that says best which samples are inside; a disc where heights do not vary."""
+    x, on = samples.position, samples.position[samples.inside]
+    low, high = on.min(0), on.max(0)
+    reach = np.maximum(high - low, 1e-3)
+    level = np.ptp(x[:, 2]) < 0.1 * np.ptp(x[:, :2], axis=0).max()
+    best = (len(x) + 1, (low + high) / 2, 0.0)
+    middle, wide, count = (low + high) / 2, reach, PLACES
+    for _ in range(1 + REFINED):
+        axes = [middle[c] + wide[c] * np.linspace(-0.75, 0.75, count) for c in range(3)]
+        if level:
+            axes[2] = np.array([float(np.median(x[:, 2]))])
+        for place in np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3):
+            radius, wrong = _threshold(np.linalg.norm(x - place, axis=1), samples.inside, above=False)
+            if wrong < best[0]:
+                best = wrong, place, radius
+        middle, wide, count = np.asarray(best[1]), wide * 2 / count, 7
+    return tuple(round(float(v), 4) for v in best[1]), round(best[2], 4)
+
+
+def _plane(samples: Samples) -> tuple[tuple[float, ...], float]:
+    """Normal and offset of the plane beyond which samples are inside; an upright one, or a level one."""
+    best = (len(samples.time) + 1, np.array([1.0, 0.0, 0.0]), 0.0)
+    turns = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)
+    for _ in range(1 + REFINED):
+        normals = [np.array([np.cos(a), np.sin(a), 0.0]) for a in turns]
+        for normal in [*normals, np.array([0, 0, 1.0]), np.array([0, 0, -1.0])]:
+            offset, wrong = _threshold(samples.position @ normal, samples.inside, above=True)
+            if wrong < best[0]:
+                best = wrong, normal, offset
+        step = turns[1] - turns[0]
+        turns = np.arctan2(best[1][1], best[1][0]) + step * np.linspace(-0.6, 0.6, 7)
+    return tuple(round(float(v), 4) for v in best[1]), round(best[2], 4)

@@ -1,0 +1,108 @@
+"""The part of the world in which an effect acts: after a time, above a speed, within a ball, beyond a plane."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Region:
+    """Conditions that hold together; those that are None are not asked for.
+
+    Attributes:
+        after: s, from the clip's beginning.
+        before: s.
+        faster: m/s.
+        slower: m/s.
+        centre: (3,) m, and `radius`, m, of a ball.
+        radius: m.
+        normal: (3,) unit vector, and `offset`, m: where normal · x > offset.
+        offset: m.
+        clips: Names of recordings; a simulation is of all of them.
+    """
+
+    after: float | None = None
+    before: float | None = None
+    faster: float | None = None
+    slower: float | None = None
+    centre: tuple[float, ...] | None = None
+    radius: float = 0.0
+    normal: tuple[float, ...] | None = None
+    offset: float = 0.0
+    clips: tuple[str, ...] | None = None
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers it has, of a ball or a plane on a level ground; a recording is a choice among several, and
+        counts as two."""
+        plain = sum(v is not None for v in (self.after, self.before, self.faster, self.slower))
+        return plain + 3 * (self.centre is not None) + 2 * (self.normal is not None) + 2 * len(self.clips or ())
+
+    def holds(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """(...) bool at times (...) s, positions (..., 3) m and velocities (..., 3) m/s."""
+        out = np.ones(np.broadcast_shapes(np.shape(time), position.shape[:-1], velocity.shape[:-1]), bool)
+        speed = np.linalg.norm(velocity, axis=-1)
+        for value, inside in (
+            (self.after, lambda v: time > v),
+            (self.before, lambda v: time < v),
+            (self.faster, lambda v: speed > v),
+            (self.slower, lambda v: speed < v),
+        ):
+            if value is not None:
+                out &= inside(value)
+        if self.centre is not None:
+            out &= np.linalg.norm(position - np.array(self.centre), axis=-1) < self.radius
+        if self.normal is not None:
+            out &= position @ np.array(self.normal) > self.offset
+        return out
+
+    def as_dict(self) -> dict[str, Any]:
+        """As `only` has it in a scene and in a report."""
+        plain = {k: getattr(self, k) for k in ("after", "before", "faster", "slower")}
+        out: dict[str, Any] = {k: v for k, v in plain.items() if v is not None}
+        if self.centre is not None:
+            out["within"] = {"center": list(self.centre), "radius": self.radius}
+        if self.normal is not None:
+            out["beyond"] = {"normal": list(self.normal), "offset": self.offset}
+        if self.clips is not None:
+            out["clips"] = list(self.clips)
+        return out
+
+    @staticmethod
+    def of(only: Mapping[str, Any]) -> Region:
+        """The region of `as_dict`, or of the same with `{value, stderr}` in place of each number."""
+
+        def plain(entry: Any) -> Any:
+            if not isinstance(entry, Mapping):
+                return entry
+            return plain(entry["value"]) if "value" in entry else {k: plain(v) for k, v in entry.items()}
+
+        found = plain(only)
+        parts = {k: v for k, v in found.items() if k not in ("within", "beyond", "clips")}
+        if "within" in found:
+            parts |= {"centre": tuple(found["within"]["center"]), "radius": found["within"]["radius"]}
+        if "beyond" in found:
+            parts |= {"normal": tuple(found["beyond"]["normal"]), "offset": found["beyond"]["offset"]}
+        return Region(**parts, clips=tuple(found["clips"]) if "clips" in found else None)
+
+    @property
+    def words(self) -> str:
+        """In words: "after 0.5 s, within 0.3 m of (0.35, 0.1, 0)"."""
+        units = {"after": "s", "before": "s", "faster": "m/s", "slower": "m/s"}
+        parts = [
+            f"{k} {'than ' if unit == 'm/s' else ''}{getattr(self, k):.3g} {unit}"
+            for k, unit in units.items()
+            if getattr(self, k) is not None
+        ]
+        if self.centre is not None:
+            parts.append(f"within {self.radius:.3g} m of ({', '.join(f'{v:.3g}' for v in self.centre)})")
+        if self.normal is not None:
+            terms = [f"{v:+.3g} {axis}" for v, axis in zip(self.normal, "xyz", strict=True) if abs(v) > 1e-6]
+            parts.append(f"where {' '.join(terms)} > {self.offset:.3g} m")
+        if self.clips is not None:
+            parts.append(f"in {', '.join(self.clips)}")
+        return ", ".join(parts) or "everywhere"
