@@ -5,6 +5,8 @@ import pytest
 from benchmarks.mask_clips import data_folder
 from pipeline.api.discover import discover
 from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.report.report_dict import report_dict
+from pipeline.scene.effects.region import Region
 
 CASES = data_folder() / "cases"
 
@@ -23,3 +25,41 @@ def test_hits_by_an_unseen_post_are_not_the_grounds() -> None:
 
 def test_a_body_that_rests_in_one_recording_is_measured_all_the_same() -> None:
     assert answer("cart_rests").verdict.effects == ()
+
+
+def friction(found: Discovery) -> float:
+    value = found.calibrated["puck.sliding_friction"].value
+    assert isinstance(value, float)
+    return value
+
+
+def test_a_rough_patch_is_found_where_it_is_and_has_no_pull_elsewhere() -> None:
+    found = answer("rough_patch")
+    assert found.verdict.effects == ("friction_error",)
+    region = Region.of(found.verdict.named[0].only or {})
+    assert region.centre is not None and region.centre[:2] == pytest.approx([0.35, 0.1], abs=0.06)
+    assert found.verdict.parameters["coefficient"].value == pytest.approx(0.34, rel=0.05)
+    assert friction(found) == pytest.approx(0.092, rel=0.03)
+
+
+def test_a_table_that_bends_down_is_tilted_beyond_the_bend_only() -> None:
+    found = answer("bent_table")
+    assert found.verdict.effects == ("tilted_gravity",)
+    region = Region.of(found.verdict.named[0].only or {})
+    assert region.normal is not None and region.normal[0] > 0.99
+    assert region.offset == pytest.approx(0.25, abs=0.03)
+    assert friction(found) == pytest.approx(0.149, rel=0.03)
+
+
+def test_a_parachute_drags_after_it_opened() -> None:
+    found = answer("late_parachute")
+    assert found.verdict.effects == ("air_drag",)
+    assert Region.of(found.verdict.named[0].only or {}).after == pytest.approx(0.5, abs=0.03)
+
+
+def test_a_pull_of_short_reach_is_unknown_there_and_nothing_elsewhere() -> None:
+    found = answer("short_magnet")
+    where = report_dict(found)["where"]
+    assert found.verdict.effects == ("unknown",)
+    assert where["only"]["within"]["center"][:2] == pytest.approx([-0.4, 0.3], abs=0.12)
+    assert friction(found) == pytest.approx(0.158, rel=0.03)

@@ -220,9 +220,11 @@ def with_effect(
         kind: Of the effect.
         known: The known scene.
         values: Where fits begin, by default at no effect.
-        bodies: Indices of the objects that have their own numbers; (None,): all share them.
+        bodies: Indices of the objects that have their own numbers; (None,): all share them. An effect that acts on
+            some objects only has numbers of each.
     """
     more = []
+    bodies = bodies if kind.bodies is None else kind.bodies
     for body, p in itertools.product(bodies, kind.parameters):
         neutral = np.full(p.length, neutral_value(p, known))
         start = neutral if values is None else np.broadcast_to(values[p.name], (p.length,))

@@ -61,7 +61,7 @@ def clean_numbers(found: Selection) -> dict[str, ParameterEstimate]:
     return calibrated(found.calibration, found.none, clean.theta, errors)
 
 
-def false_discovery_rate(where: Where) -> float:
+def _rate(where: Where) -> float:
     """The share of the intervals that noise alone would make: each may have any of a path's pairs of ends."""
     chances = []
     for part in (part for own in where.clean.explained for part in own):
@@ -78,6 +78,9 @@ def where_dict(found: Selection) -> dict[str, Any] | None:
     where = found.where
     if where is None or where.region is None:
         return None
+    local = any(kind.only is not None for kind in found.answer.fit.model.effects)
+    if found.answer.effects and not local:  # a law that holds everywhere explains what disagrees
+        return {"only": {}, "objects": None, "share": 1.0, "agreement": 1.0, "false_discovery_rate": _rate(where)}
     names = [o.name for o in found.problem.known.scene.objects]
     objects = None if where.region.objects is None else [names[k] for k in where.region.objects]
     return {
@@ -85,7 +88,7 @@ def where_dict(found: Selection) -> dict[str, Any] | None:
         "objects": objects,
         "share": where.region.share,
         "agreement": where.region.agreement,
-        "false_discovery_rate": false_discovery_rate(where),
+        "false_discovery_rate": _rate(where),
     }
 
 

@@ -49,6 +49,38 @@ def residual_figure(table: pa.Table) -> str:
     return svg(figure)
 
 
+def where_figure(found: Discovery, table: pa.Table) -> str:
+    """Where the known scene fails: the paths in the place, and the speed over time, with what disagrees marked."""
+    names = [o.name for o in found.problem.known.scene.objects]
+    figure, (place, course) = plt.subplots(1, 2, figsize=(8.4, 3.6))
+    clip, body = np.array(table["clip"].to_pylist()), np.array(table["object"].to_pylist())
+    x, time = np.stack([table[f"measured_{a}"].to_numpy() for a in "xyz"], 1), table["time"].to_numpy()
+    upright = np.ptp(x[:, 2]) > 0.3 * max(np.ptp(x[:, 0]), np.ptp(x[:, 1]), 1e-9)
+    across, up = (0, 2) if upright else (0, 1)
+    for name in np.unique(clip):
+        for who in np.unique(body[clip == name]):
+            rows = (clip == name) & (body == who)
+            t, path = time[rows], x[rows]
+            if len(t) < 3:
+                continue
+            speed = np.linalg.norm(np.gradient(path, t, axis=0), axis=1)
+            speed = np.convolve(speed, np.ones(5) / 5, "same")
+            place.plot(path[:, across], path[:, up], color="#bbbbbb", lw=0.8)
+            course.plot(t - t[0], speed, color="#bbbbbb", lw=0.8)
+            for s in found.disagreement:
+                if (s.clip, names[s.object]) == (name, who):
+                    inside = (t >= s.start) & (t <= s.end)
+                    place.plot(path[inside, across], path[inside, up], ".", ms=3, color=COLOURS[1])
+                    course.plot(t[inside] - t[0], speed[inside], ".", ms=3, color=COLOURS[1])
+    place.set_xlabel("x, m")
+    place.set_ylabel("z, m" if upright else "y, m")
+    place.set_aspect("equal", "datalim")
+    course.set_xlabel("time since the clip's start, s")
+    course.set_ylabel("speed, m/s")
+    figure.tight_layout()
+    return svg(figure)
+
+
 def _clip_starts(table: pa.Table) -> np.ndarray:
     clip, time = np.array(table["clip"].to_pylist()), table["time"].to_numpy()
     starts = {c: time[clip == c].min() for c in np.unique(clip)}

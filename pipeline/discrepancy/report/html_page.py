@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from pipeline.discrepancy.fitting.estimates import ParameterEstimate
 from pipeline.discrepancy.report.discovery import Discovery
-from pipeline.discrepancy.report.figures import ranking_figure, residual_figure, trajectory_figure
+from pipeline.discrepancy.report.figures import ranking_figure, residual_figure, trajectory_figure, where_figure
 from pipeline.evaluation.report import Section, drawing, html_table, page
 from pipeline.scene.effects.region import Region
 from pipeline.scene.effects.registry import effect_kinds
@@ -75,7 +75,7 @@ def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, fact
     """
     verdict = report["verdict"]
     sections = [
-        Section("Where they disagree", _region(report), _where(report)),
+        Section("Where they disagree", _region(report), _where(found, report, table)),
         Section("Verdict", verdict["experiment"], _parameters(found.verdict.parameters) + _laws(found.answer.effects)),
         Section(
             "Candidates",
@@ -161,9 +161,10 @@ def _region(report: Mapping[str, Any]) -> str:
     return f"The known scene fails {place}{who}: {where['share']:.0%} of the time of motion."
 
 
-def _where(report: Mapping[str, Any]) -> str:
+def _where(found: Discovery, report: Mapping[str, Any], table: pa.Table) -> str:
     if not report["disagreement"]:
         return "<p>nowhere by more than the noise</p>"
+    picture = drawing(where_figure(found, table), "in the place, and against time and speed")
     rows = [
         (
             d["clip"],
@@ -176,4 +177,4 @@ def _where(report: Mapping[str, Any]) -> str:
         )
         for d in report["disagreement"][:15]
     ]
-    return html_table(["clip", "object", "time", "regime", "missing force", "z", "direction"], rows)
+    return picture + html_table(["clip", "object", "time", "regime", "missing force", "z", "direction"], rows)

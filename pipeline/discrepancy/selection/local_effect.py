@@ -13,6 +13,7 @@ from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import Progress, completed, extend
 from pipeline.discrepancy.fitting.least_squares import fit_initial_states
 from pipeline.discrepancy.where.clean_part import CleanPart, find_clean_part
+from pipeline.discrepancy.where.intervals import Interval
 from pipeline.discrepancy.where.region_search import FoundRegion, find_region, moving_samples
 from pipeline.scene.effects.kind import EffectKind, local_kind
 from pipeline.scene.effects.region import Region
@@ -36,14 +37,19 @@ class Where:
     region: FoundRegion | None
 
     @property
+    def intervals(self) -> tuple[Interval, ...]:
+        """Of all arcs."""
+        return tuple(v for own in self.clean.explained for part in own for v in part.intervals)
+
+    @property
     def has_clean_part(self) -> bool:
         """Whether the scene holds somewhere."""
-        return self.region is None or self.region.region.numbers > 0
+        return self.region is None or self.local
 
     @property
     def local(self) -> bool:
         """Whether the scene fails in a part only."""
-        return self.region is not None and self.region.region.numbers > 0
+        return self.region is not None and (self.region.region.numbers > 0 or self.region.objects is not None)
 
 
 def find_where(none: Candidate) -> Where:
@@ -73,7 +79,8 @@ def local_effects(
     base = replace(none, fit=replace(none.fit, theta=theta, starts=starts))
     region = where.region.region
     physical = [kind for kind in kinds if kind.may_be_local and kind.discovery.gravity_scale is None]
-    parts = [[local_kind(k, region) for k in physical if k.discovery.local is local] for local in (True, False)]
+    bodies = where.region.objects
+    parts = [[local_kind(k, region, bodies) for k in physical if k.discovery.local is local] for local in (True, False)]
     found = [c for part in parts for c in extend(calibration, base, part, progress, MOST_LOCAL)]
     singles = sorted((_priced(calibration, c, region) for c in found), key=lambda c: c.score)
     out: list[Candidate] = []
@@ -82,12 +89,15 @@ def local_effects(
         gained = singles[0].score - out[0].score if out else np.inf
         may_win = not out or single.score - 3 * gained < min(c.score for c in out)
         out.append(_refined(calibration, single, region) if may_win else single)
+    if bodies is not None:  # of one body the law may hold everywhere, though it shows in a part
+        out += [_in_region(calibration, c, Region()) for c in sorted(out, key=lambda c: c.score)[:MOST_LOCAL]]
     return sorted(out, key=lambda c: c.score)
 
 
 def only_of(found: Candidate) -> Region | None:
-    """Where the effect of a model acts; None: everywhere, or without an effect."""
-    return next((kind.only for kind in found.fit.model.effects if kind.only is not None), None)
+    """Where the effect of a model acts; None: everywhere, on some bodies only, or without an effect."""
+    regions = (kind.only for kind in found.fit.model.effects if kind.only is not None and kind.only.numbers)
+    return next(regions, None)
 
 
 def _priced(calibration: Calibration, found: Candidate, region: Region) -> Candidate:
@@ -138,7 +148,7 @@ def _moved(region: Region, by: float, *, name: str, step: float, axis: int = 0) 
 def _in_region(calibration: Calibration, found: Candidate, region: Region) -> Candidate:
     """A model fitted again with its effect in another region."""
     model = found.fit.model
-    effects = tuple(local_kind(effect_kinds()[kind.name], region) for kind in model.effects)
+    effects = tuple(local_kind(effect_kinds()[kind.name], region, kind.bodies) for kind in model.effects)
     again = fit_model(
         calibration,
         found.problem,

@@ -55,7 +55,9 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     calibration = calibrate(problem)
     where = find_where(calibration.none)
     local = _select_local(calibration, where, effects, progress) if where.local else None
-    return replace(local or _select_everywhere(problem, effects, progress), where=where)
+    found = replace(local or _select_everywhere(problem, effects, progress), where=where)
+    # What an interval shows is listed, and then something is missing.
+    return replace(found, unknown=True) if not found.chosen.effects and where.intervals else found
 
 
 def _select_local(
@@ -67,6 +69,7 @@ def _select_local(
     if not singles or is_unexplained(calibration, singles[0]):
         return None
     chosen = singles[0]
+    singles = [c for k, c in enumerate(singles) if c.effects not in [other.effects for other in singles[:k]]]
     rivals = [c.score for c in extend(calibration, calibration.none, _everywhere(kinds), progress)]
     if chosen.score > min([calibration.none.score, *rivals]) - CLAIM_MORE:
         return None

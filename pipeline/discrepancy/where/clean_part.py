@@ -146,7 +146,9 @@ def find_clean_part(problem: Problem, model: Model, theta: np.ndarray) -> CleanP
         for i, k in enumerate(stack.index):
             weights[k] = stack.weight[i, : len(weights[k])] * problem.floor.information**0.5
     shown = max((int((w.max(0) > 0).sum()) for w in weights), default=0)
-    price = (shown + ENDS) * float(np.log(problem.effective_rows))
+    # BIC's price of an acceleration and two ends; and any two samples of an arc may be ends, in any of the arcs.
+    choices = sum(len(w) ** 2 / 2 for w in weights)
+    price = float((shown + ENDS) * np.log(problem.effective_rows) + 2 * np.log(max(choices, 1.0)))
     paths = _Paths(problem, short_pieces(problem, PIECE_SECONDS, LEAST_SAMPLES), model, tuple(weights), price)
     found = [_settled(paths, start) for start in _starts(paths, theta)]
     return min(found, key=lambda c: c.cost)

@@ -125,12 +125,14 @@ def find_region(samples: Samples, clips: tuple[str, ...]) -> FoundRegion | None:
 
 
 def _by_object(samples: Samples) -> Iterator[tuple[tuple[int, ...] | None, np.ndarray]]:
-    """All objects, and each alone, with its samples (S,) bool."""
+    """All objects, and each alone that is in an interval, with its samples (S,) bool."""
     yield None, np.ones(len(samples.time), bool)
     numbers = np.unique(samples.object)
     if len(numbers) > 1:
         for number in numbers:
-            yield (int(number),), samples.object == number
+            own = samples.object == number
+            if samples.inside[own].any():
+                yield (int(number),), own
 
 
 def _holds(region: Region, samples: Samples, clips: tuple[str, ...]) -> np.ndarray:

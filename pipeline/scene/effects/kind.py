@@ -91,6 +91,7 @@ class EffectKind:
         discovery: How it is discovered.
         hiding: How it is hidden in worlds for the blind benchmark; None: it is not.
         only: Where it acts; None: everywhere.
+        bodies: Indices of the objects on which it acts; None: all.
     """
 
     name: str
@@ -113,6 +114,7 @@ class EffectKind:
     discovery: DiscoveryRules = DEFAULT
     hiding: Hiding | None = None
     only: Region | None = None
+    bodies: tuple[int, ...] | None = None
 
     @property
     def size(self) -> int:
@@ -141,8 +143,9 @@ class EffectKind:
         return self.kick is not None or self.discovery.fit_hits is not None
 
 
-def local_kind(kind: EffectKind, region: Region) -> EffectKind:
-    """The effect as it acts in a region only. MuJoCo has no such effect, so its force is applied."""
+def local_kind(kind: EffectKind, region: Region, bodies: tuple[int, ...] | None = None) -> EffectKind:
+    """The effect as it acts in a region only, on some bodies (None: all). MuJoCo has no such effect, so its force is
+    applied."""
     assert kind.may_be_local
 
     def within(law: Law | None, vector: bool = True) -> Law | None:
@@ -164,4 +167,5 @@ def local_kind(kind: EffectKind, region: Region) -> EffectKind:
         normal_force=within(kind.normal_force, vector=False),
         edit=None,
         only=region,
+        bodies=bodies,
     )
