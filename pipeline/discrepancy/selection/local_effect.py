@@ -14,7 +14,7 @@ from pipeline.discrepancy.fitting.extension import Progress, completed, extend
 from pipeline.discrepancy.fitting.least_squares import fit_initial_states
 from pipeline.discrepancy.where.clean_part import CleanPart, find_clean_part
 from pipeline.discrepancy.where.intervals import Interval
-from pipeline.discrepancy.where.region_search import FoundRegion, find_region, moving_samples
+from pipeline.discrepancy.where.region_search import FoundRegion, find_region, moving_samples, region_of_law
 from pipeline.scene.effects.kind import EffectKind, local_kind
 from pipeline.scene.effects.region import Region
 from pipeline.scene.effects.registry import effect_kinds
@@ -31,15 +31,22 @@ class Where:
     Attributes:
         clean: The part in which it holds, and the intervals of the rest.
         region: The simplest description of the intervals; None where there are none, or none that agrees.
+        share: Of the time of motion, that is in intervals.
     """
 
     clean: CleanPart
     region: FoundRegion | None
+    share: float
 
     @property
     def intervals(self) -> tuple[Interval, ...]:
         """Of all arcs."""
         return tuple(v for own in self.clean.explained for part in own for v in part.intervals)
+
+    @property
+    def mostly_clean(self) -> bool:
+        """Whether something acts, and most of the time nothing does."""
+        return bool(self.intervals) and self.share < 0.5
 
     @property
     def has_clean_part(self) -> bool:
@@ -57,7 +64,18 @@ def find_where(none: Candidate) -> Where:
     problem = none.problem
     clean = find_clean_part(problem, none.fit.model, none.fit.theta)
     samples = moving_samples(problem.arcs, clean.explained, problem.clips, LEAST_SPEED)
-    return Where(clean, find_region(samples, problem.clips))
+    return Where(clean, find_region(samples, problem.clips), float(samples.inside.mean()))
+
+
+def where_with(found: Candidate, where: Where) -> Where:
+    """Where the known scene fails, its free numbers as fitted with an effect that acts in a part."""
+    problem, model = found.problem, where.clean.model
+    clean = find_clean_part(problem, model, found.fit.theta[: model.size], known=True)
+    covariance = found.fit.covariance[: model.size, : model.size] / problem.floor.information
+    samples = moving_samples(problem.arcs, clean.explained, problem.clips, LEAST_SPEED)
+    bodies = next(kind.bodies for kind in found.fit.model.effects)
+    region = region_of_law(samples, problem.clips, only_of(found) or Region(), bodies)
+    return Where(replace(clean, covariance=covariance), region, float(samples.inside.mean()))
 
 
 def local_effects(

@@ -17,7 +17,7 @@ from pipeline.discrepancy.selection.equivalence import absorbed_laws, alike_each
 from pipeline.discrepancy.selection.established import with_established
 from pipeline.discrepancy.selection.forecast import forecast_error
 from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE, ForwardSelection, forward_selection
-from pipeline.discrepancy.selection.local_effect import Where, find_where, local_effects
+from pipeline.discrepancy.selection.local_effect import Where, find_where, local_effects, where_with
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.testable import testable_kinds
 from pipeline.discrepancy.selection.unexplained import (
@@ -55,7 +55,13 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     calibration = calibrate(problem)
     where = find_where(calibration.none)
     local = _select_local(calibration, where, effects, progress) if where.local else None
-    found = replace(local or _select_everywhere(problem, effects, progress), where=where)
+    if local is not None:
+        return replace(local, where=where_with(local.chosen, where))
+    if where.mostly_clean:  # several laws that act everywhere would show everywhere
+        found = replace(select_once(problem, effects, progress, several=False), where=where)
+        found = found if found.unknown or found.chosen.effects else replace(found, unknown=True)
+        return found
+    found = replace(_select_everywhere(problem, effects, progress), where=where)
     # What an interval shows is listed, and then something is missing.
     return replace(found, unknown=True) if not found.chosen.effects and where.intervals else found
 
@@ -157,13 +163,16 @@ def _select_beside_remainder(
     return replace(select_once(noisy, effects, progress), baseline=baseline, first=first)
 
 
-def select_once(problem: Problem, effects: Sequence[str], progress: Progress = lambda _: None) -> Selection:
+def select_once(
+    problem: Problem, effects: Sequence[str], progress: Progress = lambda _: None, several: bool = True
+) -> Selection:
     """The selection for a problem as it is.
 
     Args:
         problem: What is fitted.
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
+        several: Several effects may be answered.
     """
     kinds = _everywhere(testable_kinds(effects, problem, any_spin=False))
     calibration, best, singles = _fit_singles(problem, kinds, progress)
@@ -172,7 +181,7 @@ def select_once(problem: Problem, effects: Sequence[str], progress: Progress = l
     singles = _refit_near_best(calibration, best, singles)
     calibration = rescale_noise(calibration, best)
     singles = sorted((rescored(calibration, c) for c in singles), key=lambda c: c.score)
-    found = _select_model(calibration, singles, kinds, progress)
+    found = _select_model(calibration, singles, kinds if several else (), progress)
     chosen, inflated = found.chosen, calibration.problem.noise_inflated
     alike = alike_each(chosen, found.tried) if len(chosen.effects) > 1 else alike_single(chosen, singles)
     absorbed = absorbed_laws(calibration, chosen, singles) if inflated else ()

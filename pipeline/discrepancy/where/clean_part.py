@@ -133,13 +133,14 @@ class _Paths:
         return out
 
 
-def find_clean_part(problem: Problem, model: Model, theta: np.ndarray) -> CleanPart:
+def find_clean_part(problem: Problem, model: Model, theta: np.ndarray, known: bool = False) -> CleanPart:
     """The clean part of a problem.
 
     Args:
         problem: What was measured.
         model: Of the known scene.
-        theta: (G,) one of the starts.
+        theta: (G,) the free numbers, or one of the starts.
+        known: The free numbers are known: they are not sought.
     """
     weights = [np.zeros_like(arc.position) for arc in problem.arcs]
     for stack in problem.stacks:
@@ -150,7 +151,9 @@ def find_clean_part(problem: Problem, model: Model, theta: np.ndarray) -> CleanP
     choices = sum(len(w) ** 2 / 2 for w in weights)
     price = float((shown + ENDS) * np.log(problem.effective_rows) + 2 * np.log(max(choices, 1.0)))
     paths = _Paths(problem, short_pieces(problem, PIECE_SECONDS, LEAST_SAMPLES), model, tuple(weights), price)
-    found = [_settled(paths, start) for start in _starts(paths, theta)]
+    if known:
+        return _settled(paths, theta, rounds=1)
+    found = [_settled(paths, start, ROUNDS) for start in _starts(paths, theta)]
     return min(found, key=lambda c: c.cost)
 
 
@@ -179,13 +182,13 @@ def _starts(paths: _Paths, theta: np.ndarray) -> list[np.ndarray]:
     return [theta, *np.where(np.isfinite(quantiles), quantiles, theta)]
 
 
-def _settled(paths: _Paths, theta: np.ndarray) -> CleanPart:
+def _settled(paths: _Paths, theta: np.ndarray, rounds: int) -> CleanPart:
     """Numbers and intervals, found in turn."""
     model, problem = paths.model, paths.problem
     low, high = np.array([u.low for u in model.unknowns]), np.array([u.high for u in model.unknowns])
     prior = np.diag([1 / u.sigma**2 for u in model.unknowns]).reshape(model.size, model.size)
     theta = np.clip(theta, low, high)
-    for turn in range(ROUNDS):
+    for turn in range(rounds):
         left = paths.at(theta)
         parts = paths.parts(theta)
         explained = [
@@ -199,7 +202,7 @@ def _settled(paths: _Paths, theta: np.ndarray) -> CleanPart:
                 normal, reach = normal + more, reach + pull
         covariance = np.linalg.pinv(normal)
         change = np.clip(theta + covariance @ reach, low, high) - theta
-        if turn == ROUNDS - 1 or (np.abs(change) <= SAME * np.sqrt(np.diag(covariance))).all():
+        if turn == rounds - 1 or (np.abs(change) <= SAME * np.sqrt(np.diag(covariance))).all():
             break
         theta = theta + change
     cost = sum(e.chi2 + paths.price * (e.count + 1) for own in explained for e in own) + UNSEEN * paths.unseen(parts)

@@ -17,6 +17,8 @@ from pipeline.scene.effects.region import Region
 
 ALIKE_SAMPLES = 3.0  # samples that count as one
 BLOW_SAMPLES = 2.5  # a shorter interval is a blow, which has no region
+AGREES = 0.75  # F1 of a region and the intervals, below which it is none of theirs
+EVERYWHERE = 0.9  # share of the time of motion, from which on a region is no part
 ANGLES, PLACES = 36, 15  # tried at first: normals of a plane, and places along each axis of a ball's centre
 REFINED = 3  # times that a centre is sought again nearby
 
@@ -103,7 +105,7 @@ def smooth_velocity(arc: Arc) -> np.ndarray:
 
 
 def find_region(samples: Samples, clips: tuple[str, ...]) -> FoundRegion | None:
-    """The simplest region of the intervals; None where no region says more of them than none. clips: names."""
+    """The simplest region of the intervals; None where none says most of them. clips: names."""
     inside = samples.inside
     if not inside.any():
         return None
@@ -117,11 +119,24 @@ def find_region(samples: Samples, clips: tuple[str, ...]) -> FoundRegion | None:
                 best = cost, region, says, objects
     assert best is not None
     cost, region, says, objects = best
-    if cost >= inside.sum():  # as well: the scene fails nowhere, but for noise
-        return None
-    share = float(says.mean())
+    found = _judged(region, objects, says, inside)
+    if found.share > EVERYWHERE:
+        found = _judged(Region(), None, np.ones(len(inside), bool), inside)
+    return found if cost < inside.sum() and found.agreement >= AGREES else None
+
+
+def region_of_law(
+    samples: Samples, clips: tuple[str, ...], region: Region, objects: tuple[int, ...] | None
+) -> FoundRegion:
+    """The region of a law that was found, judged by the intervals. objects: on which it acts; None: all."""
+    own = np.ones(len(samples.time), bool) if objects is None else np.isin(samples.object, objects)
+    return _judged(region, objects, own & _holds(region, samples, clips), samples.inside)
+
+
+def _judged(region: Region, objects: tuple[int, ...] | None, says: np.ndarray, inside: np.ndarray) -> FoundRegion:
+    """A region with how well it `says` (S,) bool which samples are `inside` (S,) bool an interval."""
     right = float((says & inside).sum())
-    return FoundRegion(region, objects, share, 2 * right / max(float(says.sum() + inside.sum()), 1.0))
+    return FoundRegion(region, objects, float(says.mean()), 2 * right / max(float(says.sum() + inside.sum()), 1.0))
 
 
 def _by_object(samples: Samples) -> Iterator[tuple[tuple[int, ...] | None, np.ndarray]]:

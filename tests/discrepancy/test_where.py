@@ -1,0 +1,119 @@
+"""Laws of the search for where a scene fails: intervals of a path, and the region that holds them."""
+
+import numpy as np
+import pytest
+
+from pipeline.discrepancy.where.intervals import find_intervals
+from pipeline.discrepancy.where.region_search import Samples, find_region
+from pipeline.errors import SceneError
+from pipeline.scene.effects.region import Region
+from pipeline.scene.scene import Scene, SceneObject
+from pipeline.scene.text import read_scene, write_scene
+
+SIGMA, PRICE = 0.002, 45.0
+TIME = np.arange(61) / 60
+
+
+def path(rng: np.random.Generator, *parts: tuple[float, float, float]) -> np.ndarray:
+    """A straight path with noise, with an acceleration along x in each part (begin, end, m/s²)."""
+    out = np.outer(TIME, [0.5, 0.2, 0.0])
+    for begin, end, size in parts:
+        out[:, 0] += 0.5 * size * (np.maximum(TIME - begin, 0) ** 2 - np.maximum(TIME - end, 0) ** 2)
+    return out + rng.normal(0, SIGMA, out.shape)
+
+
+def weights() -> np.ndarray:
+    return np.tile([1 / SIGMA, 1 / SIGMA, 0.0], (len(TIME), 1))
+
+
+def test_a_straight_path_has_no_interval(rng: np.random.Generator) -> None:
+    assert all(not find_intervals(TIME, path(rng), weights(), PRICE).intervals for _ in range(20))
+
+
+@pytest.mark.parametrize(("begin", "end", "size"), [(0.3, 0.6, 1.0), (0.0, 0.4, -1.5), (0.7, 1.0, 3.0)])
+def test_the_ends_of_an_interval_are_found_and_its_acceleration(
+    begin: float, end: float, size: float, rng: np.random.Generator
+) -> None:
+    (found,) = find_intervals(TIME, path(rng, (begin, end, size)), weights(), PRICE).intervals
+    assert found.start == pytest.approx(begin, abs=0.05)
+    assert found.end == pytest.approx(end, abs=0.05)
+    assert found.acceleration[0] == pytest.approx(size, rel=0.2)
+    assert found.acceleration[2] == 0
+
+
+def test_a_blow_is_an_interval_of_a_sample_or_two(rng: np.random.Generator) -> None:
+    (found,) = find_intervals(TIME, path(rng, (0.5, 0.5 + 1 / 60, 60.0)), weights(), PRICE).intervals
+    assert found.end - found.start < 2.5 / 60
+    assert found.acceleration[0] * (found.end - found.start) == pytest.approx(1.0, rel=0.1)
+
+
+def samples(rng: np.random.Generator, region: Region, clips: int = 12) -> Samples:
+    """Straight motion through a square, with what a region holds inside."""
+    rows = []
+    for clip in range(clips):
+        start, velocity = rng.uniform(-0.6, 0.6, 2), rng.uniform(-1.5, 1.5, 2)
+        position = np.column_stack([start + TIME[:, None] * velocity, np.full(len(TIME), 0.02)])
+        speeds = np.tile([*velocity, 0.0], (len(TIME), 1))
+        inside = region.holds(TIME, position, speeds)
+        numbers = np.full(len(TIME), clip), np.zeros(len(TIME), int)
+        rows.append((TIME, position, speeds, *numbers, inside))
+    return Samples(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+
+
+@pytest.mark.parametrize(
+    "region",
+    [
+        Region(after=0.4),
+        Region(faster=1.2),
+        Region(centre=(0.1, -0.1, 0.02), radius=0.3),
+        Region(normal=(0.6, 0.8, 0.0), offset=0.1),
+    ],
+    ids=["after", "faster", "within", "beyond"],
+)
+def test_the_region_is_of_the_kind_that_was_hidden(region: Region, rng: np.random.Generator) -> None:
+    shown = samples(rng, region)
+    found = find_region(shown, tuple(f"clip_{k}" for k in range(12)))
+    assert found is not None and found.agreement > 0.95
+    assert set(found.region.as_dict()) == set(region.as_dict())
+
+
+def test_what_fails_everywhere_has_no_part(rng: np.random.Generator) -> None:
+    found = find_region(samples(rng, Region(after=-1.0)), tuple(f"clip_{k}" for k in range(12)))
+    assert found is not None and found.region == Region()
+
+
+def scene_text(only: str) -> str:
+    """A scene's text with an effect that acts where `only` says."""
+    plain = write_scene(Scene((SceneObject("sphere", (0.05,), 0.1, 0.5, name="ball"),)))
+    return plain.replace("effects: []", f"effects:\n- {{name: air_drag, coefficient: 0.01, only: {only}}}")
+
+
+@pytest.mark.parametrize(
+    "only",
+    [
+        "{after: 0.5}",
+        "{before: 1.0, faster: 2.5}",
+        "{within: {center: [0.1, 0.2, 0.0], radius: 0.3}}",
+        "{beyond: {normal: [1.0, 0.0, 0.0], offset: 0.25}}",
+        '{slower: 0.4, clips: ["a"]}',
+    ],
+)
+def test_where_an_effect_acts_is_written_as_it_was_read(only: str) -> None:
+    scene = read_scene(scene_text(only))
+    assert scene.effects[0].only is not None
+    assert read_scene(write_scene(scene)) == scene
+    assert Region.of(scene.effects[0].only.as_dict()) == scene.effects[0].only
+
+
+@pytest.mark.parametrize(
+    ("only", "words"),
+    [
+        ("{aftr: 0.5}", "only.aftr: unknown condition"),
+        ("{within: {center: [0, 0, 0]}}", "only.within: must have the keys center and radius"),
+        ("{after: soon}", "only.after: must be a finite number"),
+        ("3", "only: must be a mapping of conditions"),
+    ],
+)
+def test_a_condition_that_is_none_is_named(only: str, words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        read_scene(scene_text(only))
