@@ -1,6 +1,7 @@
 """The blind benchmark of local effects: is the disagreement found where it is, and named with its region?
 
     python -m benchmarks.discovery --local [--worlds 6] [--seed 500] [--out FOLDER]
+    python -m benchmarks.discovery --local --picture docs/discovery_where.svg --seed 41 --only "rough patch"
 
 Worlds: benchmarks/local_worlds.py, of each kind and strength. F1 is of the time that the report's `disagreement` marks
 (z >= 4) against the time in which something hidden acts. Beside it, on the same worlds: stretches of 0.2 s of a fit to
@@ -25,12 +26,16 @@ from tqdm import tqdm
 from benchmarks.local_worlds import KINDS, STRENGTHS, LocalWorld, make_local_world
 from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.report.figures import where_figure
+from pipeline.discrepancy.report.html_page import sentence
 from pipeline.discrepancy.report.localisation import stretches
 from pipeline.discrepancy.report.report_dict import report_dict
+from pipeline.discrepancy.report.residual_table import residual_table
 from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.errors import DynamicsError
 from pipeline.scene.effects.region import Region
 from pipeline.scene.effects.registry import effect_kinds
+from pipeline.scene.text import effect_text
 
 FIRST_SEED = 500
 LEAST_Z = 4.0
@@ -131,6 +136,16 @@ def score(seed: int, kind: str, strength: str) -> Score:
     )
 
 
+def picture(path: Path, seed: int, kind: str) -> None:
+    """Write the picture of where the scene fails in a world of medium strength, and print the verdict."""
+    world = make_local_world(seed, kind, "medium")
+    found = discover(world.tracks, known_scene(world.known), 0.3, tuple(effect_kinds()), np.random.default_rng(seed))
+    path.write_text(where_figure(found, residual_table(found)), encoding="utf-8")
+    print(sentence(report_dict(found)))
+    print(f"hidden: {', '.join(effect_text(e) for e in world.effects)}; friction {world.friction}")
+    print({k: e.as_dict() for k, e in found.calibrated.items()}, found.selection.none.fit.theta)
+
+
 def table(scores: Sequence[Score]) -> str:
     """The scores by kind, of medium and strong effects, and by strength, as Markdown."""
     rows = pd.DataFrame([asdict(s) for s in scores])
@@ -168,8 +183,12 @@ def main(argv: Sequence[str]) -> None:
     parser.add_argument("--only", nargs="*", default=[], choices=list(KINDS), metavar="KIND")
     parser.add_argument("--strengths", nargs="*", default=list(STRENGTHS), choices=list(STRENGTHS))
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--picture", type=Path, help="write where the scene of one world fails, and do nothing else")
     arguments = parser.parse_args(argv)
     warnings.simplefilter("ignore")
+    if arguments.picture is not None:
+        picture(arguments.picture, arguments.seed, (arguments.only or list(KINDS))[0])
+        return
     scores = []
     jobs = [
         (arguments.seed + k, kind, strength)

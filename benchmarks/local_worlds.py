@@ -21,6 +21,7 @@ from pipeline.scene.scene import Effect, Scene, SceneObject
 CLIPS, FPS, SECONDS, NOISE = 12, 60, 1.0, 0.002
 STRENGTHS = {"weak": 0.5, "medium": 1.0, "strong": 2.0}
 GRAVITY = 9.81
+HIT_SPEED = 0.1  # m/s between two samples: friction changes a velocity by less
 LEAST_SPEED = 0.05  # m/s: friction and drag act on nothing slower
 
 
@@ -196,7 +197,7 @@ def _acting(
         if e.name == "impulse":
             out |= np.abs(times - e.values["time"]) <= 0.5 / FPS
         elif e.name == "hidden_obstacle":
-            jump = np.linalg.norm(np.diff(velocity, axis=0), axis=1) > 0.3
+            jump = np.linalg.norm(np.diff(velocity, axis=0), axis=1) > HIT_SPEED
             out[1:] |= jump
         elif e.only is None:
             out |= moves

@@ -64,7 +64,7 @@ def where_figure(found: Discovery, table: pa.Table) -> str:
             if len(t) < 3:
                 continue
             speed = np.linalg.norm(np.gradient(path, t, axis=0), axis=1)
-            speed = np.convolve(speed, np.ones(5) / 5, "same")
+            speed = np.convolve(np.pad(speed, 2, "edge"), np.ones(5) / 5, "valid")
             place.plot(path[:, across], path[:, up], color="#bbbbbb", lw=0.8)
             course.plot(t - t[0], speed, color="#bbbbbb", lw=0.8)
             for s in found.disagreement:

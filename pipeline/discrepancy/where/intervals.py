@@ -77,6 +77,7 @@ def find_intervals(time: np.ndarray, path: np.ndarray, weight: np.ndarray, price
         chosen = _refined(bends, straight, y, [*chosen, best])
     chosen = _worth_their_price(bends, straight, y, chosen, price)
     chosen = _up_to_the_ends(bends, straight, y, chosen, price / 4)
+    chosen = _worth_their_price(bends, straight, y, chosen, price)
     basis = np.zeros((len(time), 2 + len(chosen)))
     basis[there], _ = np.linalg.qr(_design(bends, straight, chosen))
     found = tuple(_interval(pair, edges, bends, straight, y, chosen, shown) for pair in _merged(chosen))
