@@ -102,11 +102,12 @@ def write_uneven(path: Path) -> Path:
 
 def write_model(folder: Path, model_input: ModelInput | None = None) -> Path:
     """A Qwen2.5-VL of some thousand parameters with random weights."""
+    from small_tokenizer import build_tokenizer
+    from tiny_qwen import TinySize, build_tiny
+
     from pipeline.language.codec import Codec
-    from pipeline.language.tokenizer import build_tokenizer
     from pipeline.model.base import Base
     from pipeline.model.patches import PatchLayout
-    from pipeline.model.tiny import TinySize, build_tiny
 
     tokenizer = build_tokenizer()
     size = TinySize(

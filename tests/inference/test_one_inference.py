@@ -10,6 +10,8 @@ import pytest
 import small_clip
 import torch
 from ruamel.yaml import YAML
+from small_tokenizer import build_tokenizer
+from tiny_qwen import TinySize, build_tiny
 from tiny_words import tiny_words
 
 import stages.compile
@@ -19,11 +21,9 @@ from pipeline.api.infer import infer
 from pipeline.errors import ModelError
 from pipeline.inference.answers import answer_seed
 from pipeline.language.completion import write_completion
-from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import load_base
 from pipeline.model.generate import generate
 from pipeline.model.model_input import ModelInput, read_input
-from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.model.words_model import WordsModel
 from pipeline.scene.canonical import rounded_scene
 from pipeline.scene.text import load_scene, write_scene

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_walk import random_walk
 from sampled_scenes import clips, draw, thresholds
+from small_tokenizer import build_tokenizer
 
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import areas_px
@@ -23,7 +24,6 @@ from pipeline.language.completion import (
 )
 from pipeline.language.events import Event, find_events
 from pipeline.language.grammar import Choice, Grammar, GrammarError, Literal, Number, spell, split
-from pipeline.language.tokenizer import build_tokenizer
 from pipeline.scene.canonical import DECIMALS
 from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.scene.text import read_scene, write_scene

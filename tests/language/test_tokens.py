@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from random_walk import random_walk
 from sampled_scenes import draw
+from small_tokenizer import CHAT_TEMPLATE, SPECIAL_TOKENS, build_tokenizer
 from tokenizers import Tokenizer, decoders, models, pre_tokenizers, trainers
 from transformers import PreTrainedTokenizerFast
 
@@ -13,7 +14,6 @@ from pipeline.language.codec import END_TOKEN, VIDEO_TOKEN, Codec
 from pipeline.language.completion import PROMPT, completion_grammar, read_completion, write_completion
 from pipeline.language.events import Event
 from pipeline.language.grammar import GrammarError, Literal, Number, split
-from pipeline.language.tokenizer import CHAT_TEMPLATE, SPECIAL_TOKENS, build_tokenizer
 from pipeline.model.constrained_decoding import GrammarState, TrieCache
 
 SMALL = build_tokenizer()

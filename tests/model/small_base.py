@@ -3,16 +3,16 @@
 from functools import cache
 
 import numpy as np
+from small_tokenizer import build_tokenizer
+from tiny_qwen import TinySize, build_tiny
 
 from pipeline.language.codec import Codec, Tokens
 from pipeline.language.completion import write_completion
 from pipeline.language.events import Event
-from pipeline.language.tokenizer import build_tokenizer
 from pipeline.model.base import Base
 from pipeline.model.constrained_decoding import TrieCache
 from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout
-from pipeline.model.tiny import TinySize, build_tiny
 from pipeline.scene.scene import Camera, Scene, SceneObject
 
 LAYOUT = PatchLayout(64, 32, 4, patch=16, mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
