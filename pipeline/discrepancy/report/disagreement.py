@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated
 from pipeline.discrepancy.fitting.predictions import run
@@ -69,7 +69,7 @@ def _rate(where: Where) -> float:
         paths = sum(len(own) for own in where.clean.explained)
         for v in part.intervals:
             shown = max(int((v.acceleration != 0).sum()), 1)
-            chances.append(min(1.0, paths * samples**2 / 2 * float(chi2.sf(v.gain, shown))))
+            chances.append(min(1.0, paths * samples**2 / 2 * float(chdtrc(shown, v.gain))))
     return float(np.mean(chances)) if chances else 0.0
 
 

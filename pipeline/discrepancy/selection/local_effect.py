@@ -106,7 +106,12 @@ def local_effects(
         # A region that is somewhat wrong costs each effect about as much.
         gained = singles[0].score - out[0].score if out else np.inf
         may_win = not out or single.score - 3 * gained < min(c.score for c in out)
-        out.append(_refined(calibration, single, region) if may_win else single)
+        if may_win and out:  # a region that was refined may suit this one, too
+            best = only_of(out[0]) or region
+            single, begin = min(((single, region), (_in_region(calibration, single, best), best)), key=_score_of)
+            out.append(_refined(calibration, single, begin))
+        else:
+            out.append(single if out else _refined(calibration, single, region))
     if bodies is not None:  # of one body the law may hold everywhere, though it shows in a part
         out += [_in_region(calibration, c, Region()) for c in sorted(out, key=lambda c: c.score)[:MOST_LOCAL]]
     return sorted(out, key=lambda c: c.score)
@@ -116,6 +121,10 @@ def only_of(found: Candidate) -> Region | None:
     """Where the effect of a model acts; None: everywhere, on some bodies only, or without an effect."""
     regions = (kind.only for kind in found.fit.model.effects if kind.only is not None and kind.only.numbers)
     return next(regions, None)
+
+
+def _score_of(pair: tuple[Candidate, Region]) -> float:
+    return pair[0].score
 
 
 def _priced(calibration: Calibration, found: Candidate, region: Region) -> Candidate:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+BLOW = 1  # sample
 MOST = 12  # intervals of one path, before those that touch are made one
 LEAST_SQUARE = 1e-9  # of a column, relative: what a straight line explains cannot be told
 
@@ -76,7 +77,7 @@ def find_intervals(time: np.ndarray, path: np.ndarray, weight: np.ndarray, price
             break
         chosen = _refined(bends, straight, y, [*chosen, best])
     chosen = _worth_their_price(bends, straight, y, chosen, price)
-    chosen = _up_to_the_ends(bends, straight, y, chosen, price / 4)
+    chosen = _up_to_the_ends(bends, straight, y, _as_blows(bends, straight, y, chosen, price / 10), price / 4)
     chosen = _worth_their_price(bends, straight, y, chosen, price)
     basis = np.zeros((len(time), 2 + len(chosen)))
     basis[there], _ = np.linalg.qr(_design(bends, straight, chosen))
@@ -93,9 +94,12 @@ def _design(bends: np.ndarray, straight: np.ndarray, chosen: list[tuple[int, int
 
 
 def _best_pair(
-    bends: np.ndarray, straight: np.ndarray, y: np.ndarray, chosen: list[tuple[int, int]]
+    bends: np.ndarray, straight: np.ndarray, y: np.ndarray, chosen: list[tuple[int, int]], most: int | None = None
 ) -> tuple[tuple[int, int], float]:
-    """The ends of the interval that explains most of what the chosen ones leave, and by how much chi squared falls."""
+    """The ends of the interval that explains most of what the chosen ones leave, and by how much chi squared falls.
+
+    most: samples of the interval; None: any number.
+    """
     basis, _ = np.linalg.qr(_design(bends, straight, chosen))
     free = bends - basis @ (basis.T @ bends)
     left = y - basis @ (basis.T @ y)
@@ -104,6 +108,8 @@ def _best_pair(
     scale = float((bends * bends).sum(0).max()) * LEAST_SQUARE
     toll = ((reach[:, None] - reach[None]) ** 2).sum(-1) / np.maximum(square, scale)
     toll = np.triu(toll, 1)
+    if most is not None:
+        toll -= np.triu(toll, most + 1)
     i, j = np.unravel_index(int(toll.argmax()), toll.shape)
     return (int(i), int(j)), float(toll[i, j])
 
@@ -137,6 +143,22 @@ def _worth_their_price(
     return chosen
 
 
+def _as_blows(
+    bends: np.ndarray, straight: np.ndarray, y: np.ndarray, chosen: list[tuple[int, int]], price: float
+) -> list[tuple[int, int]]:
+    """The intervals, of which each is a blow where that, which has a number less, explains about as much.
+
+    price: Of one number.
+    """
+    for k in range(len(chosen)):
+        others = [*chosen[:k], *chosen[k + 1 :]]
+        blow = [*others, _best_pair(bends, straight, y, others, BLOW)[0]]
+        spared = 0.0 if 0 in chosen[k] or bends.shape[1] - 1 in chosen[k] else price  # an end of the path is no number
+        if _chi2(bends, straight, y, blow) < _chi2(bends, straight, y, chosen) + spared:
+            chosen = [*chosen[:k], blow[-1], *chosen[k + 1 :]]
+    return chosen
+
+
 def _up_to_the_ends(
     bends: np.ndarray, straight: np.ndarray, y: np.ndarray, chosen: list[tuple[int, int]], price: float
 ) -> list[tuple[int, int]]:
@@ -151,6 +173,8 @@ def _up_to_the_ends(
         k = chosen.index(min(chosen) if end == 0 else max(chosen, key=lambda c: c[1]))
         moved = (0, chosen[k][1]) if end == 0 else (chosen[k][0], last)
         other = [*chosen[:k], moved, *chosen[k + 1 :]]
+        if moved[1] - moved[0] > 2 * (chosen[k][1] - chosen[k][0]):  # what is short is no part of what is long
+            continue
         if _chi2(bends, straight, y, other) < _chi2(bends, straight, y, chosen) + price:
             chosen = other
     return chosen
