@@ -54,6 +54,8 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     """
     calibration = calibrate(problem)
     where = find_where(calibration.none)
+    if any(stack.camera_error is not None for stack in problem.stacks):  # slow errors of its tracks look like a force
+        return replace(_select_everywhere(problem, effects, progress), where=where)
     local = _select_local(calibration, where, effects, progress) if where.local else None
     if local is not None:
         return replace(local, where=where_with(local.chosen, where))

@@ -97,9 +97,15 @@ class _Paths:
         return [_joined(known.get((arc.clip, arc.object), []), arc) for arc in self.problem.arcs]
 
     def at(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per arc (T, 3) m: its positions minus the twice integrated acceleration of the model."""
-        pairs = zip(self.problem.arcs, self.motion(theta), strict=True)
-        return [arc.position - _integrated(arc, motion) for arc, motion in pairs]
+        """Per arc (T, 3) m: its positions, as the camera shows them, minus the twice integrated acceleration of the
+        model."""
+        positions = [arc.position for arc in self.problem.arcs]
+        for stack in self.problem.stacks:
+            off = self.model.as_measured(stack, stack.position[None], theta[None])[0] - stack.position
+            for i, k in enumerate(stack.index):
+                positions[k] = positions[k] - off[i, : len(positions[k])]
+        triples = zip(self.problem.arcs, positions, self.motion(theta), strict=True)
+        return [place - _integrated(arc, motion) for arc, place, motion in triples]
 
     def parts(self, theta: np.ndarray) -> list[list[np.ndarray]]:
         """Per arc its weights (T, 3) in each part in which the body moves, or rests; 0 elsewhere.
@@ -195,7 +201,7 @@ def _settled(paths: _Paths, theta: np.ndarray, rounds: int) -> CleanPart:
             tuple(find_intervals(arc.time, path, weight, paths.price) for weight in own)
             for arc, path, own in zip(problem.arcs, left, parts, strict=True)
         ]
-        normal, reach = prior.copy(), np.zeros(model.size)
+        normal, reach = prior.copy(), -prior @ (theta - model.start)
         for path, slope, own, found in zip(left, paths.slopes(theta, left), parts, explained, strict=True):
             for weight, part in zip(own, found, strict=True):
                 more, pull = _normal(path, slope, weight, part)
