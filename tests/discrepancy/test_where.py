@@ -47,7 +47,7 @@ def test_a_blow_is_an_interval_of_a_sample_or_two(rng: np.random.Generator) -> N
     assert found.acceleration[0] * (found.end - found.start) == pytest.approx(1.0, rel=0.1)
 
 
-def samples(rng: np.random.Generator, region: Region, clips: int = 12) -> Samples:
+def samples(rng: np.random.Generator, region: Region, clips: int = 40) -> Samples:
     """Straight motion through a square, with what a region holds inside."""
     rows = []
     for clip in range(clips):
@@ -72,13 +72,13 @@ def samples(rng: np.random.Generator, region: Region, clips: int = 12) -> Sample
 )
 def test_the_region_is_of_the_kind_that_was_hidden(region: Region, rng: np.random.Generator) -> None:
     shown = samples(rng, region)
-    found = find_region(shown, tuple(f"clip_{k}" for k in range(12)))
+    found = find_region(shown, tuple(f"clip_{k}" for k in range(40)))
     assert found is not None and found.agreement > 0.95
     assert set(found.region.as_dict()) == set(region.as_dict())
 
 
 def test_what_fails_everywhere_has_no_part(rng: np.random.Generator) -> None:
-    found = find_region(samples(rng, Region(after=-1.0)), tuple(f"clip_{k}" for k in range(12)))
+    found = find_region(samples(rng, Region(after=-1.0)), tuple(f"clip_{k}" for k in range(40)))
     assert found is not None and found.region == Region()
 
 

@@ -54,7 +54,8 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     """
     calibration = calibrate(problem)
     where = find_where(calibration.none)
-    if any(stack.camera_error is not None for stack in problem.stacks):  # slow errors of its tracks look like a force
+    one_camera = any(stack.camera_error is not None for stack in problem.stacks)
+    if one_camera or has_few_clips(problem):  # slow errors of a camera's tracks, or of one clip, look like a force
         return replace(_select_everywhere(problem, effects, progress), where=where)
     local = _select_local(calibration, where, effects, progress) if where.local else None
     if local is not None:
