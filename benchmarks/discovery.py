@@ -70,7 +70,8 @@ def plan(share: float, first_seed: int) -> Iterator[tuple[str, Recipe, str | Non
 
     share: of the whole plan, in which every accepted figure rests on 50 worlds or more.
     """
-    names, seeds = tuple(effect_kinds()), itertools.count(first_seed + 1)
+    names = tuple(name for name, kind in effect_kinds().items() if not kind.discovery.local)
+    seeds = itertools.count(first_seed + 1)
     rounds = max(1, round(4 * share))
     strong = STRENGTHS["strong"]
     for turn in range(rounds):
