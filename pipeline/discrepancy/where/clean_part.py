@@ -183,9 +183,12 @@ def _starts(paths: _Paths, theta: np.ndarray) -> list[np.ndarray]:
                 change, known = np.full(size, np.nan), np.diag(normal) > 1e-6
                 change[known] = np.linalg.lstsq(normal[np.ix_(known, known)], reach[known], rcond=None)[0]
                 told.append(theta + change)
-    with np.errstate(all="ignore"):
-        quantiles = np.nanquantile(np.array(told), QUANTILES, axis=0)
-    return [theta, *np.where(np.isfinite(quantiles), quantiles, theta)]
+    quantiles = np.tile(theta, (len(QUANTILES), 1))
+    for g, values in enumerate(np.array(told).reshape(-1, size).T):
+        known = values[np.isfinite(values)]
+        if len(known):
+            quantiles[:, g] = np.quantile(known, QUANTILES)
+    return [theta, *quantiles]
 
 
 def _settled(paths: _Paths, theta: np.ndarray, rounds: int) -> CleanPart:
