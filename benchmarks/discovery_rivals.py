@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.discovery_sysid import sysid_gap
+from pipeline.discrepancy.fitting.calibration import calibrate
 from pipeline.discrepancy.selection.gap import measure_gap
 from pipeline.discrepancy.selection.select_effects import select_once
 from pipeline.discrepancy.selection.testable import names_of
@@ -43,7 +44,7 @@ def rivals(tracks: Sequence[Track], known: KnownScene, truth: tuple[str, ...], s
     out: dict[str, Any] = {}
     problem = build_problem(tracks, known, 0.3, np.random.default_rng(0))
     if len(truth) == 1 and truth[0] in names_of("all"):
-        found = select_once(problem, truth)
+        found = select_once(calibrate(problem), truth)
         gap = measure_gap(found.problem, found.none, found.chosen)
         out["oracle"] = {
             "before": gap.before,

@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from pipeline.motion.completed_body import completed, differing, shown_whole
 from pipeline.motion.followed_body import followed
+from pipeline.motion.hull import convex_hull
 from pipeline.motion.image_track import MAD, ImageTrack, image_tracks
 
 LEAST_FRAMES = 10  # that show both
@@ -84,7 +85,7 @@ def joined_pieces(
 
 def hulls_of(masks: np.ndarray, bodies: Sequence[int]) -> np.ndarray:
     """(T, H, W) bool: the common convex hull of bodies of masks (T, H, W)."""
-    return np.stack([_hull(own) for own in np.isin(masks, bodies)])
+    return np.stack([convex_hull(own) for own in np.isin(masks, bodies)])
 
 
 def _merged(groups: list[list[int]], bodies: Sequence[int]) -> list[list[int]]:
@@ -236,17 +237,8 @@ def _bridged(masks: np.ndarray, frames: np.ndarray, one: ImageTrack, other: Imag
     common = np.intersect1d(one.frames, other.frames)
     hulls = np.zeros(masks.shape, bool)
     for k in common:
-        hulls[k] = _hull((masks[k] == one.body) | (masks[k] == other.body))
+        hulls[k] = convex_hull((masks[k] == one.body) | (masks[k] == other.body))
     differs, known = differing(frames, hulls, common)
     between = [hulls[k] & (masks[k] == 0) & known for k in common]
     shares = [float(d[b].mean()) for d, b in zip(differs, between, strict=True) if b.any()]
     return bool(shares) and float(np.median(shares)) > LEAST_BRIDGE
-
-
-def _hull(mask: np.ndarray) -> np.ndarray:
-    """The convex hull of a mask (H, W) bool, as another."""
-    filled = np.zeros(mask.shape, np.uint8)
-    points = cv2.findNonZero(mask.astype(np.uint8))
-    if points is not None:
-        cv2.fillConvexPoly(filled, cv2.convexHull(points), 1)
-    return filled > 0

@@ -88,14 +88,11 @@ def without_leaps(tracks: Sequence[Track]) -> list[Track]:
     A body that bounces while it is not seen goes on from the place where it was last seen, whatever its velocity.
     """
     for track, other in itertools.permutations(tracks, 2):
+        start = _begin(other)
         for last, after in itertools.pairwise(sorted(track.pieces)):
-            start = _begin(other)
-            lost = after > last + 1
-            if (
-                lost
-                and last < start <= after
-                and _misfit(track, last, other, start) < _misfit(track, last, track, after)
-            ):
+            if after == last + 1 or not last < start <= after:
+                continue
+            if _misfit(track, last, other, start) < _misfit(track, last, track, after):
                 before = {t: p for t, p in track.pieces.items() if t <= last}
                 onward = {t: p for t, p in other.pieces.items() if t >= start}
                 left = {t: p for t, p in track.pieces.items() if t >= after}

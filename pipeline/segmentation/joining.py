@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from pipeline.motion.hull import convex_hull
 from pipeline.segmentation.grouping import Piece, Track
 from pipeline.segmentation.identity_switches import without_leaps, without_switches
 
@@ -187,11 +188,8 @@ def stiff_offset(one: Track, other: Track, probability: np.ndarray) -> np.ndarra
 
 def _between(one: Piece, other: Piece, probability: np.ndarray) -> float | None:
     """Mean probability (H, W) of what is in the common hull of two pieces and beside both; None where nothing is."""
-    own = np.zeros(probability.shape, np.uint8)
-    own.reshape(-1)[np.union1d(one.pixels, other.pixels)] = 1
-    hull = np.zeros_like(own)
-    points = cv2.findNonZero(own)
-    assert points is not None
-    cv2.fillConvexPoly(hull, cv2.convexHull(points), 1)
-    beside = (hull > 0) & (cv2.dilate(own, np.ones((3, 3), np.uint8)) == 0)  # at an edge the probability is soft
+    own = np.zeros(probability.shape, bool)
+    own.reshape(-1)[np.union1d(one.pixels, other.pixels)] = True
+    # at an edge the probability is soft
+    beside = convex_hull(own) & (cv2.dilate(own.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
     return float(probability[beside].mean()) if beside.any() else None

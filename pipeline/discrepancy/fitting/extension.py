@@ -286,7 +286,7 @@ def _fits_to_screen(base: Candidate) -> list[Fit]:
     That of a model; and, where the camera is fitted, too, and may have made up for a missing first effect, that with
     camera and frictions as stated.
     """
-    if base.effects or not any(stack.camera_error is not None for stack in base.problem.stacks):
+    if base.effects or not base.problem.one_camera:
         return [base.fit]
     model, stated = base.fit.model, _as_stated(base.fit.model, base.fit.theta)
     pairs = zip(base.problem.stacks, initial_states(base.problem), strict=True)

@@ -25,9 +25,12 @@ def disagreement(found: Selection) -> list[Stretch]:
     for stack, start in zip(problem.stacks, fit.starts, strict=True):
         _, nodes = run(stack, fit.model, fit.theta[None], start[None])
         for i, k in enumerate(stack.index):
+            intervals = where.of_arc(k)
+            if not intervals:
+                continue
             arc, step = problem.arcs[k], float(np.median(np.diff(problem.arcs[k].time)))
-            velocity = smooth_velocity(arc)
-            for v in (v for part in where.clean.explained[k] for v in part.intervals):
+            velocity = smooth_velocity(arc.time, arc.position)
+            for v in intervals:
                 middle = (v.start + v.end) / 2
                 row = int(np.argmin(np.abs(arc.time - middle)))
                 node = int(np.clip((middle - stack.start[i]) / max(stack.duration[i], 1e-9), 0, 1) * stack.steps)
@@ -61,15 +64,14 @@ def clean_numbers(found: Selection) -> dict[str, ParameterEstimate]:
     return calibrated(found.calibration, found.none, clean.theta, errors)
 
 
-def _rate(where: Where) -> float:
+def _false_discovery_rate(where: Where) -> float:
     """The share of the intervals that noise alone would make: each may have any of a path's pairs of ends."""
-    chances = []
-    for part in (part for own in where.clean.explained for part in own):
+    parts, chances = [part for own in where.clean.explained for part in own], []
+    for part in parts:
         samples = int((np.abs(part.basis).max(1) > 0).sum())
-        paths = sum(len(own) for own in where.clean.explained)
         for v in part.intervals:
             shown = max(int((v.acceleration != 0).sum()), 1)
-            chances.append(min(1.0, paths * samples**2 / 2 * float(chdtrc(shown, v.gain))))
+            chances.append(min(1.0, len(parts) * samples**2 / 2 * float(chdtrc(shown, v.gain))))
     return float(np.mean(chances)) if chances else 0.0
 
 
@@ -78,9 +80,10 @@ def where_dict(found: Selection) -> dict[str, Any] | None:
     where = found.where
     if where is None or where.region is None:
         return None
+    rate = _false_discovery_rate(where)
     local = any(kind.only is not None for kind in found.answer.fit.model.effects)
     if found.answer.effects and not local:  # a law that holds everywhere explains what disagrees
-        return {"only": {}, "objects": None, "share": 1.0, "agreement": 1.0, "false_discovery_rate": _rate(where)}
+        return {"only": {}, "objects": None, "share": 1.0, "agreement": 1.0, "false_discovery_rate": rate}
     names = [o.name for o in found.problem.known.scene.objects]
     objects = None if where.region.objects is None else [names[k] for k in where.region.objects]
     return {
@@ -88,7 +91,7 @@ def where_dict(found: Selection) -> dict[str, Any] | None:
         "objects": objects,
         "share": where.region.share,
         "agreement": where.region.agreement,
-        "false_discovery_rate": _rate(where),
+        "false_discovery_rate": rate,
     }
 
 
@@ -98,12 +101,13 @@ def with_errors(region: Region, found: Selection) -> dict[str, Any]:
     arcs, where = found.baseline.problem.arcs, found.where
     assert where is not None
     steps, speeds = [], []
-    for arc, own in zip(arcs, where.clean.explained, strict=True):
-        velocity = smooth_velocity(arc)
-        for t in (t for part in own for v in part.intervals for t in (v.start, v.end)):
-            if arc.time[0] < t < arc.time[-1]:
-                steps.append(float(np.median(np.diff(arc.time))))
-                speeds.append(float(np.linalg.norm(velocity[int(np.argmin(np.abs(arc.time - t)))])))
+    for k, arc in enumerate(arcs):
+        inner = [t for v in where.of_arc(k) for t in (v.start, v.end) if arc.time[0] < t < arc.time[-1]]
+        if inner:
+            rows = [int(np.argmin(np.abs(arc.time - t))) for t in inner]
+            speed = np.linalg.norm(smooth_velocity(arc.time, arc.position), axis=1)
+            steps += [float(np.median(np.diff(arc.time)))] * len(inner)
+            speeds += speed[rows].tolist()
     moment = float(np.mean(steps)) / 2 / max(len(steps), 1) ** 0.5 if steps else 0.0
     length = moment * float(np.mean(speeds)) if speeds else 0.0
     errors = {"after": moment, "before": moment, "faster": length, "slower": length}

@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.where.region_search import smooth_velocity
 from pipeline.evaluation.figures import COLOURS, svg
 
 REGIME_COLOURS = {
@@ -63,8 +64,7 @@ def where_figure(found: Discovery, table: pa.Table) -> str:
             t, path = time[rows], x[rows]
             if len(t) < 3:
                 continue
-            speed = np.linalg.norm(np.gradient(path, t, axis=0), axis=1)
-            speed = np.convolve(np.pad(speed, 2, "edge"), np.ones(5) / 5, "valid")
+            speed = np.linalg.norm(smooth_velocity(t, path), axis=1)
             place.plot(path[:, across], path[:, up], color="#bbbbbb", lw=0.8)
             course.plot(t - t[0], speed, color="#bbbbbb", lw=0.8)
             for s in found.disagreement:

@@ -38,10 +38,14 @@ class Where:
     region: FoundRegion | None
     share: float
 
+    def of_arc(self, index: int) -> tuple[Interval, ...]:
+        """The intervals of one arc of the problem."""
+        return tuple(v for part in self.clean.explained[index] for v in part.intervals)
+
     @property
     def intervals(self) -> tuple[Interval, ...]:
         """Of all arcs."""
-        return tuple(v for own in self.clean.explained for part in own for v in part.intervals)
+        return tuple(v for k in range(len(self.clean.explained)) for v in self.of_arc(k))
 
     @property
     def mostly_clean(self) -> bool:
@@ -68,7 +72,12 @@ def find_where(none: Candidate) -> Where:
 
 
 def where_with(found: Candidate, where: Where) -> Where:
-    """Where the known scene fails, its free numbers as fitted with an effect that acts in a part."""
+    """Where the known scene fails, its free numbers as fitted with an effect that acts in a part.
+
+    Args:
+        found: The model with the effect.
+        where: As it was found without the effect.
+    """
     problem, model = found.problem, where.clean.model
     clean = find_clean_part(problem, model, found.fit.theta[: model.size], known=True)
     covariance = found.fit.covariance[: model.size, : model.size] / problem.floor.information
@@ -103,15 +112,18 @@ def local_effects(
     singles = sorted((_priced(calibration, c, region) for c in found), key=lambda c: c.score)
     out: list[Candidate] = []
     for single in singles:
-        # A region that is somewhat wrong costs each effect about as much.
-        gained = singles[0].score - out[0].score if out else np.inf
-        may_win = not out or single.score - 3 * gained < min(c.score for c in out)
-        if may_win and out:  # a region that was refined may suit this one, too
-            best = only_of(out[0]) or region
-            single, begin = min(((single, region), (_in_region(calibration, single, best), best)), key=_score_of)
-            out.append(_refined(calibration, single, begin))
-        else:
-            out.append(single if out else _refined(calibration, single, region))
+        begin = region
+        if out:
+            # A region that is somewhat wrong costs each effect about as much.
+            gained = singles[0].score - out[0].score
+            if single.score - 3 * gained >= min(c.score for c in out):
+                out.append(single)
+                continue
+            refined = only_of(out[0]) or region  # it may suit this effect, too
+            there = _in_region(calibration, single, refined)
+            if there.score < single.score:
+                single, begin = there, refined
+        out.append(_refined(calibration, single, begin))
     if bodies is not None:  # of one body the law may hold everywhere, though it shows in a part
         out += [_in_region(calibration, c, Region()) for c in sorted(out, key=lambda c: c.score)[:MOST_LOCAL]]
     return sorted(out, key=lambda c: c.score)
@@ -123,10 +135,6 @@ def only_of(found: Candidate) -> Region | None:
     return next(regions, None)
 
 
-def _score_of(pair: tuple[Candidate, Region]) -> float:
-    return pair[0].score
-
-
 def _priced(calibration: Calibration, found: Candidate, region: Region) -> Candidate:
     """A model with the price of its region's numbers."""
     price = region.numbers * float(np.log(calibration.problem.effective_rows))
@@ -135,15 +143,17 @@ def _priced(calibration: Calibration, found: Candidate, region: Region) -> Candi
 
 def _refined(calibration: Calibration, found: Candidate, region: Region) -> Candidate:
     """A model with its region's numbers moved to where the model fits best, one after the other."""
-    steps = {"after": 0.02, "before": 0.02, "faster": 0.03, "slower": 0.03, "radius": 0.02, "offset": 0.02}
-    moves: list[Callable[[Region, float], Region]] = []
-    for name, step in steps.items():
-        owner = {"radius": region.centre, "offset": region.normal}.get(name, getattr(region, name, None))
-        if owner is not None:
-            moves.append(partial(_moved, name=name, step=step))
+    steps = {"after": 0.02, "before": 0.02, "faster": 0.03, "slower": 0.03}
+    moves: list[Callable[[Region, float], Region]] = [
+        partial(_moved, name=name, step=step) for name, step in steps.items() if getattr(region, name) is not None
+    ]
+    if region.centre is not None:
+        moves.append(partial(_moved, name="radius", step=0.02))
+    if region.normal is not None:
+        moves.append(partial(_moved, name="offset", step=0.02))
     if region.centre is not None:
         moves += [partial(_moved, name="centre", step=0.02, axis=axis) for axis in (0, 1)]
-    if region.normal is not None and abs(region.normal[2]) < 0.5:
+    if region.normal is not None and abs(region.normal[2]) < 0.5:  # an upright plane
         moves.append(partial(_moved, name="normal", step=0.05))
     best, here = found, region
     for scale in SCALES:

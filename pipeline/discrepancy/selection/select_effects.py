@@ -13,7 +13,7 @@ from pipeline.discrepancy.fitting.calibration import Calibration, calibrate, res
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, recalibrated, refitted
 from pipeline.discrepancy.selection.comparison import likeliest, other_evidence
-from pipeline.discrepancy.selection.equivalence import absorbed_laws, alike_each, alike_single
+from pipeline.discrepancy.selection.equivalence import Sets, absorbed_laws, alike_each, alike_single
 from pipeline.discrepancy.selection.established import with_established
 from pipeline.discrepancy.selection.forecast import forecast_error
 from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE, ForwardSelection, forward_selection
@@ -54,51 +54,41 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     """
     calibration = calibrate(problem)
     where = find_where(calibration.none)
-    one_camera = any(stack.camera_error is not None for stack in problem.stacks)
-    if one_camera or has_few_clips(problem):  # slow errors of a camera's tracks, or of one clip, look like a force
-        return replace(_select_everywhere(problem, effects, progress), where=where)
+    if problem.one_camera or has_few_clips(
+        problem
+    ):  # slow errors of a camera's tracks, or of one clip, look like a force
+        return replace(_select_everywhere(calibration, effects, progress), where=where)
     local = _select_local(calibration, where, effects, progress) if where.local else None
     if local is not None:
         return replace(local, where=where_with(local.chosen, where))
     if where.mostly_clean:  # several laws that act everywhere would show everywhere
-        found = replace(select_once(problem, effects, progress, several=False), where=where)
-        found = found if found.unknown or found.chosen.effects else replace(found, unknown=True)
-        return found
-    found = replace(_select_everywhere(problem, effects, progress), where=where)
+        found = select_once(calibration, effects, progress, several=False)
+    else:
+        found = _select_everywhere(calibration, effects, progress)
     # What an interval shows is listed, and then something is missing.
-    return replace(found, unknown=True) if not found.chosen.effects and where.intervals else found
+    missing = bool(where.intervals) and not found.chosen.effects
+    return replace(found, where=where, unknown=found.unknown or missing)
 
 
 def _select_local(
     calibration: Calibration, where: Where, effects: Sequence[str], progress: Progress
 ) -> Selection | None:
     """The selection of one effect that acts where the known scene fails; None where that is not the answer."""
-    kinds = testable_kinds(effects, calibration.problem, any_spin=False)
+    kinds = testable_kinds(effects, calibration.problem, any_spin=False, local=True)
     singles = local_effects(calibration, where, kinds, progress)
     if not singles or is_unexplained(calibration, singles[0]):
         return None
     chosen = singles[0]
     singles = [c for k, c in enumerate(singles) if c.effects not in [other.effects for other in singles[:k]]]
-    rivals = [c.score for c in extend(calibration, calibration.none, _everywhere(kinds), progress)]
+    everywhere = [kind for kind in kinds if not kind.discovery.local]
+    rivals = [c.score for c in extend(calibration, calibration.none, everywhere, progress)]
     if chosen.score > min([calibration.none.score, *rivals]) - CLAIM_MORE:
         return None
-    z, share = excess(calibration, chosen)
-    testable = {kind.name for kind in kinds}
-    return Selection(
-        calibration=calibration,
-        singles=tuple(singles),
-        chosen=chosen,
-        alike=alike_single(chosen, singles),
-        excess_share=share,
-        excess_z=z,
-        unknown=False,
-        untestable=tuple(name for name in effects if name not in testable),
-        ruled_out=(),
-        baseline=calibration.none,
-    )
+    alike = alike_single(chosen, singles)
+    return _outcome(calibration, effects, kinds, singles, ForwardSelection(chosen, ()), alike, unknown=False)
 
 
-def _select_everywhere(problem: Problem, effects: Sequence[str], progress: Progress) -> Selection:
+def _select_everywhere(calibration: Calibration, effects: Sequence[str], progress: Progress) -> Selection:
     """The selection of effects that act everywhere, with nuisances where no listed effect explains the measurements.
 
     If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
@@ -110,16 +100,18 @@ def _select_everywhere(problem: Problem, effects: Sequence[str], progress: Progr
     differs, each has its own then.
 
     Args:
-        problem: What is fitted.
+        calibration: Of the problem.
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
     """
-    found = select_once(problem, effects, progress)
+    problem = calibration.problem
+    found = select_once(calibration, effects, progress)
     if found.excess_z <= UNEXPLAINED_Z or len(problem.clips) == 1:
         return found
-    one_camera = any(stack.camera_error is not None for stack in problem.stacks)
-    scaled = found if one_camera else select_once(with_length_scale_nuisance(problem), effects, progress)
-    if (has_few_clips(problem) or one_camera) and scaled.excess_z > UNEXPLAINED_Z:
+    scaled = found
+    if not problem.one_camera:
+        scaled = select_once(calibrate(with_length_scale_nuisance(problem)), effects, progress)
+    if (has_few_clips(problem) or problem.one_camera) and scaled.excess_z > UNEXPLAINED_Z:
         return _select_beside_remainder(scaled, found.none, effects, progress)
     enough = len(scaled.chosen.effects) < 2 or scaled.excess_z <= UNEXPLAINED_Z
     if enough and not scaled.unknown and scaled.chosen.score < found.chosen.score - CLAIM_MORE:
@@ -130,7 +122,7 @@ def _select_everywhere(problem: Problem, effects: Sequence[str], progress: Progr
     if own_frictions is not None:
         return own_frictions
     return (
-        with_established(found, _everywhere(testable_kinds(effects, found.problem, any_spin=True)), progress) or found
+        with_established(found, testable_kinds(effects, found.problem, any_spin=True, local=False), progress) or found
     )
 
 
@@ -150,10 +142,10 @@ def _select_with_own_frictions(
     without, own = found.none, calibrate(with_friction_nuisance(found.problem)).none
     if own.score > without.score - CLAIM_MORE or forecast_error(own) >= forecast_error(without):
         return None
-    again = select_once(with_friction_nuisance(problem), effects, progress)
+    again = select_once(calibrate(with_friction_nuisance(problem)), effects, progress)
     again = replace(again, baseline=found.none)
     if again.excess_z > UNEXPLAINED_Z:
-        return with_established(again, _everywhere(testable_kinds(effects, again.problem, any_spin=True)), progress)
+        return with_established(again, testable_kinds(effects, again.problem, any_spin=True, local=False), progress)
     return again if again.chosen.effects else None
 
 
@@ -163,22 +155,22 @@ def _select_beside_remainder(
     """The selection in which the residuals of another one's best model of at most one effect count as noise."""
     best = min((first.none, *first.singles), key=lambda c: c.score)
     noisy = inflate_noise(first.problem, independent_share(best))
-    return replace(select_once(noisy, effects, progress), baseline=baseline, first=first)
+    return replace(select_once(calibrate(noisy), effects, progress), baseline=baseline, first=first)
 
 
 def select_once(
-    problem: Problem, effects: Sequence[str], progress: Progress = lambda _: None, several: bool = True
+    calibration: Calibration, effects: Sequence[str], progress: Progress = lambda _: None, several: bool = True
 ) -> Selection:
     """The selection for a problem as it is.
 
     Args:
-        problem: What is fitted.
+        calibration: Of the problem.
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
         several: Several effects may be answered.
     """
-    kinds = _everywhere(testable_kinds(effects, problem, any_spin=False))
-    calibration, best, singles = _fit_singles(problem, kinds, progress)
+    kinds = testable_kinds(effects, calibration.problem, any_spin=False, local=False)
+    calibration, best, singles = _fit_singles(calibration, kinds, progress)
     if best.effects:
         calibration = recalibrated(calibration, singles[:RESTARTS])
     singles = _refit_near_best(calibration, best, singles)
@@ -193,16 +185,40 @@ def select_once(
         alike = ()
     elif absorbed and alike:
         alike = ((*alike[0], *absorbed),)
-    z, share = excess(calibration, chosen)
+    return _outcome(calibration, effects, kinds, singles, found, alike, unknown=unexplained or len(absorbed) > 0)
+
+
+def _outcome(
+    calibration: Calibration,
+    effects: Sequence[str],
+    kinds: Sequence[EffectKind],
+    singles: Sequence[Candidate],
+    found: ForwardSelection,
+    alike: Sets,
+    *,
+    unknown: bool,
+) -> Selection:
+    """The selection of a model.
+
+    Args:
+        calibration: Of the problem.
+        effects: Names of the effects that may be answered.
+        kinds: Those of them that the measurements could show.
+        singles: All models of one effect, the best first.
+        found: The model, and those of several effects that were tried.
+        alike: Sets of effects that cannot be told from one of the model's.
+        unknown: Whether it leaves too much.
+    """
+    z, share = excess(calibration, found.chosen)
     testable = {kind.name for kind in kinds}
     return Selection(
         calibration=calibration,
         singles=tuple(singles),
-        chosen=chosen,
+        chosen=found.chosen,
         alike=alike,
         excess_share=share,
         excess_z=z,
-        unknown=unexplained or len(absorbed) > 0,
+        unknown=unknown,
         untestable=tuple(name for name in effects if name not in testable),
         ruled_out=tuple(c.name for c in singles if other_evidence(c) < 0),
         baseline=calibration.none,
@@ -210,19 +226,13 @@ def select_once(
     )
 
 
-def _everywhere(kinds: Sequence[EffectKind]) -> list[EffectKind]:
-    """The effects that may act everywhere."""
-    return [kind for kind in kinds if not kind.discovery.local]
-
-
 def _fit_singles(
-    problem: Problem, kinds: Sequence[EffectKind], progress: Progress
+    calibration: Calibration, kinds: Sequence[EffectKind], progress: Progress
 ) -> tuple[Calibration, Candidate, list[Candidate]]:
     """The calibration, the best model of at most one effect, and the models of one effect, best first.
 
     Arcs that the calibrated model, then the best one, misses by far are dropped, and the rest is fitted again.
     """
-    calibration = calibrate(problem)
     left = drop_unexplained_arcs(calibration, calibration.none, only_at_impacts=True)
     if left is not None:
         calibration = calibrate(left)
@@ -245,10 +255,9 @@ def _refit_near_best(calibration: Calibration, best: Candidate, singles: Sequenc
     out = list(singles)
     if not best.effects or best.hits is not None or not any(s.grounded for s in best.problem.stacks):
         return out
-    one_camera = any(s.camera_error is not None for s in best.problem.stacks)
     for i, c in enumerate(out):
         of_arcs = c.effects != best.effects and c.restitution is None and c.hits is None
-        if of_arcs and c.problem is best.problem and (one_camera or c.score < best.score + NEAR):
+        if of_arcs and c.problem is best.problem and (best.problem.one_camera or c.score < best.score + NEAR):
             again = refitted(calibration, c, best)
             out[i] = again if again.score < c.score else c
     return out

@@ -37,14 +37,15 @@ def names_of(text: str, place: str = "effects") -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def testable_kinds(effects: Sequence[str], problem: Problem, *, any_spin: bool) -> list[EffectKind]:
+def testable_kinds(effects: Sequence[str], problem: Problem, *, any_spin: bool, local: bool) -> list[EffectKind]:
     """The effects, of those named, that the measurements could show.
 
-    any_spin: also effects of spins where none was measured (`DiscoveryRules.unmeasured_spin`).
+    any_spin: also effects of spins where none was measured (`DiscoveryRules.unmeasured_spin`). local: also effects that
+    only a part of the world can show.
     """
     regimes, shown = _regimes(problem), _shown(problem)
     spinning = any_spin and _shows_unmeasured_spin(problem)
-    kinds = [effect_kinds()[name] for name in effects]
+    kinds = [kind for kind in map(effect_kinds().__getitem__, effects) if local or not kind.discovery.local]
     return [
         kind
         for kind in kinds

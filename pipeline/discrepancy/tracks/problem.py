@@ -85,6 +85,11 @@ class Problem:
         return max(self.rows * self.floor.information, 2.0)
 
     @property
+    def one_camera(self) -> bool:
+        """Whether one camera measured all positions, of which not all is known."""
+        return any(s.camera_error is not None for s in self.stacks)
+
+    @property
     def jumps(self) -> int:
         """Number of velocity jumps that no known impact explains."""
         return sum(len(a.jumps) for a in self.arcs)

@@ -68,6 +68,7 @@ class _Paths:
     Attributes:
         problem: What was measured.
         pieces: The same in short pieces.
+        starts: Per stack of the pieces (A, 11), initial states where their fits begin.
         model: Of the known scene.
         weights: Per arc (T, 3) 1/m, of independent samples; 0 of what is not measured.
         price: Of an interval.
@@ -75,6 +76,7 @@ class _Paths:
 
     problem: Problem
     pieces: Problem
+    starts: list[np.ndarray]
     model: Model
     weights: tuple[np.ndarray, ...]
     price: float
@@ -82,7 +84,7 @@ class _Paths:
     def motion(self, theta: np.ndarray) -> list[_Motion]:
         """Of each arc, as the model has it."""
         known: dict[tuple[str, int], list[_Motion]] = {}
-        for stack, begin in zip(self.pieces.stacks, initial_states(self.pieces), strict=True):
+        for stack, begin in zip(self.pieces.stacks, self.starts, strict=True):
             start, _ = fit_initial_states(stack, self.model, theta, begin)
             _, nodes = run(stack, self.model, theta[None], start[None])
             for i in range(len(stack)):
@@ -96,30 +98,30 @@ class _Paths:
                 )
         return [_joined(known.get((arc.clip, arc.object), []), arc) for arc in self.problem.arcs]
 
-    def at(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per arc (T, 3) m: its positions, as the camera shows them, minus the twice integrated acceleration of the
-        model."""
+    def left(self, theta: np.ndarray, motions: Sequence[_Motion]) -> list[np.ndarray]:
+        """Per arc (T, 3) m: its positions, as the camera shows them, minus the twice integrated acceleration of its
+        motion at theta."""
         positions = [arc.position for arc in self.problem.arcs]
         for stack in self.problem.stacks:
             off = self.model.as_measured(stack, stack.position[None], theta[None])[0] - stack.position
             for i, k in enumerate(stack.index):
                 positions[k] = positions[k] - off[i, : len(positions[k])]
-        triples = zip(self.problem.arcs, positions, self.motion(theta), strict=True)
+        triples = zip(self.problem.arcs, positions, motions, strict=True)
         return [place - _integrated(arc, motion) for arc, place, motion in triples]
 
-    def parts(self, theta: np.ndarray) -> list[list[np.ndarray]]:
+    def parts(self, motions: Sequence[_Motion]) -> list[list[np.ndarray]]:
         """Per arc its weights (T, 3) in each part in which the body moves, or rests; 0 elsewhere.
 
         When it comes to rest is known less exactly than its velocity before and after, so no path leads through that.
         """
         out = []
-        for arc, weight, motion in zip(self.problem.arcs, self.weights, self.motion(theta), strict=True):
+        for arc, weight, motion in zip(self.problem.arcs, self.weights, motions, strict=True):
             rests = np.interp(arc.time, motion.time, motion.speed) < LEAST_SPEED
             edges = np.flatnonzero(np.diff(rests)) + 1 if arc.grounded else np.zeros(0, int)
             rows = np.arange(len(arc.time))
             inner = [np.isin(rows, p) for p in np.split(rows, edges)]
-            near = [np.abs(rows[:, None] - edges + 0.5).min(1, initial=np.inf) < STOP_SAMPLES for _ in inner]
-            found = [np.where((own & ~n)[:, None], weight, 0.0) for own, n in zip(inner, near, strict=True)]
+            near = np.abs(rows[:, None] - edges + 0.5).min(1, initial=np.inf) < STOP_SAMPLES
+            found = [np.where((own & ~near)[:, None], weight, 0.0) for own in inner]
             out.append([w for w in found if (w.max(1) > 0).sum() >= LEAST_PART])
         return out
 
@@ -133,9 +135,10 @@ class _Paths:
         out = [np.zeros((self.model.size, *p.shape)) for p in paths]
         for g, unknown in enumerate(self.model.unknowns):
             step = unknown.step if theta[g] + unknown.step <= unknown.high else -unknown.step
-            moved = self.at(theta + step * np.eye(len(theta))[g])
-            for own, there, path in zip(out, moved, paths, strict=True):
-                own[g] = (there - path) / step
+            there = theta + step * np.eye(len(theta))[g]
+            moved = self.left(there, self.motion(there))
+            for own, new, path in zip(out, moved, paths, strict=True):
+                own[g] = (new - path) / step
         return out
 
 
@@ -156,7 +159,8 @@ def find_clean_part(problem: Problem, model: Model, theta: np.ndarray, known: bo
     # BIC's price of an acceleration and two ends; and any two samples of an arc may be ends, in any of the arcs.
     choices = sum(len(w) ** 2 / 2 for w in weights)
     price = float((shown + ENDS) * np.log(problem.effective_rows) + 2 * np.log(max(choices, 1.0)))
-    paths = _Paths(problem, short_pieces(problem, PIECE_SECONDS, LEAST_SAMPLES), model, tuple(weights), price)
+    pieces = short_pieces(problem, PIECE_SECONDS, LEAST_SAMPLES)
+    paths = _Paths(problem, pieces, initial_states(pieces), model, tuple(weights), price)
     if known:
         return _settled(paths, theta, rounds=1)
     found = [_settled(paths, start, ROUNDS) for start in _starts(paths, theta)]
@@ -168,15 +172,16 @@ def _starts(paths: _Paths, theta: np.ndarray) -> list[np.ndarray]:
     size = paths.model.size
     if size == 0:
         return [theta]
-    left = paths.at(theta)
+    motions = paths.motion(theta)
+    left = paths.left(theta, motions)
     told: list[np.ndarray] = []
-    slopes, parts = paths.slopes(theta, left), paths.parts(theta)
+    slopes, parts = paths.slopes(theta, left), paths.parts(motions)
     for arc, path, slope, own in zip(paths.problem.arcs, left, slopes, parts, strict=True):
         for weight in own:
             for half in np.array_split(np.flatnonzero(weight.max(1) > 0), 2):
-                chosen = np.zeros_like(weight)
                 if len(half) < LEAST_PART:
                     continue
+                chosen = np.zeros_like(weight)
                 chosen[half] = weight[half]
                 straight = find_intervals(arc.time, path, chosen, np.inf)
                 normal, reach = _normal(path, slope, chosen, straight)
@@ -198,8 +203,8 @@ def _settled(paths: _Paths, theta: np.ndarray, rounds: int) -> CleanPart:
     prior = np.diag([1 / u.sigma**2 for u in model.unknowns]).reshape(model.size, model.size)
     theta = np.clip(theta, low, high)
     for turn in range(rounds):
-        left = paths.at(theta)
-        parts = paths.parts(theta)
+        motions = paths.motion(theta)
+        left, parts = paths.left(theta, motions), paths.parts(motions)
         explained = [
             tuple(find_intervals(arc.time, path, weight, paths.price) for weight in own)
             for arc, path, own in zip(problem.arcs, left, parts, strict=True)

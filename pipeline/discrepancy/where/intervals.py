@@ -106,12 +106,11 @@ def _best_pair(
     reach, gram = free.T @ left, free.T @ free
     square = np.diag(gram)[:, None] + np.diag(gram) - 2 * gram
     scale = float((bends * bends).sum(0).max()) * LEAST_SQUARE
-    toll = ((reach[:, None] - reach[None]) ** 2).sum(-1) / np.maximum(square, scale)
-    toll = np.triu(toll, 1)
+    gains = np.triu(((reach[:, None] - reach[None]) ** 2).sum(-1) / np.maximum(square, scale), 1)
     if most is not None:
-        toll -= np.triu(toll, most + 1)
-    i, j = np.unravel_index(int(toll.argmax()), toll.shape)
-    return (int(i), int(j)), float(toll[i, j])
+        gains -= np.triu(gains, most + 1)
+    i, j = np.unravel_index(int(gains.argmax()), gains.shape)
+    return (int(i), int(j)), float(gains[i, j])
 
 
 def _refined(

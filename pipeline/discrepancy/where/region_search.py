@@ -85,7 +85,7 @@ def moving_samples(
                 if v.end - v.start < BLOW_SAMPLES * step:
                     used &= ~at
                 inside |= at
-        velocity = smooth_velocity(arc)
+        velocity = smooth_velocity(arc.time, arc.position)
         used &= (np.linalg.norm(velocity, axis=1) > least_speed) | inside
         shape = (len(arc.time),)
         clip, number = np.full(shape, clips.index(arc.clip)), np.full(shape, arc.object)
@@ -93,14 +93,14 @@ def moving_samples(
     return Samples(*(np.concatenate([getattr(r, k) for r in rows]) for k in Samples.__dataclass_fields__))
 
 
-def smooth_velocity(arc: Arc) -> np.ndarray:
-    """(T, 3) m/s, by parabolas through neighbouring samples."""
-    count, half = len(arc.time), 4
-    out = np.empty_like(arc.position)
+def smooth_velocity(time: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """(T, 3) m/s at times (T,) s and positions (T, 3) m, by parabolas through neighbouring samples."""
+    count, half = len(time), 4
+    out = np.empty_like(position)
     for k in range(count):
         near = slice(max(0, min(k - half, count - 2 * half - 1)), min(count, max(k + half + 1, 2 * half + 1)))
-        t = arc.time[near] - arc.time[k]
-        out[k] = np.linalg.lstsq(np.column_stack([np.ones_like(t), t, t * t]), arc.position[near], rcond=None)[0][1]
+        t = time[near] - time[k]
+        out[k] = np.linalg.lstsq(np.column_stack([np.ones_like(t), t, t * t]), position[near], rcond=None)[0][1]
     return out
 
 

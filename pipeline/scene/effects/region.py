@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+LIMITS = {"after": "s", "before": "s", "faster": "m/s", "slower": "m/s"}
+"""Conditions that are one number each, with their units."""
+
 
 @dataclass(frozen=True)
 class Region:
@@ -39,7 +42,7 @@ class Region:
     def numbers(self) -> int:
         """How many numbers it has, of a ball or a plane on a level ground; a recording is a choice among several, and
         counts as two."""
-        plain = sum(v is not None for v in (self.after, self.before, self.faster, self.slower))
+        plain = sum(getattr(self, name) is not None for name in LIMITS)
         return plain + 3 * (self.centre is not None) + 2 * (self.normal is not None) + 2 * len(self.clips or ())
 
     def holds(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -62,7 +65,7 @@ class Region:
 
     def as_dict(self) -> dict[str, Any]:
         """As `only` has it in a scene and in a report."""
-        plain = {k: getattr(self, k) for k in ("after", "before", "faster", "slower")}
+        plain = {name: getattr(self, name) for name in LIMITS}
         out: dict[str, Any] = {k: v for k, v in plain.items() if v is not None}
         if self.centre is not None:
             out["within"] = {"center": list(self.centre), "radius": self.radius}
@@ -92,10 +95,9 @@ class Region:
     @property
     def words(self) -> str:
         """In words: "after 0.5 s, within 0.3 m of (0.35, 0.1, 0)"."""
-        units = {"after": "s", "before": "s", "faster": "m/s", "slower": "m/s"}
         parts = [
             f"{k} {'than ' if unit == 'm/s' else ''}{getattr(self, k):.3g} {unit}"
-            for k, unit in units.items()
+            for k, unit in LIMITS.items()
             if getattr(self, k) is not None
         ]
         if self.centre is not None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from pipeline.errors import SceneError, did_you_mean
 from pipeline.scene.effects.kind import EffectKind, Parameter, local_kind
-from pipeline.scene.effects.region import Region
+from pipeline.scene.effects.region import LIMITS, Region
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect
 
@@ -45,7 +45,6 @@ def effect_from_dict(entry: Any, index: int, names: Sequence[str], source: str) 
     return Effect(kind.name, values, _objects(entry, names, place), only)
 
 
-LIMITS = {"after": "s", "before": "s", "faster": "m/s", "slower": "m/s"}
 BALL = (Parameter("center", "m", length=3), Parameter("radius", "m", low=0.0))
 PLANE = (Parameter("normal", "-", length=3), Parameter("offset", "m"))
 
@@ -62,20 +61,19 @@ def _region(entry: Any, place: str) -> Region:
     found: dict[str, Any] = {
         k: _number(entry[k], Parameter(k, u), f"{place}.{k}") for k, u in LIMITS.items() if k in entry
     }
-    for key, parts, names in (("within", BALL, ("centre", "radius")), ("beyond", PLANE, ("normal", "offset"))):
+    for key, parts in (("within", BALL), ("beyond", PLANE)):
         if key not in entry:
             continue
         keys = " and ".join(p.name for p in parts)
         if not isinstance(entry[key], dict) or set(entry[key]) != {p.name for p in parts}:
             raise SceneError(f"{place}.{key}: must have the keys {keys}, not {entry[key]!r}")
-        for name, part in zip(names, parts, strict=True):
-            found[name] = _value(entry[key][part.name], part, f"{place}.{key}.{part.name}")
+        found[key] = {p.name: _value(entry[key][p.name], p, f"{place}.{key}.{p.name}") for p in parts}
     if "clips" in entry:
         clips = entry["clips"]
         if not isinstance(clips, list) or not clips or not all(isinstance(c, str) for c in clips):
             raise SceneError(f"{place}.clips: must be a list of names of recordings, not {clips!r}")
-        found["clips"] = tuple(clips)
-    return Region(**found)
+        found["clips"] = clips
+    return Region.of(found)
 
 
 def _value(value: Any, parameter: Parameter, place: str) -> float | tuple[float, ...]:
