@@ -22,6 +22,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from benchmarks.rendered_films import WAYS, Film, draw_film
+from benchmarks.result_files import write_results
 from pipeline.api.infer import Inference, infer
 from pipeline.clips.replay import masks_at
 from pipeline.errors import DynamicsError
@@ -133,10 +134,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         tqdm.write(" | ".join(str(v) for v in asdict(outcomes[-1]).values()))
     print("\n" + table(outcomes))
     if arguments.out is not None:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        pd.DataFrame([asdict(o) for o in outcomes]).to_csv(arguments.out / "films.csv", index=False)
         command = f"python -m benchmarks.films --films {arguments.films} --seed {arguments.seed}"
-        (arguments.out / "films.md").write_text(f"# Rendered films\n\n`{command}`\n\n{table(outcomes)}")
+        write_results(arguments.out, "films", "Rendered films", command, table(outcomes), outcomes)
 
 
 if __name__ == "__main__":

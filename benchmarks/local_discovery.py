@@ -24,6 +24,7 @@ from scipy.ndimage import binary_dilation
 from tqdm import tqdm
 
 from benchmarks.local_worlds import KINDS, STRENGTHS, LocalWorld, make_local_world
+from benchmarks.result_files import write_results
 from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.report.figures import where_figure
@@ -205,7 +206,5 @@ def main(argv: Sequence[str]) -> None:
         tqdm.write(" | ".join(map(str, asdict(scores[-1]).values())))
     print("\n" + table(scores))
     if arguments.out is not None:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        pd.DataFrame([asdict(s) for s in scores]).to_csv(arguments.out / "local.csv", index=False)
         command = f"python -m benchmarks.discovery --local --worlds {arguments.worlds} --seed {arguments.seed}"
-        (arguments.out / "local.md").write_text(f"# Effects that act in a part\n\n`{command}`\n\n{table(scores)}")
+        write_results(arguments.out, "local", "Effects that act in a part", command, table(scores), scores)

@@ -86,7 +86,6 @@ class Film:
         kind: Of `pipeline.scene.sample_views.VIEWS`.
         scene: From the moment on at which bodies are free.
         times: (T,) s, of the frames.
-        free: s, from where on bodies are free.
         frames: (T, H, W, 3) uint8 RGB.
         masks: (T, H, W) uint8, what is seen of each body: 0 background, i + 1 object i.
     """
@@ -95,18 +94,8 @@ class Film:
     kind: str
     scene: Scene
     times: np.ndarray
-    free: float
     frames: np.ndarray
     masks: np.ndarray
-
-    @property
-    def moving(self) -> int:
-        """How many bodies move in the picture by more than a pixel."""
-        count = 0
-        for i in range(1, len(self.scene.objects) + 1):
-            seen = [np.argwhere(m == i).mean(0) for m in self.masks if (m == i).any()]
-            count += bool(seen) and float(np.ptp(seen, axis=0).max()) > 1
-        return count
 
 
 def draw_film(seed: int, index: int) -> Film:
@@ -142,7 +131,7 @@ def draw_film(seed: int, index: int) -> Film:
             frames[t] += layer[..., 3:] * (255 * layer[..., :3] - frames[t])
             masks[t][layer[..., 3] > 0.5] = 0
     frames = apply_sensor(np.clip(frames, 0, 255).astype(np.uint8), sample_sensor(rng), rng)
-    return Film(way, kind, scene, times, free, frames, masks)
+    return Film(way, kind, scene, times, frames, masks)
 
 
 def seen_by(scene: Scene, way: Way) -> Scene:
