@@ -156,9 +156,10 @@ def _region(report: Mapping[str, Any]) -> str:
     where = report["where"]
     if where is None:
         return "Intervals in which something unknown acts, the most significant first."
-    place = Region.of(where["only"]).words if where["only"] else "in all of the measurements"
     who = f", of {', '.join(where['objects'])} alone" if where["objects"] else ""
-    return f"The known scene fails {place}{who}: {where['share']:.0%} of the time of motion."
+    if not where["only"]:
+        return f"The known scene fails everywhere{who}."
+    return f"The known scene fails {Region.of(where['only']).words}{who}: {where['share']:.0%} of the time of motion."
 
 
 def _where(found: Discovery, report: Mapping[str, Any], table: pa.Table) -> str:
