@@ -11,8 +11,8 @@ frames instead of RAFT's flow, `--sees frame` whole pictures instead of each bod
 for the scene only. Bodies are those that the network for masks finds in the frames, with `--true-masks` the true ones,
 with the probability of each body's shape by the network for shapes, unless `--without-shape-prior`. A model with a
 tokenizer of its own is shown pictures of the flow or the frames. Each answer is appended to
-benchmarks/results/learned/answers.jsonl, so that a stopped run can be continued; learned.csv, differences.csv and
-learned.md beside it sum them up, and the report shows them. Without a name it only sums up.
+benchmarks/results/learned/answers.jsonl, so that a stopped run can be continued; learned.csv, differences.csv,
+learned.md and events.md beside it sum them up, and the report shows them. Without a name it only sums up.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import argparse
 import json
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,9 +35,11 @@ from benchmarks.measured_clips import MEASURED, kept, measure
 from benchmarks.starts import shapes_of
 from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
-from pipeline.evaluation.scene_scores import METRICS, score
+from pipeline.evaluation.event_scores import EVENT_METRICS, KIND_METRICS, SAID, SIMULATED, score_events
+from pipeline.evaluation.event_table import EVENTS, events_table
+from pipeline.evaluation.scene_scores import METRICS, score_with_pairs
 from pipeline.evaluation.suite import Suite, reference
-from pipeline.evaluation.summary import Summary, as_csv, best_of_k_curve, summarise
+from pipeline.evaluation.summary import COUNTS, Summary, as_csv, best_of_k_curve, summarise, with_metrics
 from pipeline.evaluation.tables import (
     ERRORS,
     SAMPLES,
@@ -48,14 +50,14 @@ from pipeline.evaluation.tables import (
     samples_table,
 )
 from pipeline.language.completion import read_completion
-from pipeline.metrics.intervals import bootstrap_mean
+from pipeline.language.events import Thresholds, event_of_row
+from pipeline.metrics.intervals import MeanInterval, bootstrap_mean, bootstrap_ratio, bootstrap_ratio_difference
 from pipeline.model.answering import Shown, load_answering, write
 from pipeline.model.base import Base
 from pipeline.model.patches import resize_frames
 from pipeline.model.sampling import Sampling
 from pipeline.model.shown import SeenBodies
 from pipeline.model.words_model import WordsModel
-from pipeline.scene.scene import Scene
 from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator
@@ -79,12 +81,11 @@ COMPARED = (  # first minus second, by clip
 RESAMPLES = 10_000
 
 
-def answers(base: Base | WordsModel, shown: Shown, sampling: Sampling, seed: int) -> tuple[list[Scene], float]:
-    """The scenes that the model answers to one clip, and the seconds that it took."""
+def answers(base: Base | WordsModel, shown: Shown, sampling: Sampling, seed: int) -> tuple[list[str], float]:
+    """The texts that the model answers to one clip, and the seconds that it took."""
     began = time.perf_counter()
     (each,) = write(base, [shown], sampling, [seed])
-    seconds = time.perf_counter() - began
-    return [read_completion(answer.text).scene for answer in each], seconds
+    return [answer.text for answer in each], time.perf_counter() - began
 
 
 def shown_of_clip(
@@ -111,11 +112,17 @@ def rows_of(
     schedule = Schedule(**params.clip.model_dump())
     shown = shown_of_clip(suite, label, clip, asked, params, base)
     truth, shapes = reference(suite, clip, schedule), shapes_of(suite, clip, params)
+    true_events = [event_of_row(row) for row in suite["events"][clip].rows("events")] if "events" in suite else None
+    thresholds = Thresholds(**params.events.model_dump(), visible_px=params.sample.filters.visible_px)
 
-    def scored(scene: Scene) -> dict[str, float]:
-        found = score(scene, truth, schedule)
+    def scored(text: str) -> dict[str, float]:
+        scene = read_completion(text).scene
+        scores = score_with_pairs(scene, truth, schedule)
+        found = dict(scores.metrics)
         if shapes is not None:
             found["composition"] = float(sorted(scene.shapes) == sorted(shapes))
+        if true_events is not None:
+            found |= score_events(scene, scores.pairs, text, true_events, schedule, thresholds)
         return found
 
     how = {
@@ -131,23 +138,23 @@ def rows_of(
         if asked.samples:
             yield {**head, "method": f"{asked.name}, best of {asked.samples}", "simulations": asked.samples, **nothing}
         return
-    (scene,), seconds = answers(base, shown, Sampling(**how), 0)
-    yield {**head, "method": asked.name, "simulations": 0, "seconds": seconds, **scored(scene)}
+    (text,), seconds = answers(base, shown, Sampling(**how), 0)
+    yield {**head, "method": asked.name, "simulations": 0, "seconds": seconds, **scored(text)}
     if not asked.samples:
         return
     seed = zlib.crc32(f"{params.seed} {label} {clip}".encode())
     sampling = Sampling(asked.samples, asked.temperature, params.infer.top_p, **how)
-    scenes, seconds = answers(base, shown, sampling, seed)
+    texts, seconds = answers(base, shown, sampling, seed)
     masks = suite["render"][clip].array("mask")[schedule.pairs[:, 0]]
     target = make_target(masks, suite["flow"][clip].array("flow"), params.search.width, params.search.height)
-    ranking = rank(Evaluator(target, schedule, threads=1), scenes)
+    ranking = rank(Evaluator(target, schedule, threads=1), [read_completion(text).scene for text in texts])
     curve = best_of_k_curve(ranking.rewards.reward, ranking.rewards.iou)
     yield {
         **head,
         "method": f"{asked.name}, best of {asked.samples}",
         "simulations": asked.samples,
         "seconds": seconds,
-        **scored(scenes[ranking.order[0]]),
+        **scored(texts[ranking.order[0]]),
         **{f"iou@{k}": float(curve[k - 1]) for k in SAMPLES if k <= asked.samples},
     }
 
@@ -159,7 +166,7 @@ def ask(asked: argparse.Namespace) -> None:
     done = {(a["suite"], a["clip"], a["method"].split(",")[0]) for a in kept_answers(ANSWERS)}
     RESULTS.mkdir(parents=True, exist_ok=True)
     for label in asked.suites.split(","):
-        suite = open_suite(label, ["render", "flow"])
+        suite = open_suite(label, ["render", "flow", *["events"] * (label != "real")])
         todo = [c for c in range(len(suite["flow"])) if (label, c, asked.name) not in done]
         if asked.objects is not None:  # of clips whose objects are known
             shapes = {c: shapes_of(suite, c, params) for c in todo}
@@ -171,24 +178,40 @@ def ask(asked: argparse.Namespace) -> None:
 
 
 def differences(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Greedy sequence IoU of both models of each pair in COMPARED, and the difference by clip."""
-    found = {(r["method"], r["suite"], r["clip"]): r["iou"] for r in rows}
+    """Greedy scores of both models of each pair in COMPARED, and the difference by clip."""
+    found = {(r["method"], r["suite"], r["clip"]): r for r in rows}
     out = []
     for first, second in COMPARED:
         for suite in SUITES:
             both = [
-                (v, found[second, *key])
-                for (m, *key), v in found.items()
+                (r, found[second, *key])
+                for (m, *key), r in found.items()
                 if m == first and key[0] == suite and (second, *key) in found
             ]
             if both:
-                a, b = np.array(both).T
                 head = {"suite": suite, "first": first, "second": second}
-                out += [
-                    {**head, "what": what, **bootstrap_mean(values, RESAMPLES).row()}
-                    for what, values in (("first", a), ("second", b), ("difference", a - b))
-                ]
+                out += [{**head, **row} for row in _compared(*zip(*both, strict=True))]
     return out
+
+
+def _compared(first: Sequence[dict[str, Any]], second: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """The scores of two models on the same clips, and the difference."""
+    for metric in ("composition", "iou"):
+        a, b = (np.array([r.get(metric, np.nan) for r in rows], float) for rows in (first, second))
+        intervals = [bootstrap_mean(values, RESAMPLES) for values in (a, b, a - b)]
+        yield from _rows_of_metric(metric, intervals)
+    for metric in (SAID, SIMULATED):
+        counts = [[[r.get(f"{metric}.{c}", np.nan) for c in COUNTS] for r in rows] for rows in (first, second)]
+        pairs = [(2 * n[:, 0], n[:, 1] + n[:, 2]) for n in np.array(counts, float)]
+        intervals = [bootstrap_ratio(*pair, RESAMPLES) for pair in pairs]
+        intervals.append(bootstrap_ratio_difference(*pairs, RESAMPLES))
+        if intervals[-1].n:
+            yield from _rows_of_metric(metric, intervals)
+
+
+def _rows_of_metric(metric: str, intervals: Sequence[MeanInterval]) -> Iterator[dict[str, Any]]:
+    for what, interval in zip(("first", "second", "difference"), intervals, strict=True):
+        yield {"metric": metric, "what": what, **interval.row()}
 
 
 def summary_text(summary: Summary, differing: list[dict[str, Any]]) -> str:
@@ -198,13 +221,13 @@ def summary_text(summary: Summary, differing: list[dict[str, Any]]) -> str:
             "# The model's answers before any search\n",
             "`python -m benchmarks.learned`: RAFT's flow; means over clips with 95 % bootstrap intervals. seconds: to "
             "write the answers to one clip.\n",
-            markdown(*metrics_table(summary, SCORES)),
+            markdown(*metrics_table(summary, {**SCORES, **EVENTS})),
             "Sequence IoU of the best of K samples by replay, at the size of the search (K drawn of all samples):\n",
             markdown(*samples_table(summary)),
             "Mean absolute errors of parameters over clips whose composition is right:\n",
             markdown(*metrics_table(summary, ERRORS)),
-            "Greedy sequence IoU, compared clip by clip:\n",
-            markdown(*differences_table(differing)),
+            "Greedy answers, compared clip by clip:\n",
+            markdown(*differences_table(differing, {**SCORES, **EVENTS})),
         ]
     )
 
@@ -233,8 +256,11 @@ def main() -> None:
     rows = kept_answers(ANSWERS)
     rows.sort(key=lambda r: (SUITES.index(r["suite"]), r["method"]))
     metrics = [*METRICS, *ERRORS, *(f"iou@{k}" for k in SAMPLES)]
-    summary = summarise(rows, metrics, RESAMPLES)
+    event_metrics = [*EVENT_METRICS, *KIND_METRICS]
+    both = summarise(rows, metrics, RESAMPLES, 0, event_metrics)
+    summary = with_metrics(both, [*metrics, *EVENT_METRICS])
     (RESULTS / "learned.csv").write_text(as_csv(summary))
+    (RESULTS / "events.md").write_text(markdown(*events_table(with_metrics(both, event_metrics))), encoding="utf-8")
     differing = differences(rows)
     write_rows(RESULTS / "differences.csv", differing, digits=5)
     text = summary_text(summary, differing)

@@ -114,7 +114,9 @@ def benchmark_tables(results: Path) -> dict[str, dict[str, Table]]:
             "The model before any search": metrics_table(learned, SCORES),
             "More samples": samples_table(learned),
             "Parameter errors of the model": metrics_table(learned, ERRORS, costs=False),
-            "Reasoning, frames, and RAFT's flow": differences_table(read_rows(results / "learned" / "differences.csv")),
+            "Reasoning, frames, and RAFT's flow": differences_table(
+                read_rows(results / "learned" / "differences.csv"), {**SCORES, **EVENTS}
+            ),
         },
         "starts": {"Starts and budgets": starts_table(read_rows(results / "starts" / "starts.csv"))},
     }

@@ -94,15 +94,20 @@ def samples_table(summary: Summary) -> Table:
     return metrics_table(Summary(sampled, summary.simulations, summary.seconds), columns)
 
 
-def differences_table(rows: Rows) -> Table:
-    """A line per pair of models, from rows of suite, first, second, what (first, second or difference) and interval."""
-    found: dict[tuple[str, str, str], dict[str, MeanInterval]] = {}
+def differences_table(rows: Rows, metrics: Mapping[str, str]) -> Table:
+    """A line per pair of models and metric.
+
+    Args:
+        rows: With suite, first, second, metric, what (first, second or difference) and interval.
+        metrics: Metric -> its name in the table.
+    """
+    found: dict[tuple[str, str, str, str], dict[str, MeanInterval]] = {}
     for r in rows:
-        found.setdefault((r["suite"], r["first"], r["second"]), {})[r["what"]] = MeanInterval.of_row(r)
-    header = ["suite", "first", "second", "clips", "IoU of the first", "IoU of the second", "difference by clip"]
+        found.setdefault((r["suite"], r["first"], r["second"], r["metric"]), {})[r["what"]] = MeanInterval.of_row(r)
+    header = ["suite", "first", "second", "metric", "clips", "of the first", "of the second", "difference by clip"]
     return header, [
-        [*key, str(e["difference"].n), cell(e["first"]), cell(e["second"]), cell(e["difference"])]
-        for key, e in found.items()
+        [*key, metrics[metric], str(e["difference"].n), cell(e["first"]), cell(e["second"]), cell(e["difference"])]
+        for (*key, metric), e in found.items()
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,18 +86,51 @@ def bootstrap_ratio(part: np.ndarray, whole: np.ndarray, resamples: int, seed: i
     part, whole = part[kept], whole[kept]
     if not whole.any():
         return NO_CLIPS
-    rng, clips = np.random.default_rng(seed), len(part)
+    ratio = float(part.sum() / whole.sum())
+    drawn = _drawn_ratios(((part, whole),), resamples, seed)[0]
+    low, high = _limits(drawn, ratio)
+    return MeanInterval(ratio, low, high, len(part))
+
+
+def bootstrap_ratio_difference(
+    first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], resamples: int, seed: int = 0
+) -> MeanInterval:
+    """The first ratio of two sums over clips minus the second, as `bootstrap_ratio`, of the same resampled clips.
+
+    Args:
+        first: (n,) parts and (n,) wholes; a clip that has NaN in either ratio is left out.
+        second: Likewise, of the same clips.
+        resamples: Number of resamples.
+        seed: Of the resamples.
+    """
+    kept = ~np.isnan([*first, *second]).any(0)
+    pairs = [(part[kept], whole[kept]) for part, whole in (first, second)]
+    if not all(whole.any() for _, whole in pairs):
+        return NO_CLIPS
+    a, b = (float(part.sum() / whole.sum()) for part, whole in pairs)
+    drawn = _drawn_ratios(pairs, resamples, seed)
+    low, high = _limits(drawn[0] - drawn[1], a - b)
+    return MeanInterval(a - b, low, high, int(kept.sum()))
+
+
+def _drawn_ratios(pairs: Sequence[tuple[np.ndarray, np.ndarray]], resamples: int, seed: int) -> np.ndarray:
+    """(P, R) ratios of the sums of parts and wholes (n,) over resampled clips; NaN where the whole is 0."""
+    rng, clips = np.random.default_rng(seed), len(pairs[0][0])
     batch = max(1, BATCH_NUMBERS // clips)
-    ratios = []
+    found = []
     for start in range(0, resamples, batch):
         drawn = rng.integers(clips, size=(min(batch, resamples - start), clips))
-        parts, wholes = part[drawn].sum(1), whole[drawn].sum(1)
-        ratios.append(parts[wholes > 0] / wholes[wholes > 0])
+        sums = [(part[drawn].sum(1), whole[drawn].sum(1)) for part, whole in pairs]
+        found.append([np.divide(p, w, out=np.full(len(w), np.nan), where=w > 0) for p, w in sums])
+    return np.concatenate(found, 1)
+
+
+def _limits(drawn: np.ndarray, otherwise: float) -> tuple[float, float]:
+    """The percentile interval of the numbers that are not NaN."""
     tail = (1 - CONFIDENCE) / 2
-    ratio = float(part.sum() / whole.sum())
-    drawn_ratios = np.concatenate(ratios)
-    low, high = np.quantile(drawn_ratios, [tail, 1 - tail]) if len(drawn_ratios) else (ratio, ratio)
-    return MeanInterval(ratio, float(low), float(high), clips)
+    numbers = drawn[~np.isnan(drawn)]
+    low, high = np.quantile(numbers, [tail, 1 - tail]) if len(numbers) else (otherwise, otherwise)
+    return float(low), float(high)
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:

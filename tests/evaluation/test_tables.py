@@ -10,13 +10,14 @@ from pipeline.evaluation.tables import (
 from pipeline.metrics.intervals import MeanInterval
 
 
-def test_a_pair_of_models_is_one_line() -> None:
+def test_a_pair_of_models_is_one_line_a_metric() -> None:
+    head = {"suite": "id", "first": "a", "second": "b", "metric": "iou"}
     rows = [
-        {"suite": "id", "first": "a", "second": "b", "what": what, **MeanInterval(v, v - 0.1, v + 0.1, 7).row()}
+        {**head, "what": what, **MeanInterval(v, v - 0.1, v + 0.1, 7).row()}
         for what, v in (("first", 0.5), ("second", 0.3), ("difference", 0.2))
     ]
-    _, (line,) = differences_table(rows)
-    assert line == ["id", "a", "b", "7", "0.5 (0.4–0.6)", "0.3 (0.2–0.4)", "0.2 (0.1–0.3)"]
+    _, (line,) = differences_table(rows, {"iou": "IoU"})
+    assert line == ["id", "a", "b", "IoU", "7", "0.5 (0.4–0.6)", "0.3 (0.2–0.4)", "0.2 (0.1–0.3)"]
 
 
 def test_only_methods_with_samples_are_in_the_table_of_samples() -> None:
