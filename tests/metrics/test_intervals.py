@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from pipeline.metrics import intervals
-from pipeline.metrics.intervals import MeanInterval, bootstrap_mean, bootstrap_ratio, wilson
+from pipeline.metrics.intervals import (
+    MeanInterval,
+    bootstrap_mean,
+    bootstrap_ratio,
+    bootstrap_ratio_difference,
+    wilson,
+)
 
 
 def test_an_interval_holds_the_mean_and_covers_the_true_mean_in_about_95_of_100(rng: np.random.Generator) -> None:
@@ -72,3 +78,19 @@ def test_clips_without_a_ratio_are_left_out_of_the_pooled_one(monkeypatch: pytes
     at_once = bootstrap_ratio(part, whole, 500, 2)
     monkeypatch.setattr(intervals, "BATCH_NUMBERS", 100)
     assert bootstrap_ratio(part, whole, 500, 2) == at_once
+
+
+def test_the_difference_of_ratios_is_taken_of_the_same_resamples() -> None:
+    rng = np.random.default_rng(3)
+    part, whole = rng.integers(0, 5, 60).astype(float), np.full(60, 5.0)
+    better = np.minimum(part + 1, 5.0)
+    e = bootstrap_ratio_difference((better, whole), (part, whole), 2000)
+    assert e.mean == pytest.approx((better.sum() - part.sum()) / whole.sum())
+    assert e.high - e.low < 0.5 * (bootstrap_ratio(part, whole, 2000).high - bootstrap_ratio(part, whole, 2000).low)
+    assert bootstrap_ratio_difference((part, np.zeros(60)), (part, whole), 10).n == 0
+
+
+def test_clips_that_lack_one_ratio_do_not_count_in_the_difference() -> None:
+    part, whole = np.array([1.0, np.nan, 2.0]), np.array([2.0, 2.0, 4.0])
+    e = bootstrap_ratio_difference((part, whole), (np.array([1.0, 1.0, 1.0]), whole), 50)
+    assert e.n == 2 and e.mean == pytest.approx(3 / 6 - 2 / 6)
