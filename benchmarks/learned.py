@@ -202,9 +202,9 @@ def _compared(first: Sequence[dict[str, Any]], second: Sequence[dict[str, Any]])
         yield from _rows_of_metric(metric, intervals)
     for metric in (SAID, SIMULATED):
         counts = [[[r.get(f"{metric}.{c}", np.nan) for c in COUNTS] for r in rows] for rows in (first, second)]
-        a, b = ((2 * n[:, 0], n[:, 1] + n[:, 2]) for n in np.array(counts, float))
-        intervals = [bootstrap_ratio(*a, RESAMPLES), bootstrap_ratio(*b, RESAMPLES)]
-        intervals.append(bootstrap_ratio_difference(a, b, RESAMPLES))
+        one, other = ((2 * n[:, 0], n[:, 1] + n[:, 2]) for n in np.array(counts, float))
+        intervals = [bootstrap_ratio(*one, RESAMPLES), bootstrap_ratio(*other, RESAMPLES)]
+        intervals.append(bootstrap_ratio_difference(one, other, RESAMPLES))
         if intervals[-1].n:
             yield from _rows_of_metric(metric, intervals)
 
