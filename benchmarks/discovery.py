@@ -7,6 +7,7 @@ Run: python -m benchmarks.discovery [--smoke] [--share 1.0] [--workers 2] [--min
 Or some groups on other seeds, whose answers go to a folder of their own:
 python -m benchmarks.discovery --groups "unlisted beside" "two effects" --seed 90000 --worlds 10 --out FOLDER
 Or effects that act in a part of the world: python -m benchmarks.discovery --local --help
+Or faults of the measurement: python -m benchmarks.discovery --faults --help
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks import local_discovery
+from benchmarks import local_discovery, recording_faults
 from benchmarks.discovery_rivals import rivals
 from benchmarks.discovery_summary import write_summary
 from benchmarks.kept_answers import answers_of, kept_answers
@@ -153,6 +154,9 @@ def answer(job: Job) -> dict[str, Any]:
 def main() -> None:
     if "--local" in sys.argv:
         local_discovery.main([a for a in sys.argv[1:] if a != "--local"])
+        return
+    if "--faults" in sys.argv:
+        recording_faults.main([a for a in sys.argv[1:] if a != "--faults"])
         return
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--smoke", action="store_true", help="a few worlds, for CI")

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pipeline.discrepancy.fitting.recording_scale import outlying_scale, with_true_scale
 from pipeline.discrepancy.report.discovery import Discovery, discovery_of
+from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE
 from pipeline.discrepancy.selection.select_effects import select_effects
+from pipeline.discrepancy.selection.selection import Selection
+from pipeline.discrepancy.tracks.breaks import mend_breaks
+from pipeline.discrepancy.tracks.fault import Fault
 from pipeline.discrepancy.tracks.known_scene import KnownScene
 from pipeline.discrepancy.tracks.problem import build_problem
 from pipeline.discrepancy.tracks.track import Track
@@ -24,6 +30,8 @@ def discover(
 ) -> Discovery:
     """Find out which effects the measurements support.
 
+    Faults of the measurement are mended first: they would pass for physics.
+
     Args:
         tracks: Measured motion of all clips.
         known: What is known of the scene.
@@ -35,6 +43,22 @@ def discover(
     Raises:
         MeasurementError: For tracks that do not fit the scene, or that have nothing to be fitted.
     """
-    problem = build_problem(tracks, known, held_out, rng)
-    selection = select_effects(problem, effects, progress)
-    return discovery_of(selection)
+
+    def select(tracks: Sequence[Track]) -> Selection:
+        return select_effects(build_problem(tracks, known, held_out, copy.deepcopy(rng)), effects, progress)
+
+    whole, faults = mend_breaks(tracks)
+    found = select(whole)
+    while (fault := outlying_scale(found.chosen)) is not None and not _is_known(fault, faults):
+        mended = with_true_scale(whole, fault)
+        again = select(mended)
+        if again.chosen.score > found.chosen.score - CLAIM_MORE:
+            break
+        whole, found = mended, again
+        faults.append(fault)
+    return discovery_of(found, faults)
+
+
+def _is_known(fault: Fault, faults: Sequence[Fault]) -> bool:
+    """Whether the same fault of the same recording was found before."""
+    return any((f.fault, f.clip) == (fault.fault, fault.clip) for f in faults)

@@ -63,3 +63,18 @@ def test_a_pull_of_short_reach_is_unknown_there_and_nothing_elsewhere() -> None:
     assert found.verdict.effects == ("unknown",)
     assert where["only"]["within"]["center"][:2] == pytest.approx([-0.4, 0.3], abs=0.12)
     assert friction(found) == pytest.approx(0.158, rel=0.03)
+
+
+def test_a_recording_that_is_too_large_is_a_fault_and_no_law() -> None:
+    found = answer("larger_recording")
+    assert found.verdict.effects == ()
+    (fault,) = found.faults
+    assert (fault.fault, fault.clip) == ("recording_scale", "clip_03")
+    assert fault.size == pytest.approx(1.05, abs=0.01)
+
+
+def test_dropped_frames_are_faults_and_no_law() -> None:
+    found = answer("dropped_frames")
+    assert found.verdict.effects == ()
+    dropped = [f for f in found.faults if f.fault == "dropped_frames"]
+    assert sum(f.size for f in dropped) == 36

@@ -191,7 +191,7 @@ def test_a_doubtful_verdict_says_so_and_a_sure_one_does_not(
         verdict = {"effects": effects, "equivalent": equivalent, "confidence": confidence}
         verdict |= {"form": "F/m = 0.1 v", "remainder": None, "named": []}
         gap = {"before": 0.01, "after": 0.002, "noise_floor": 0.002}
-        said = sentence({"verdict": verdict, "gap": gap, "where": None, "clips": {"held_out": ["c"]}})
+        said = sentence({"verdict": verdict, "gap": gap, "where": None, "faults": [], "clips": {"held_out": ["c"]}})
         assert said.startswith("Doubtful. ") == (confidence == 0.5)
         assert words.format(f"{confidence:.2f}") in said and f"(confidence {confidence:.2f})" in said
 

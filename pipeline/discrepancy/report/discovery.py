@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,7 @@ from pipeline.discrepancy.selection.established import models_without
 from pipeline.discrepancy.selection.gap import Gap, measure_gap
 from pipeline.discrepancy.selection.local_effect import only_of
 from pipeline.discrepancy.selection.selection import Selection
+from pipeline.discrepancy.tracks.fault import Fault
 from pipeline.discrepancy.tracks.problem import Problem
 from pipeline.scene.scene import Scene
 
@@ -87,6 +89,7 @@ class Discovery:
         probability: Of `none`, `unknown` and each candidate.
         scene: The known scene with the effects found.
         notes: What a reader should know beside the verdict, a sentence each.
+        faults: Of the measurement, those that were mended first.
     """
 
     selection: Selection
@@ -97,6 +100,7 @@ class Discovery:
     probability: dict[str, float]
     scene: Scene
     notes: tuple[str, ...]
+    faults: tuple[Fault, ...] = ()
 
     @property
     def problem(self) -> Problem:
@@ -109,8 +113,8 @@ class Discovery:
         return self.selection.answer
 
 
-def discovery_of(found: Selection) -> Discovery:
-    """The discovery that a selection amounts to."""
+def discovery_of(found: Selection, mended: Sequence[Fault] = ()) -> Discovery:
+    """The discovery that a selection amounts to. mended: faults that the measurements no longer have."""
     gap = measure_gap(found.measured, found.baseline, found.answer)
     return Discovery(
         selection=found,
@@ -121,7 +125,16 @@ def discovery_of(found: Selection) -> Discovery:
         probability=probabilities(found),
         scene=augmented_scene(found),
         notes=_notes(found),
+        faults=(*mended, *_faults_of_noise(found.problem)),
     )
+
+
+def _faults_of_noise(problem: Problem) -> list[Fault]:
+    """Outliers, which were left out, and correlated noise, which counts as fewer samples."""
+    out = [Fault("outliers", problem.outliers, "samples")] if problem.outliers else []
+    if problem.floor.correlation > NOTABLE_CORRELATION:
+        out.append(Fault("correlated_noise", problem.floor.correlation, "-"))
+    return out
 
 
 def _verdict(found: Selection, gap: Gap) -> Verdict:

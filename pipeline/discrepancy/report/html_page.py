@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pyarrow as pa
@@ -21,7 +21,24 @@ TITLE = "What the simulation lacks"
 def sentence(report: Mapping[str, Any]) -> str:
     """The verdict of a report in words; a doubtful one begins with "Doubtful"."""
     doubtful = report["verdict"]["confidence"] <= LEAST_SURE
-    return ("Doubtful. " if doubtful else "") + _said(report)
+    return ("Doubtful. " if doubtful else "") + _said(report) + _mended_first(report["faults"])
+
+
+def _mended_first(faults: Sequence[Mapping[str, Any]]) -> str:
+    """What was mended in the recordings before, in words."""
+    said = []
+    frames = sum(f["size"] for f in faults if f["fault"] == "dropped_frames")
+    if frames:
+        recordings = len({f["clip"] for f in faults if f["fault"] == "dropped_frames"})
+        said.append(f"{frames} dropped frames in {recordings} recording{'s' * (recordings > 1)}")
+    for f in faults:
+        if f["fault"] == "recording_scale":
+            said.append(f"the lengths of {f['clip']}, {f['size']:.3f} times too large")
+        elif f["fault"] == "bumped_camera":
+            said.append(f"a shift of {f['clip']} by {1e3 * f['size']:.3g} mm at {f['time']:.2f} s")
+        elif f["fault"] == "swapped_names":
+            said.append(f"the names of {f['object']} in {f['clip']}, swapped at {f['time']:.2f} s")
+    return f" Mended first: {'; '.join(said)}." if said else ""
 
 
 def _said(report: Mapping[str, Any]) -> str:
@@ -93,11 +110,31 @@ def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, fact
             drawing(trajectory_figure(found, table), "z over time; from above"),
         ),
         Section("Calibrated", "Free parameters of the known scene.", _parameters(found.calibrated)),
+        Section("Faults of the measurement", _mended(report), _faults(report)),
         Section("Notes", "", "".join(f"<p>{note}</p>" for note in report["notes"])),
     ]
     if verdict["remainder"] is not None:
         sections.insert(1, Section("What remains", verdict["remainder"]["experiment"], _remainder(report)))
     return page(TITLE, sentence(report), facts, sections)
+
+
+def _mended(report: Mapping[str, Any]) -> str:
+    return "What was wrong with the recordings, not with the physics." if report["faults"] else "None was found."
+
+
+def _faults(report: Mapping[str, Any]) -> str:
+    rows = [
+        (
+            f["fault"].replace("_", " "),
+            f["clip"] or "all",
+            f["object"] or "all",
+            "throughout" if f["time"] is None else f"{f['time']:.3f}",
+            f"{f['size']:.4g}",
+            f["unit"],
+        )
+        for f in report["faults"]
+    ]
+    return html_table(["fault", "recording", "object", "time, s", "size", "unit"], rows) if rows else ""
 
 
 def _remainder(report: Mapping[str, Any]) -> str:

@@ -27,6 +27,7 @@ def report_dict(found: Discovery) -> dict[str, Any]:
         "clips": {"fitted": list(problem.fitted), "held_out": list(problem.held_out)},
         "calibrated": {k: e.as_dict() for k, e in found.calibrated.items()},
         "disagreement": [_stretch(s, names) for s in found.disagreement],
+        "faults": [asdict(f) for f in found.faults],
         "where": where_dict(selection),
         "candidates": _candidates(found),
         "verdict": _verdict(found.verdict),

@@ -64,9 +64,15 @@ class Where:
 
 
 def find_where(none: Candidate) -> Where:
-    """Where the known scene fails. none: the calibrated model."""
+    """Where the known scene fails: nowhere, if the calibrated model explains more than intervals do.
+
+    Args:
+        none: The calibrated model.
+    """
     problem = none.problem
     clean = find_clean_part(problem, none.fit.model, none.fit.theta)
+    if none.position_chi2 * problem.floor.information <= clean.chi2:
+        clean = find_clean_part(problem, none.fit.model, none.fit.theta, known=True).without_intervals
     samples = moving_samples(problem.arcs, clean.explained, problem.clips, LEAST_SPEED)
     return Where(clean, find_region(samples, problem.clips), float(samples.inside.mean()))
 

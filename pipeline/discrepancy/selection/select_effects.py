@@ -52,7 +52,7 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
     """
-    calibration = calibrate(problem)
+    calibration = _calibrate(problem)
     where = find_where(calibration.none)
     if problem.one_camera or has_few_clips(
         problem
@@ -68,6 +68,13 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     # What an interval shows is listed, and then something is missing.
     missing = bool(where.intervals) and not found.chosen.effects
     return replace(found, where=where, unknown=found.unknown or missing)
+
+
+def _calibrate(problem: Problem) -> Calibration:
+    """The calibration without arcs at impacts that the calibrated model misses by far."""
+    calibration = calibrate(problem)
+    left = drop_unexplained_arcs(calibration, calibration.none, only_at_impacts=True)
+    return calibration if left is None else calibrate(left)
 
 
 def _select_local(
@@ -110,7 +117,7 @@ def _select_everywhere(calibration: Calibration, effects: Sequence[str], progres
         return found
     scaled = found
     if not problem.one_camera:
-        scaled = select_once(calibrate(with_length_scale_nuisance(problem)), effects, progress)
+        scaled = select_once(_calibrate(with_length_scale_nuisance(problem)), effects, progress)
     if (has_few_clips(problem) or problem.one_camera) and scaled.excess_z > UNEXPLAINED_Z:
         return _select_beside_remainder(scaled, found.none, effects, progress)
     enough = len(scaled.chosen.effects) < 2 or scaled.excess_z <= UNEXPLAINED_Z
@@ -142,7 +149,7 @@ def _select_with_own_frictions(
     without, own = found.none, calibrate(with_friction_nuisance(found.problem)).none
     if own.score > without.score - CLAIM_MORE or forecast_error(own) >= forecast_error(without):
         return None
-    again = select_once(calibrate(with_friction_nuisance(problem)), effects, progress)
+    again = select_once(_calibrate(with_friction_nuisance(problem)), effects, progress)
     again = replace(again, baseline=found.none)
     if again.excess_z > UNEXPLAINED_Z:
         return with_established(again, testable_kinds(effects, again.problem, any_spin=True, local=False), progress)
@@ -155,7 +162,7 @@ def _select_beside_remainder(
     """The selection in which the residuals of another one's best model of at most one effect count as noise."""
     best = min((first.none, *first.singles), key=lambda c: c.score)
     noisy = inflate_noise(first.problem, independent_share(best))
-    return replace(select_once(calibrate(noisy), effects, progress), baseline=baseline, first=first)
+    return replace(select_once(_calibrate(noisy), effects, progress), baseline=baseline, first=first)
 
 
 def select_once(
@@ -231,11 +238,8 @@ def _fit_singles(
 ) -> tuple[Calibration, Candidate, list[Candidate]]:
     """The calibration, the best model of at most one effect, and the models of one effect, best first.
 
-    Arcs that the calibrated model, then the best one, misses by far are dropped, and the rest is fitted again.
+    Arcs that the best one misses by far are dropped, and the rest is fitted again.
     """
-    left = drop_unexplained_arcs(calibration, calibration.none, only_at_impacts=True)
-    if left is not None:
-        calibration = calibrate(left)
     for _ in range(MOST_DROPS):
         singles = extend(calibration, calibration.none, kinds, progress)
         best = likeliest([calibration.none, *singles], calibration.none)

@@ -9,7 +9,7 @@ intervals explain the paths at the lowest price.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,7 @@ class CleanPart:
         covariance: (G, G).
         explained: Per arc of the problem, of each part in which its body moves, or rests, what is left of its path.
         cost: Chi squared of the paths, plus the price of their parts, of the intervals, and of what is in neither.
+        chi2: Of all measured coordinates, those in no part taken for noise, plus the price of the intervals.
     """
 
     model: Model
@@ -50,6 +51,13 @@ class CleanPart:
     covariance: np.ndarray
     explained: tuple[tuple[Explained, ...], ...]
     cost: float
+    chi2: float
+
+    @property
+    def without_intervals(self) -> CleanPart:
+        """The same numbers, with nothing that disagrees with them."""
+        explained = tuple(tuple(replace(e, intervals=(), count=0) for e in own) for own in self.explained)
+        return replace(self, explained=explained)
 
 
 @dataclass(frozen=True)
@@ -219,8 +227,10 @@ def _settled(paths: _Paths, theta: np.ndarray, rounds: int) -> CleanPart:
         if turn == rounds - 1 or (np.abs(change) <= SAME * np.sqrt(np.diag(covariance))).all():
             break
         theta = theta + change
-    cost = sum(e.chi2 + paths.price * (e.count + 1) for own in explained for e in own) + UNSEEN * paths.unseen(parts)
-    return CleanPart(model, theta, covariance, tuple(explained), float(cost))
+    each = [e for own in explained for e in own]
+    unseen, chi2 = paths.unseen(parts), sum(e.chi2 + paths.price * e.count for e in each)
+    cost = chi2 + paths.price * len(each) + UNSEEN * unseen
+    return CleanPart(model, theta, covariance, tuple(explained), float(cost), float(chi2) + unseen)
 
 
 def _normal(path: np.ndarray, slope: np.ndarray, weight: np.ndarray, own: Explained) -> tuple[np.ndarray, np.ndarray]:
