@@ -96,11 +96,7 @@ def dropped_frames(tracks: Sequence[Track], rng: np.random.Generator) -> list[Tr
         for t in mine:
             kept = ~np.isin(t.time, gone)
             late = np.searchsorted(np.sort(gone), t.time[kept]) * float(np.median(np.diff(times)))
-            parts = {
-                name: None if (v := getattr(t, name)) is None else v[kept]
-                for name in ("position", "quaternion", "angular_velocity", "sigma")
-            }
-            out.append(replace(t, time=t.time[kept] - late, **parts))
+            out.append(replace(t.samples(kept), time=t.time[kept] - late))
     return out
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,14 @@ class Track:
     sigma: np.ndarray | None = None
     camera_error: CameraError | None = None
     bounces: tuple[float, ...] = ()
+
+    def samples(self, which: np.ndarray) -> Track:
+        """The track at some of its samples: indices, or (T,) bool."""
+        turn, spin, sigma = (
+            None if v is None else v[which] for v in (self.quaternion, self.angular_velocity, self.sigma)
+        )
+        moved = replace(self, time=self.time[which], position=self.position[which])
+        return replace(moved, quaternion=turn, angular_velocity=spin, sigma=sigma)
 
 
 def read_tracks(path: Path) -> list[Track]:
