@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.fitting.candidate import Candidate, residuals_m
 from pipeline.discrepancy.fitting.estimates import ParameterEstimate, effect_estimates
 from pipeline.discrepancy.fitting.predictions import FRICTION_PLACE, SCALE_PLACE
 from pipeline.discrepancy.report.augmented_scene import augmented_scene
@@ -23,6 +23,7 @@ from pipeline.discrepancy.selection.gap import Gap, measure_gap
 from pipeline.discrepancy.selection.local_effect import only_of
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.tracks.fault import Fault
+from pipeline.discrepancy.tracks.noise import correlation
 from pipeline.discrepancy.tracks.problem import Problem
 from pipeline.scene.scene import Scene
 
@@ -125,15 +126,24 @@ def discovery_of(found: Selection, mended: Sequence[Fault] = ()) -> Discovery:
         probability=probabilities(found),
         scene=augmented_scene(found),
         notes=_notes(found),
-        faults=(*mended, *_faults_of_noise(found.problem)),
+        faults=(*mended, *_faults_of_noise(found)),
     )
 
 
-def _faults_of_noise(problem: Problem) -> list[Fault]:
-    """Outliers, which were left out, and correlated noise, which counts as fewer samples."""
+def _faults_of_noise(found: Selection) -> list[Fault]:
+    """Outliers, which were left out, and correlated noise, which counts as fewer samples.
+
+    The noise is what the answer leaves, too: polynomials alone also leave what they do not follow.
+    """
+    problem = found.problem
     out = [Fault("outliers", problem.outliers, "samples")] if problem.outliers else []
     if problem.floor.correlation > NOTABLE_CORRELATION:
-        out.append(Fault("correlated_noise", problem.floor.correlation, "-"))
+        answer = found.answer
+        left = zip(answer.problem.stacks, residuals_m(answer.problem, answer), strict=True)
+        rows = [r[w.max(1) > 0] for stack, own in left for w, r in zip(stack.weight, own, strict=True)]
+        size = min(problem.floor.correlation, correlation(rows, answer.parameters))
+        if size > NOTABLE_CORRELATION:
+            out.append(Fault("correlated_noise", size, "-"))
     return out
 
 

@@ -10,12 +10,24 @@ from pipeline.scene.effects.discovery_rules import Number
 from pipeline.scene.effects.registry import effect_kinds
 
 ALIKE = 7.0  # difference of scores below which effects are not told apart
+FORECASTS_BETTER = 4.0  # two standard errors of a difference of chi squared from 0
 OTHER_EVIDENCE = 2 * ALIKE  # what is known beside the motion, in units of the score
 
 
 def likeliest(candidates: Sequence[Candidate], default: Candidate) -> Candidate:
     """The candidate with the best score, other evidence included; `default` of no candidates."""
     return min(candidates, key=lambda c: c.score - other_evidence(c), default=default)
+
+
+def forecasts_better(found: Candidate, none: Candidate) -> bool:
+    """Whether a model's residual on clips that were not fitted is smaller by more than its uncertainty.
+
+    A difference of chi squared of d has a standard error of 2 sqrt(d). What explains bounces or velocity jumps does not
+    change the residuals of positions; of that the score decides.
+    """
+    if not found.problem.held_out or found.hits is not None or found.restitution is not none.restitution:
+        return True
+    return none.held_out - found.held_out > FORECASTS_BETTER
 
 
 def other_evidence(found: Candidate) -> float:

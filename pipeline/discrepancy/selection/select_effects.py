@@ -12,7 +12,7 @@ from dataclasses import replace
 from pipeline.discrepancy.fitting.calibration import Calibration, calibrate, rescale_noise, rescored
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, recalibrated, refitted
-from pipeline.discrepancy.selection.comparison import likeliest, other_evidence
+from pipeline.discrepancy.selection.comparison import forecasts_better, likeliest, other_evidence
 from pipeline.discrepancy.selection.equivalence import Sets, absorbed_laws, alike_each, alike_single
 from pipeline.discrepancy.selection.established import with_established
 from pipeline.discrepancy.selection.forecast import forecast_error
@@ -61,8 +61,8 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     local = _select_local(calibration, where, effects, progress) if where.local else None
     if local is not None:
         return replace(local, where=where_with(local.chosen, where))
-    if where.mostly_clean:  # several laws that act everywhere would show everywhere
-        found = select_once(calibration, effects, progress, several=False)
+    if where.mostly_clean:  # several laws that act everywhere would show everywhere, unless they are weak at times
+        found = select_once(calibration, effects, progress, sparing=True)
     else:
         found = _select_everywhere(calibration, effects, progress)
     # What an interval shows is listed, and then something is missing.
@@ -166,7 +166,7 @@ def _select_beside_remainder(
 
 
 def select_once(
-    calibration: Calibration, effects: Sequence[str], progress: Progress = lambda _: None, several: bool = True
+    calibration: Calibration, effects: Sequence[str], progress: Progress = lambda _: None, sparing: bool = False
 ) -> Selection:
     """The selection for a problem as it is.
 
@@ -174,7 +174,7 @@ def select_once(
         calibration: Of the problem.
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
-        several: Several effects may be answered.
+        sparing: Several effects are answered only where no single one explains the measurements, and they do.
     """
     kinds = testable_kinds(effects, calibration.problem, any_spin=False, local=False)
     calibration, best, singles = _fit_singles(calibration, kinds, progress)
@@ -183,7 +183,10 @@ def select_once(
     singles = _refit_near_best(calibration, best, singles)
     calibration = rescale_noise(calibration, best)
     singles = sorted((rescored(calibration, c) for c in singles), key=lambda c: c.score)
-    found = _select_model(calibration, singles, kinds if several else (), progress)
+    found = _select_model(calibration, singles, () if sparing else kinds, progress)
+    if sparing and is_unexplained(calibration, found.chosen):
+        both = _select_model(calibration, singles, kinds, progress)
+        found = found if is_unexplained(calibration, both.chosen) else both
     chosen, inflated = found.chosen, calibration.problem.noise_inflated
     alike = alike_each(chosen, found.tried) if len(chosen.effects) > 1 else alike_single(chosen, singles)
     absorbed = absorbed_laws(calibration, chosen, singles) if inflated else ()
@@ -272,7 +275,7 @@ def _select_model(
 ) -> ForwardSelection:
     """The calibrated model, or the best model of one or more effects if it wins by enough."""
     none = calibration.none
-    best = likeliest([none, *singles], none)
+    best = likeliest([none, *(c for c in singles if forecasts_better(c, none))], none)
     claim = CLAIM_MORE if calibration.problem.noise_inflated else CLAIM
     if not best.effects or best.score >= none.score - claim:
         return ForwardSelection(none, ())
