@@ -74,12 +74,16 @@ def _with_noise(tracks: Sequence[Track], sigma: float) -> tuple[list[Track], lis
 def _mended(tracks: tuple[Track, ...], sigma: float) -> tuple[tuple[Track, ...], list[Fault]]:
     """The tracks of one clip without its breaks, the clearest first, and the breaks."""
     faults: list[Fault] = []
-    for _ in range(max(len(t.time) for t in tracks) // LEAST_SIDE):
+    recorded = [t.time for t in tracks]
+    for _ in range(max(map(len, recorded)) // LEAST_SIDE):
         found = max(_breaks(tracks, sigma), key=lambda b: b.gain, default=None)
         if found is None:
             break
+        clock = np.unique([np.concatenate([t.time for t in tracks]), np.concatenate(recorded)], axis=1)
+        faults += [replace(f, time=float(np.interp(f.time, *clock))) for f in found.faults]  # type: ignore[arg-type]
         tracks = found.tracks
-        faults += found.faults
+        if any(f.fault == "swapped_names" for f in found.faults):  # samples of one are the other's now
+            recorded = [np.interp(t.time, *clock) for t in tracks]
     return tracks, faults
 
 
