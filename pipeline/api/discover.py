@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from pipeline.api.result_folder import FolderResult, write_result
 from pipeline.discrepancy.discover import discover as find_missing_physics
 from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.report.forces_file import forces_file
 from pipeline.discrepancy.report.html_page import html_page, sentence
 from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.discrepancy.report.residual_table import residual_table
@@ -86,7 +87,7 @@ class DiscoveryResult(FolderResult):
 
     def write(self, folder: Path, progress: Progress) -> None:
         """Write report.html, report.json, augmented.yaml, augmented.xml, residuals.parquet, recording.rrd, times.json
-        and result.json.
+        and result.json, and augmented_forces.py where augmented.xml cannot say an effect.
         """
         with progress.step("report"):
             self._write(folder)
@@ -112,6 +113,9 @@ class DiscoveryResult(FolderResult):
         (folder / "report.html").write_text(page, encoding="utf-8")
         save_scene(self.scene, folder / "augmented.yaml")
         (folder / "augmented.xml").write_text(scene_xml(self.scene), encoding="utf-8")
+        forces = forces_file(self.scene)
+        if forces is not None:
+            (folder / "augmented_forces.py").write_text(forces, encoding="utf-8")
         save_measured(residuals, Path(self.measured).stem, said, folder / "recording.rrd")
         text = json.dumps(self.report, indent=1, ensure_ascii=False, allow_nan=False)
         (folder / REPORT).write_text(text + "\n", encoding="utf-8")

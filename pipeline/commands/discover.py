@@ -18,7 +18,8 @@ missing law; then every effect is tried, alone and together, and judged on clips
 
   report.html        the verdict, its reasons and plots: look at this first
   report.json        the same for programs
-  augmented.yaml     the scene with what was missing; augmented.xml: as MJCF
+  augmented.yaml     the scene with what was missing; augmented.xml: as MJCF, for plain MuJoCo, with augmented_forces.py
+                     beside it where MJCF cannot say an effect
   residuals.parquet  every sample, and what both models make of it
   recording.rrd      measured, calibrated and augmented motion, for the rerun viewer
 

@@ -147,13 +147,15 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
     ends = slice(1, 1 + len(scene.objects))
 
     def apply(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        half_step = model.opt.timestep / 2
+        half_step = model.opt.timestep / 2 if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 0.0
         qvel = data.qvel.reshape(-1, 6)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         spin = np.einsum("nij,nj->ni", data.xmat[ends].reshape(-1, 3, 3), qvel[:, 3:])
         start = data.xipos[ends]
-        velocity = halfway.after(qvel[:, :3] + np.cross(spin, start - data.xpos[ends]))
+        velocity = qvel[:, :3] + np.cross(spin, start - data.xpos[ends])
+        if half_step:  # else as MuJoCo's default method takes forces
+            velocity = halfway.after(velocity)
         position = start + half_step * velocity
         pressed = constant.normal_force
         if in_contact:

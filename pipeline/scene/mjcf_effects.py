@@ -1,8 +1,8 @@
 """Effects in an MJCF document: MuJoCo's own elements where they say the law exactly, and a text where none does.
 
-Where effects are forces in the air, the scene is integrated by the classical Runge-Kutta method: MuJoCo's default method
-takes forces at the start of a step, which at 1/240 s misses 1 % of the drag of a falling body. Laws of friction need the
-contact forces of the last step, which only the default method has.
+Where effects are forces in the air, the scene is integrated by the classical Runge-Kutta method: MuJoCo's default
+method takes forces at the start of a step, which at 1/240 s misses 1 % of the drag of a falling body. Laws of friction
+need the contact forces of the last step, which only the default method has.
 """
 
 from __future__ import annotations

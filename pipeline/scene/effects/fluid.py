@@ -26,7 +26,7 @@ DENSITY = 1e-6  # kg/m³: any but zero, since the coefficients are divided by it
 RADIUS = 0.01
 RADIUS_IN_VISCOUS = 1e-3  # the spin of a ball of 2 cm then decays by 1 % of what its velocity does
 RADIUS_VISCOUS_ALONE = 1e-6
-RADIUS_OUTSIDE = 1e-9  # of bodies without forces of the fluid, in a viscous one
+RADIUS_OUTSIDE = 1e-12  # of bodies without forces of the fluid, in a viscous one
 
 
 @dataclass(frozen=True)
