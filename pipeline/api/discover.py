@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -23,13 +23,15 @@ from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.discrepancy.report.residual_table import residual_table
 from pipeline.discrepancy.selection.testable import names_of
 from pipeline.discrepancy.tracks.known_scene import KnownScene, load_known_scene
+from pipeline.discrepancy.tracks.measured_file import MeasuredFile, read_measured
 from pipeline.discrepancy.tracks.plausibility import check_plausible
-from pipeline.discrepancy.tracks.track import Track, read_tracks
+from pipeline.discrepancy.tracks.track import Track
 from pipeline.errors import ParamsError
 from pipeline.inference.progress import Progress
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import save_scene
+from pipeline.tables.said import Said
 from pipeline.viewer.measured import save_measured
 
 REPORT = "report.json"
@@ -142,16 +144,27 @@ def discover(
     held_out: float = 0.3,
     effects: str = "all",
     seed: int = 0,
+    columns: str | None = None,
+    unit: str | None = None,
+    length: Sequence[float] | None = None,
+    plane: str | None = None,
+    fps: float | None = None,
     progress: Progress | None = None,
 ) -> DiscoveryResult:
     """Find out which physical effects a scene lacks.
 
     Args:
-        measured: Measured motion, a Parquet or CSV file (docs/formats.md) or tracks that were read.
+        measured: Measured motion, a file (docs/formats.md; or a table, a workbook or a project of Tracker as it is) or
+            tracks that were read.
         scene: What is known of the scene, a file or a scene that was read.
         held_out: Share of the clips that is not fitted, for judging.
         effects: Which may be named: "all", or names with commas between.
         seed: Chooses the clips that are held out.
+        columns: What the columns of a table are, "time=t,x=X1,y=-Y1"; None: what its header says.
+        unit: Of the table's positions; None: what its header says, else m.
+        length: A length in the table: (x0, y0, x1, y1, M), two points in its unit and their distance, m, or (N, M).
+        plane: "upright" or "ground", in which a table's one or two coordinates lie; None: as bodies fall.
+        fps: Frames per second, where a table counts frames.
         progress: Told of each step; None: nothing is printed.
 
     Returns:
@@ -167,11 +180,17 @@ def discover(
         raise ParamsError(f"held_out is {held_out:g}; valid: a share of the clips, from 0 to less than 1")
     names = names_of(effects)
     known = load_known_scene(Path(scene)) if isinstance(scene, str | Path) else scene
-    tracks = read_tracks(Path(measured)) if isinstance(measured, str | Path) else list(measured)
+    if isinstance(measured, str | Path):
+        said = Said(columns, unit, length, fps, plane)
+        found_file = read_measured(Path(measured), known, said)
+    else:
+        found_file = MeasuredFile(list(measured), known)
+    tracks, known = found_file.tracks, found_file.known
     check_plausible(tracks, known)
     with progress.step("discover"):
         rng = np.random.default_rng(seed)
         found = find_missing_physics(tracks, known, held_out, names, rng, progress=progress.detail)
+    found = replace(found, notes=(*found_file.notes, *found.notes))
     return DiscoveryResult(
         measured=str(measured) if isinstance(measured, str | Path) else "tracks",
         known=str(scene) if isinstance(scene, str | Path) else "scene",
