@@ -8,55 +8,64 @@ from dataclasses import dataclass
 import numpy as np
 
 GRAVITY = 9.81  # m/s²
-WINDOW = 11  # samples of a parabola: at 60 Hz and 2 mm of noise it tells an acceleration to 0.5 m/s²
-FALLS = 0.5  # of gravity: what accelerates more in one direction falls; drag takes a part, a slope of 30° has half
-RESTS = 0.03  # of gravity: less is no acceleration
+SAMPLES, SECONDS = 11, 0.15  # least window of a parabola; at 60 Hz and 2 mm of noise it tells 0.5 m/s²
+LEAST_SAMPLES = 5
+FALLS = 0.5  # of gravity: what accelerates more falls; drag takes a part, and a slope of 30° leaves a half
+SPEEDS_UP = 0.3  # of gravity: bodies on a level ground get faster by less, whatever it is
+ALIKE = 0.8  # share of the windows in which bodies get faster that have to do so in one direction
 
 
 @dataclass(frozen=True)
-class Acceleration:
-    """The acceleration that windows of the tracks have in common.
+class Accelerations:
+    """Accelerations in W windows of tracks.
 
     Attributes:
-        mean: (D,) m/s², median over windows.
-        constant_misfit: Mean distance of the windows' accelerations from it, m/s².
-        braking_misfit: From a common braking against each window's velocity, m/s².
+        acceleration: (W, D) m/s².
+        velocity: (W, D) m/s.
     """
 
-    mean: np.ndarray
-    constant_misfit: float
-    braking_misfit: float
+    acceleration: np.ndarray
+    velocity: np.ndarray
 
-    def falls(self, axis: int) -> bool:
-        """Whether bodies fall along an axis, one way or the other, and do not merely slow down along it."""
-        size = abs(self.mean[axis]) / GRAVITY
-        if size < RESTS:
-            return False
-        if self.braking_misfit < 0.9 * self.constant_misfit:
-            return False
-        return size > (0.7 if self.braking_misfit < 1.1 * self.constant_misfit else FALLS)
+    @property
+    def mean(self) -> np.ndarray:
+        """(D,) m/s², the median over windows."""
+        return np.median(self.acceleration, 0)
+
+    @property
+    def is_braking(self) -> bool:
+        """Whether a common braking against the velocity explains the windows better than a common acceleration."""
+        a, v = self.acceleration, self.velocity
+        way = v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-12)
+        braking = max(float(np.median(-(a * way).sum(1))), 0.0)
+        return bool(np.linalg.norm(a + braking * way, axis=1).mean() < np.linalg.norm(a - self.mean, axis=1).mean())
+
+    def falls(self, axis: int) -> int:
+        """1 or -1 where bodies fall along an axis, by the direction; 0 where they do not.
+
+        They fall where their acceleration is that of a fall and no braking, or where they get faster as only falling
+        bodies do: at the end of a fall with much drag there is no acceleration.
+        """
+        mean, a, v = self.mean[axis], self.acceleration[:, axis], self.velocity[:, axis]
+        if abs(mean) > FALLS * GRAVITY and not self.is_braking:
+            return int(np.sign(mean))
+        faster = np.sign(a[(a * v > 0) & (np.abs(a) > SPEEDS_UP * GRAVITY)])
+        alike = len(faster) > 0.1 * len(a) and abs(faster.mean()) > 2 * ALIKE - 1
+        return int(np.sign(faster.mean())) if alike else 0
 
 
-def acceleration(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Acceleration | None:
-    """From times (T,) s and positions (T, D) m; None where no track has a window of samples."""
+def accelerations(tracks: Sequence[tuple[np.ndarray, np.ndarray]]) -> Accelerations | None:
+    """From times (T,) s and positions (T, D) m; None where no track is long enough."""
     rows, speeds = [], []
     for time, place in tracks:
         there = np.isfinite(place).all(1) & np.isfinite(time)
         time, place = time[there], place[there]
-        for begin in range(0, len(time) - WINDOW + 1, WINDOW):
-            t, x = time[begin : begin + WINDOW], place[begin : begin + WINDOW]
-            if (np.diff(t) > 0).all():
-                second, first, _ = np.polyfit(t - t.mean(), x, 2)
-                rows.append(2 * second)
-                speeds.append(first)
-    if not rows:
-        return None
-    a, v = np.array(rows), np.array(speeds)
-    mean = np.median(a, 0)
-    way = v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-12)
-    braking = max(float(np.median(-(a * way).sum(1))), 0.0)
-    return Acceleration(
-        mean,
-        float(np.linalg.norm(a - mean, axis=1).mean()),
-        float(np.linalg.norm(a + braking * way, axis=1).mean()),
-    )
+        if len(time) < LEAST_SAMPLES or not (np.diff(time) > 0).all():
+            continue
+        size = min(max(SAMPLES, int(SECONDS / np.median(np.diff(time)))), len(time))
+        for begin in range(0, len(time) - size + 1, size):
+            t = time[begin : begin + size]
+            second, first, _ = np.polyfit(t - t.mean(), place[begin : begin + size], 2)
+            rows.append(2 * second)
+            speeds.append(first)
+    return Accelerations(np.array(rows), np.array(speeds)) if rows else None

@@ -23,7 +23,6 @@ class Piece:
         time_unit: A unit of time, "frame" for frames; empty where the file does not say.
         unit: A unit of length or px; empty where the file does not say.
         rate: Frames per second, where the file says it.
-        y_is_up: Whether the file says that y points up.
     """
 
     label: str
@@ -35,4 +34,3 @@ class Piece:
     time_unit: str = ""
     unit: str = ""
     rate: float | None = None
-    y_is_up: bool = False

@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.errors import MeasurementError
 from pipeline.scene.rotation import quaternion_multiply
 from pipeline.tables.header import SPATIAL, SPIN, TURN
-from pipeline.tables.orientation import GRAVITY, Acceleration, acceleration
+from pipeline.tables.orientation import GRAVITY, Accelerations, accelerations
 from pipeline.tables.piece import Piece
 from pipeline.tables.said import Said
 from pipeline.tables.units import PIXELS, TIME
@@ -61,50 +61,49 @@ def placed(
     axes = tuple(a for a in SPATIAL if any(a in p.numbers for p in pieces))
     if any(tuple(a for a in SPATIAL if a in p.numbers) != axes for p in pieces):
         raise MeasurementError(f"{path}: bodies with different coordinates; valid: the same for all")
-    found = acceleration([(p.time, np.column_stack([p.numbers[a] for a in axes])) for p in pieces])
+    found = accelerations([(p.time, np.column_stack([p.numbers[a] for a in axes])) for p in pieces])
     stated = any(p.unit for p in pieces)
     if found is not None and not stated:
         _check_metres(found, axes, path)
     if len(axes) == 3:
         return _in_space(pieces, found)
-    upright = axes[-1] if len(axes) == 2 or axes[0] != "x" else "x"
-    falls = found is not None and found.falls(axes.index(upright))
+    upright = axes[-1]
+    down = 0 if found is None else found.falls(len(axes) - 1)
     if said.plane is not None:
-        falls, why = said.plane == "upright", f"as --plane {said.plane} says"
-    elif "z" in axes:
-        falls, why = True, "as its name says"
-    elif falls and found is not None:
-        why = f"bodies fall along it, at {abs(found.mean[axes.index(upright)]):.3g} m/s²"
+        is_upright, why = said.plane == "upright", f"as --plane {said.plane} says"
+    elif upright == "z":
+        is_upright, why = True, "as its name says"
     else:
-        why = "nothing falls"
-    shown = "the position" if upright == "along" else upright
-    if not falls:
-        plane = "the coordinates are" if len(axes) > 1 else f"{'the position' if axes[0] == 'along' else axes[0]} is"
-        notes = [f"{plane} along the ground ({why}; --plane upright says otherwise); bodies lie on the ground"]
-        x, y = axes[0], axes[1] if len(axes) > 1 else None
+        is_upright, why = down != 0, "bodies fall along it" if down else "nothing falls"
+    names = ["the position" if a == "along" else a for a in axes]
+    if not is_upright:
+        verb = "is" if len(names) == 1 else "are"
+        notes = [f"{' and '.join(names)} {verb} along the ground, on which bodies lie ({why}; --plane says otherwise)"]
         out = [
-            _with(p, p.numbers[x], 0 * p.time if y is None else p.numbers[y], bodies.get(p.object, 0.0) + 0 * p.time)
+            _with(
+                p,
+                p.numbers[axes[0]],
+                p.numbers[axes[1]] if len(axes) > 1 else 0 * p.time,
+                0 * p.time + bodies.get(p.object, 0.0),
+            )
             for p in pieces
         ]
         return out, notes, False
-    down = found is not None and found.falls(axes.index(upright)) and found.mean[axes.index(upright)] > 0
-    sign = -1.0 if down else 1.0
-    across = next((a for a in axes if a != upright), None)
-    notes = [
-        f"{shown} is {'down, and was turned around' if down else 'up'} ({why}); the motion is in one upright plane"
-    ]
+    sign = -1.0 if down > 0 else 1.0
+    turned = "down, and was turned around" if down > 0 else "up"
+    notes = [f"{names[-1]} is {turned} ({why}; --plane says otherwise); the motion is in one upright plane"]
     out = [
-        _with(p, 0 * p.time if across is None else p.numbers[across], 0 * p.time, sign * p.numbers[upright])
+        _with(p, p.numbers[axes[0]] if len(axes) > 1 else 0 * p.time, 0 * p.time, sign * p.numbers[upright])
         for p in pieces
     ]
     return out, notes, True
 
 
-def _in_space(pieces: Sequence[Piece], found: Acceleration | None) -> tuple[list[Piece], list[str], bool]:
+def _in_space(pieces: Sequence[Piece], found: Accelerations | None) -> tuple[list[Piece], list[str], bool]:
     """Three coordinates, z up or y up."""
     if found is None or found.falls(2) or not found.falls(1):
         return list(pieces), ["z is up"], False
-    sign = -1.0 if found.mean[1] > 0 else 1.0
+    sign = -float(found.falls(1))
     quarter = np.array([np.sqrt(0.5), sign * np.sqrt(0.5), 0.0, 0.0])  # about x
     out = []
     for p in pieces:
@@ -119,10 +118,10 @@ def _in_space(pieces: Sequence[Piece], found: Acceleration | None) -> tuple[list
     return out, [f"y is {'up' if sign > 0 else 'down'} (bodies fall along it): axes were turned so that z is up"], True
 
 
-def _check_metres(found: Acceleration, axes: Sequence[str], path: Path) -> None:
+def _check_metres(found: Accelerations, axes: Sequence[str], path: Path) -> None:
     """Raise MeasurementError where bodies fall far faster than things do, so that lengths cannot be metres."""
     size = float(np.abs(found.mean).max())
-    if size < 5 * GRAVITY or found.braking_misfit < found.constant_misfit:
+    if size < 5 * GRAVITY or found.is_braking:
         return
     likely = next((unit for unit, factor in (("cm", 100), ("mm", 1000)) if 0.7 < size / GRAVITY / factor < 1.3), PIXELS)
     raise MeasurementError(

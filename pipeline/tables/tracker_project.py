@@ -54,7 +54,6 @@ def tracker_pieces(data: bytes, place: str) -> tuple[list[Piece], list[str]]:
                     lines=marks[:, 0].astype(int),
                     time_unit="s",
                     unit=(unit_of(unit) or unit) if scaled else "px",
-                    y_is_up=True,
                 )
             )
     if not pieces:

@@ -166,7 +166,7 @@ def test_what_slows_down_is_on_the_ground_unless_said_otherwise(tmp_path: Path) 
     text = "\n".join(["t,x,y", *lines([TIME, *slide().T]), *lines([TIME, *slide(1.5, 2.0).T])])
     table = read(tmp_path, text, bodies={"puck": 0.02})
     np.testing.assert_allclose(place(table, "throw_1", "puck"), np.column_stack([slide(), 0.02 + 0 * X]), atol=1e-5)
-    assert not table.own_heights and any("along the ground (nothing falls" in note for note in table.notes)
+    assert not table.own_heights and any("(nothing falls" in note for note in table.notes)
     upright = place(read(tmp_path, text, bodies={"puck": 0.02}, plane="upright"), "throw_1", "puck")
     np.testing.assert_allclose(upright[:, [0, 2]], slide(), atol=1e-5)
 
@@ -176,6 +176,13 @@ def test_one_coordinate_that_falls_is_a_height(tmp_path: Path, title: str, sign:
     table = read(tmp_path, "\n".join([f"Time (s),{title},Velocity (m/s)", *lines([TIME, sign * Z, X])]))
     np.testing.assert_allclose(place(table), np.column_stack([0 * X, 0 * X, Z]), atol=1e-5)
     assert any("columns not used: Velocity (m/s)" in note for note in table.notes)
+
+
+def test_a_fall_that_ends_at_a_steady_speed_is_a_fall(tmp_path: Path) -> None:
+    time, end = np.arange(60) / 50, 1.2  # m/s
+    height = 3 - end**2 / 9.81 * np.log(np.cosh(9.81 * time / end))
+    table = read(tmp_path, "\n".join(["Time (s),Position (m)", *lines([time, height])]))
+    np.testing.assert_allclose(place(table)[:, 2], height, atol=1e-5)
 
 
 def test_one_coordinate_along_a_track_is_on_the_ground(tmp_path: Path) -> None:
