@@ -53,10 +53,11 @@ def read_motion_table(path: Path, bodies: Mapping[str, float], said: Said) -> Mo
         ParamsError: For what the user says that the table does not have.
     """
     pieces, notes = _pieces_of(path, said)
+    own_columns = all(p.clip and p.object for p in pieces)  # of the project's format, in which z is up
     pieces, names = named(pieces, list(bodies), path)
     pieces, units = in_units(pieces, said, path)
     pieces, clips = recordings(pieces, path.stem)
-    pieces, places, own_heights = placed(pieces, bodies, said, path)
+    pieces, places, own_heights = placed(pieces, bodies, said, path, own_columns)
     return MotionTable(_rows(pieces), (*notes, *names, *units, *clips, *places), own_heights)
 
 

@@ -55,7 +55,7 @@ def in_units(pieces: Sequence[Piece], said: Said, path: Path) -> tuple[list[Piec
 
 
 def placed(
-    pieces: Sequence[Piece], bodies: Mapping[str, float], said: Said, path: Path
+    pieces: Sequence[Piece], bodies: Mapping[str, float], said: Said, path: Path, z_is_up: bool
 ) -> tuple[list[Piece], list[str], bool]:
     """The pieces with x, y, z in the world, how they were placed, and whether heights are from an own origin."""
     axes = tuple(a for a in SPATIAL if any(a in p.numbers for p in pieces))
@@ -66,7 +66,7 @@ def placed(
     if found is not None and not stated:
         _check_metres(found, axes, path)
     if len(axes) == 3:
-        return _in_space(pieces, found)
+        return _in_space(pieces, None if z_is_up else found)
     upright = axes[-1]
     down = 0 if found is None else found.falls(len(axes) - 1)
     if said.plane is not None:

@@ -33,7 +33,7 @@ def text_sheet(data: bytes, place: str) -> tuple[Sheet, list[str]]:
             f"{(lines[0][0] if lines else '')[:60]!r}; needed: a row for each time, with the columns clip, "
             "object, time, x, y, z"
         )
-    comma = separator != "," and any(DECIMAL_COMMA.fullmatch(cell) for row in cells for cell in row)
+    comma = any(DECIMAL_COMMA.fullmatch(cell) for row in cells for cell in row)
     notes = [f"read as text with {SEPARATORS[separator]} between columns{' and decimal commas' if comma else ''}"]
     if encoding:
         notes.append(f"the encoding is taken for {encoding}")
@@ -68,7 +68,7 @@ def _rows_of_numbers(lines: list[str], separator: str) -> tuple[int, int]:
     """How many lines the separator makes rows of numbers of one width, and how many numbers these have."""
     others = [s for s in SEPARATORS if s not in (separator, " ", ",")] if separator in " ," else []
     rows = [_split(line, separator) for line in lines if not any(other in line for other in others)]
-    kept = [row for row in (rows if separator == "," else _with_points(rows)) if is_data(row)]
+    kept = [row for row in _with_points(rows) if is_data(row)]
     widths = Counter(map(len, kept))
     width = max(widths, key=lambda w: widths[w], default=0)
     return widths[width], sum(number(cell) is not None for row in kept for cell in row if len(row) == width)

@@ -65,6 +65,10 @@ ONE_THROW: dict[str, str | bytes] = {
     "y down": "\n".join(["t,x,y", *lines([TIME, X, -Z])]),
     "Vernier's text": "\n".join([*VERNIER, "Time\tX\tY", "t\tx\ty", "s\tm\tm", *lines([TIME, X, Z], "\t")]),
     "Vernier's CSV": "\n".join([VIDEO_ANALYSIS, *lines([TIME, X, Z, X])]),
+    "quoted decimal commas": "\n".join(
+        ["t,x,y", *(",".join(f'"{v:.5f}"'.replace(".", ",") for v in row) for row in zip(TIME, X, Z, strict=True))]
+    ),
+    "a numbered column without a name": "\n".join([",t,x,y", *lines([60 * TIME, TIME, X, Z])]),
     "quoted, with other columns": "\n".join(
         ['"frame","t","x","y","v_{x}","step"', *lines([60 * TIME, TIME, X, Z, 0 * X, 60 * TIME])]
     ),

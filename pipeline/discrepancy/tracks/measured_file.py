@@ -55,7 +55,10 @@ def read_measured(path: Path, known: KnownScene, said: Said) -> MeasuredFile:
     table = read_motion_table(path, bodies, said)
     tracks = tracks_of(table.rows, path)
     if table.own_heights and known.scene.ground is not None and _is_below(tracks, bodies, ground):
-        note = "bodies are below the ground of the scene, so that heights are from an origin of their own: no ground"
+        note = (
+            "bodies are below the ground of the scene, so that heights are from an origin of their own: there is "
+            "no ground, unless the scene says `ground: {height: …}`"
+        )
         scenes = {clip: replace(scene, ground=None) for clip, scene in known.by_clip.items()}
         known = replace(known, scene=replace(known.scene, ground=None), by_clip=scenes)
         return MeasuredFile(tracks, known, (*table.notes, note))
