@@ -14,6 +14,8 @@ SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}
 COMMENT = re.compile(r"\s*(#|%|//)\s?")
 DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 TRIED_LINES = 500
+COLUMNS = ("clip", "object", "time", "x", "y", "z")
+"""Of the project's own format."""
 
 
 def text_sheet(data: bytes, place: str) -> tuple[Sheet, list[str]]:
@@ -28,10 +30,12 @@ def text_sheet(data: bytes, place: str) -> tuple[Sheet, list[str]]:
     separator = max(SEPARATORS, key=lambda s: _rows_of_numbers([line for line, _ in lines[:TRIED_LINES]], s))
     cells = [_split(line, separator) for line, _ in lines]
     if not any(map(is_data, _with_points(cells))):
+        begin, first = (lines[0][0], re.split(r"[\s,;]+", lines[0][0])) if lines else ("", [])
+        lacks = [column for column in COLUMNS if column not in first]
+        also = f" and no column {lacks[0]!r}" if 0 < len(lacks) < len(COLUMNS) else ""
         raise MeasurementError(
-            f"{place}: no rows of numbers with tabs, semicolons, commas or spaces between them; it begins with "
-            f"{(lines[0][0] if lines else '')[:60]!r}; needed: a row for each time, with the columns clip, "
-            "object, time, x, y, z"
+            f"{place}: no rows of numbers with tabs, semicolons, commas or spaces between them{also}; it begins with "
+            f"{begin[:60]!r}; needed: a row for each time, with the columns {', '.join(COLUMNS)}"
         )
     comma = any(DECIMAL_COMMA.fullmatch(cell) for row in cells for cell in row)
     notes = [f"read as text with {SEPARATORS[separator]} between columns{' and decimal commas' if comma else ''}"]

@@ -63,3 +63,10 @@ def test_a_pull_of_short_reach_is_unknown_there_and_nothing_elsewhere() -> None:
     assert found.verdict.effects == ("unknown",)
     assert where["only"]["within"]["center"][:2] == pytest.approx([-0.4, 0.3], abs=0.12)
     assert friction(found) == pytest.approx(0.158, rel=0.03)
+
+
+def test_cups_that_get_narrower_have_drag_and_a_remainder() -> None:
+    found = answer("stacked_filters_shrinking")
+    assert found.verdict.effects == ("air_drag",)
+    assert 0.0012 <= found.verdict.parameters["coefficient"].value <= 0.0015
+    assert found.remainder is not None

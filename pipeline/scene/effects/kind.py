@@ -52,6 +52,8 @@ class Parameter:
         scale: A size that matters in everyday motion; fits take their steps from it.
         neutral: The value without effect.
         stated: The value without effect in a given scene, where it depends on the scene.
+        physical: The range outside of which no such thing is, where it is narrower than the bounds; a fit that ends at
+            an end of it, or at a bound, rejects the effect.
         period: By which a direction may be changed without changing the law.
     """
 
@@ -63,7 +65,13 @@ class Parameter:
     scale: float = 1.0
     neutral: float = 0.0
     stated: Callable[[Scene], float] | None = None
+    physical: tuple[float, float] | None = None
     period: float | None = None
+
+    @property
+    def possible(self) -> tuple[float, float]:
+        """The physical range, else the bounds."""
+        return self.physical or (self.low, self.high)
 
 
 @dataclass(frozen=True)
