@@ -65,10 +65,17 @@ def forces_file(scene: Scene) -> str | None:
         in_contact=any(needs_contacts(kinds[i]) for i in outside),
         steps=CHATTER_STEPS,
         local=local,
+        spins="angular_velocity" in code.text or any(_lifts(effect) for effect in scene.effects),
         clips=clips,
         recording=bool(recording),
     )
     return text + "\n"
+
+
+def _lifts(effect: Effect) -> bool:
+    """Whether it is a force on spins that the MJCF says."""
+    kind = effect_kinds()[effect.name]
+    return kind.fluid is not None and kind.fluid(effect.values).lift != 0
 
 
 def _laws(kind: EffectKind, outside: bool) -> dict[str, Callable[..., Any]]:
