@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -17,18 +17,21 @@ import pyarrow.parquet as pq
 from pipeline.api.result_folder import FolderResult, write_result
 from pipeline.discrepancy.discover import discover as find_missing_physics
 from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.report.forces_file import forces_file
 from pipeline.discrepancy.report.html_page import html_page, sentence
 from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.discrepancy.report.residual_table import residual_table
 from pipeline.discrepancy.selection.testable import names_of
 from pipeline.discrepancy.tracks.known_scene import KnownScene, load_known_scene
+from pipeline.discrepancy.tracks.measured_file import MeasuredFile, read_measured
 from pipeline.discrepancy.tracks.plausibility import check_plausible
-from pipeline.discrepancy.tracks.track import Track, read_tracks
+from pipeline.discrepancy.tracks.track import Track
 from pipeline.errors import ParamsError
 from pipeline.inference.progress import Progress
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import save_scene
+from pipeline.tables.said import Said
 from pipeline.viewer.measured import save_measured
 
 REPORT = "report.json"
@@ -86,7 +89,7 @@ class DiscoveryResult(FolderResult):
 
     def write(self, folder: Path, progress: Progress) -> None:
         """Write report.html, report.json, augmented.yaml, augmented.xml, residuals.parquet, recording.rrd, times.json
-        and result.json.
+        and result.json, and augmented_forces.py where augmented.xml cannot say an effect.
         """
         with progress.step("report"):
             self._write(folder)
@@ -112,6 +115,9 @@ class DiscoveryResult(FolderResult):
         (folder / "report.html").write_text(page, encoding="utf-8")
         save_scene(self.scene, folder / "augmented.yaml")
         (folder / "augmented.xml").write_text(scene_xml(self.scene), encoding="utf-8")
+        forces = forces_file(self.scene)
+        if forces is not None:
+            (folder / "augmented_forces.py").write_text(forces, encoding="utf-8")
         save_measured(residuals, Path(self.measured).stem, said, folder / "recording.rrd")
         text = json.dumps(self.report, indent=1, ensure_ascii=False, allow_nan=False)
         (folder / REPORT).write_text(text + "\n", encoding="utf-8")
@@ -138,16 +144,27 @@ def discover(
     held_out: float = 0.3,
     effects: str = "all",
     seed: int = 0,
+    columns: str | None = None,
+    unit: str | None = None,
+    length: Sequence[float] | None = None,
+    plane: str | None = None,
+    fps: float | None = None,
     progress: Progress | None = None,
 ) -> DiscoveryResult:
     """Find out which physical effects a scene lacks.
 
     Args:
-        measured: Measured motion, a Parquet or CSV file (docs/formats.md) or tracks that were read.
+        measured: Measured motion, a file (docs/formats.md; or a table, a workbook or a project of Tracker as it is) or
+            tracks that were read.
         scene: What is known of the scene, a file or a scene that was read.
         held_out: Share of the clips that is not fitted, for judging.
         effects: Which may be named: "all", or names with commas between.
         seed: Chooses the clips that are held out.
+        columns: What the columns of a table are, "time=t,x=X1,y=-Y1"; None: what its header says.
+        unit: Of the table's positions; None: what its header says, else m.
+        length: A length in the table: (x0, y0, x1, y1, M), two points in its unit and their distance, m, or (N, M).
+        plane: "upright" or "ground", in which a table's one or two coordinates lie; None: as bodies fall.
+        fps: Frames per second, where a table counts frames.
         progress: Told of each step; None: nothing is printed.
 
     Returns:
@@ -163,11 +180,17 @@ def discover(
         raise ParamsError(f"held_out is {held_out:g}; valid: a share of the clips, from 0 to less than 1")
     names = names_of(effects)
     known = load_known_scene(Path(scene)) if isinstance(scene, str | Path) else scene
-    tracks = read_tracks(Path(measured)) if isinstance(measured, str | Path) else list(measured)
+    if isinstance(measured, str | Path):
+        said = Said(columns, unit, length, fps, plane)
+        found_file = read_measured(Path(measured), known, said)
+    else:
+        found_file = MeasuredFile(list(measured), known)
+    tracks, known = found_file.tracks, found_file.known
     check_plausible(tracks, known)
     with progress.step("discover"):
         rng = np.random.default_rng(seed)
         found = find_missing_physics(tracks, known, held_out, names, rng, progress=progress.detail)
+    found = replace(found, notes=(*found_file.notes, *found.notes))
     return DiscoveryResult(
         measured=str(measured) if isinstance(measured, str | Path) else "tracks",
         known=str(scene) if isinstance(scene, str | Path) else "scene",

@@ -110,6 +110,15 @@ def length(text: str) -> tuple[float, ...]:
     return (*_numbers(ends, (4,), "x0,y0,x1,y1=M"), positive(metres))
 
 
+def table_length(text: str) -> tuple[float, ...]:
+    """x0,y0,x1,y1=M or N=M: four or one number in a table's unit, and metres."""
+    ends, equals, metres = text.partition("=")
+    form = "X0,Y0,X1,Y1=M, two points in the table's unit and their distance in m, or N=M"
+    if not equals:
+        raise argparse.ArgumentTypeError(f"{text!r}; valid: {form}")
+    return (*_numbers(ends, (1, 4), form), positive(metres))
+
+
 def size(text: str) -> tuple[int, str, float]:
     """BODY.KEY=M: the number at the end of the body's name, what is known, and metres."""
     found = re.fullmatch(r"(?:[A-Za-z]+_)?(\d+)\.(radius|width|height)=(.+)", text)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pipeline.commands.arguments import count
+from pipeline.commands.arguments import count, table_length
 from pipeline.errors import ParamsError
 
-TABLES = (".parquet", ".csv")
+TABLES = (".parquet", ".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xls", ".ods", ".trk")
 SUMMARY = "find where measured motion and a scene disagree, and name the physics that the scene lacks"
 DESCRIPTION = """\
 Find where measured motion and a scene disagree, and name the physics that the scene lacks.
@@ -18,14 +18,16 @@ missing law; then every effect is tried, alone and together, and judged on clips
 
   report.html        the verdict, its reasons and plots: look at this first
   report.json        the same for programs
-  augmented.yaml     the scene with what was missing; augmented.xml: as MJCF
+  augmented.yaml     the scene with what was missing; augmented.xml: as MJCF, for plain MuJoCo, with augmented_forces.py
+                     beside it where MJCF cannot say an effect
   residuals.parquet  every sample, and what both models make of it
   recording.rrd      measured, calibrated and augmented motion, for the rerun viewer
 
 INPUT is measured motion and a scene, or videos of one resting camera (or folders that `dynamics infer` wrote).
 
 Measured motion is Parquet or CSV with the columns clip, object, time, x, y, z (s, m, z up), optionally qw..qz,
-wx..wz, sigma.
+wx..wz, sigma; or a table as it is: text of any separator, .xlsx, a project of Tracker (.trk). What was assumed of it is
+said; --columns, --unit, --length, --plane and --fps say otherwise.
 The scene file needs no more than each object's name, shape, sizes and mass. From videos OUT also has
 
   tracks.parquet     the measured motion
@@ -33,6 +35,7 @@ The scene file needs no more than each object's name, shape, sizes and mass. Fro
 
 examples:
   dynamics discover tracks.csv scene.yaml -o found
+  dynamics discover toss.txt ball.yaml -o found --columns time=t,x=X1,z=-Y1 --unit px --length 12,300,412,300=1.00
   dynamics discover tracks.parquet scene.yaml -o found --effects air_drag,linear_drag,wind
   dynamics discover roll_1.mp4 roll_2.mp4 roll_3.mp4 roll_4.mp4 --scene ball.yaml -o found
   dynamics simulate found/augmented.yaml --set 'effects=[]' -o without
@@ -41,12 +44,31 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("inputs", type=Path, nargs="+", metavar="INPUT", help="MEASURED (.parquet or .csv) and SCENE (YAML), or videos")
+    add("inputs", type=Path, nargs="+", metavar="INPUT", help="MEASURED (a table) and SCENE (YAML), or videos")
     add("--scene", type=Path, metavar="SCENE", help="what is known of the scene that videos show (YAML)")
+    add("--columns", metavar="LIST", help="what the columns of a table are: time=t,x=X1,y=-Y1 (NAME:x=… of one body)")
+    add("--unit", metavar="UNIT", help="of a table's positions: m, cm, mm, in, px, … (what its header says, else m)")
+    add(
+        "--length",
+        type=table_length,
+        metavar="X0,Y0,X1,Y1=M",
+        help="two points of a table, in its unit, and their distance, m; or N=M",
+    )
+    add(
+        "--plane",
+        choices=("upright", "ground"),
+        help="in which one or two coordinates of a table lie (upright where bodies fall)",
+    )
     add("--view", choices=("table", "side"), help="how the camera of videos looks (bodies that fall tell)")
     add("--start", type=float, metavar="S", help="where each clip begins in its video (where bodies move freely)")
     add("--seconds", type=float, metavar="S", help="length of each clip (as long as they do)")
-    add("--fps", type=float, metavar="FPS", help="at which the videos were shot, where their headers are wrong")
+    add(
+        "--fps",
+        type=float,
+        metavar="FPS",
+        help="at which the videos were shot, where their headers are wrong, or "
+        "frames per second of a table that counts frames",
+    )
     add("-o", "--out", type=Path, required=True, metavar="OUT", help="folder for the results; it must not exist yet")
     add("--held-out", type=float, default=0.3, metavar="SHARE", help="share of clips kept for judging (0.3)")
     add("--effects", default="all", metavar="NAMES", help="which effects may be named, with commas between (all)")
@@ -68,7 +90,18 @@ def run(arguments: argparse.Namespace) -> None:
     with Progress(2 if table else 4, shown=True) as progress:
         found: DiscoveryResult | ClipDiscoveryResult
         if table:
-            found = discover(*a.inputs, held_out=a.held_out, effects=a.effects, seed=a.seed, progress=progress)
+            found = discover(
+                *a.inputs,
+                held_out=a.held_out,
+                effects=a.effects,
+                seed=a.seed,
+                columns=a.columns,
+                unit=a.unit,
+                length=a.length,
+                plane=a.plane,
+                fps=a.fps,
+                progress=progress,
+            )
         else:
             found = discover_clips(
                 a.inputs,
@@ -104,7 +137,7 @@ def _check_table(a: argparse.Namespace) -> None:
         raise ParamsError(
             f"{given}: valid: one table of measured motion and one scene (MEASURED SCENE), or videos alone"
         )
-    for name in ("scene", "view", "start", "seconds", "fps"):
+    for name in ("scene", "view", "start", "seconds"):
         if getattr(a, name) is not None:
             raise ParamsError(
                 f"--{name}: it is for videos; a table of measured motion has its scene as the second INPUT"

@@ -1,4 +1,7 @@
-"""The forces of those effects that plain MuJoCo does not have, written into a running simulation."""
+"""The forces of those effects that MuJoCo's elements cannot say, written into a running simulation.
+
+`augmented_forces.py` (`forces_file.py`) has the same laws for people without this package.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,9 @@ import mujoco
 import numpy as np
 
 from pipeline.scene.effects.body import Body
-from pipeline.scene.effects.kind import EffectKind, Regime
+from pipeline.scene.effects.kind import EffectKind
 from pipeline.scene.effects.text import effect_kind
+from pipeline.scene.mjcf_effects import effects_outside_mjcf, needs_contacts
 from pipeline.scene.scene import Effect, Scene, half_extents
 
 CHATTER_STEPS = 16  # a body that slides at 3 m/s hops by 5 mm, for 15 steps of 1/240 s
@@ -27,11 +31,6 @@ class AppliedEffect:
     kind: EffectKind
     values: dict[str, np.ndarray]
     acts: np.ndarray
-
-
-def applied_by_us(kind: EffectKind) -> bool:
-    """Whether the effect is applied as a force, because MuJoCo does not have it."""
-    return kind.applied
 
 
 def with_force(kind: EffectKind) -> bool:
@@ -80,9 +79,13 @@ def total_force(effects: Sequence[AppliedEffect], body: Body) -> np.ndarray:
     return force
 
 
-def needs_contacts(effects: Sequence[AppliedEffect]) -> bool:
-    """Whether some effect acts on the ground alone, so that the contacts of the last step are needed."""
-    return any(Regime.FLIGHT not in e.kind.regimes for e in effects)
+def total_torque(effects: Sequence[AppliedEffect], body: Body) -> np.ndarray:
+    """The sum of the effects' torques on bodies as `total_force` has left them, (B, N, 3) N m."""
+    torque = np.zeros_like(body.position)
+    for e in effects:
+        if e.kind.torque is not None:
+            torque += e.kind.torque(e.values, body) * e.acts[:, None]
+    return torque
 
 
 def other_centres(position: np.ndarray) -> np.ndarray:
@@ -116,37 +119,58 @@ def resting_body(scenes: Sequence[Scene]) -> Body:
     )
 
 
+def forces_outside_mjcf(scene: Scene) -> list[AppliedEffect]:
+    """The effects of a scene, of which those that its MJCF has are no forces but may move the air or the ground.
+
+    Empty where the MJCF has them all.
+    """
+    outside, effects = effects_outside_mjcf(scene), chosen_effects([scene], lambda _: True)
+    if not outside:
+        return []
+    kinds = [
+        replace(e.kind, force=e.kind.force or e.kind.patch_force)
+        if i in outside
+        else replace(e.kind, force=None, torque=None)
+        for i, e in enumerate(effects)
+    ]
+    return [replace(e, kind=kind) for e, kind in zip(effects, kinds, strict=True)]
+
+
 def effect_forces(scene: Scene) -> ApplyForces | None:
     """A function that writes the forces of a scene's effects before each step; None where there are none."""
-    effects = chosen_effects([scene], applied_by_us)
+    effects = forces_outside_mjcf(scene)
     if not effects or not scene.objects:
         return None
-    effects += chosen_effects([scene], moves_ground)
     constant = resting_body([scene])
-    in_contact = needs_contacts(effects)
+    in_contact = any(needs_contacts(e.kind) for e in effects)
     normal, halfway = RecentNormalForce(), HalfwayVelocity()
     ends = slice(1, 1 + len(scene.objects))
 
     def apply(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        half_step = model.opt.timestep / 2 if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 0.0
         qvel = data.qvel.reshape(-1, 6)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         spin = np.einsum("nij,nj->ni", data.xmat[ends].reshape(-1, 3, 3), qvel[:, 3:])
-        position = data.xipos[ends].copy()
-        velocity = qvel[:, :3] + np.cross(spin, position - data.xpos[ends])
+        start = data.xipos[ends]
+        velocity = qvel[:, :3] + np.cross(spin, start - data.xpos[ends])
+        if half_step:  # else as MuJoCo's default method takes forces
+            velocity = halfway.after(velocity)
+        position = start + half_step * velocity
         pressed = constant.normal_force
         if in_contact:
             pressed = normal.after(ground_forces(model, data, len(scene.objects))[None])
         body = replace(
             constant,
-            time=np.full(constant.time.shape, data.time),
+            time=np.full(constant.time.shape, data.time + half_step),
             position=position[None],
-            velocity=halfway.after(velocity[None]),
+            velocity=velocity[None],
             angular_velocity=spin[None],
             others=other_centres(position)[None],
             normal_force=pressed,
         )
         data.xfrc_applied[ends, :3] = total_force(effects, body)[0]
+        data.xfrc_applied[ends, 3:] = total_torque(effects, body)[0]
 
     return apply
 
@@ -154,7 +178,7 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
 class HalfwayVelocity:
     """Velocities halfway through the coming step, extrapolated from this step and the last one.
 
-    An engine takes forces at the start of a step, where a falling body is half a step too slow: 1 % of drag.
+    At the start of a step a falling body is half a step too slow: 1 % of drag.
     """
 
     def __init__(self) -> None:

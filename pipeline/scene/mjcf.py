@@ -21,7 +21,7 @@ with warnings.catch_warnings():
     from dm_control import mjcf
 
 from pipeline.errors import SceneError
-from pipeline.scene.effects.text import effect_kind
+from pipeline.scene.mjcf_effects import add_effects
 from pipeline.scene.rotation import matrix_from_quaternion, quaternion_multiply
 from pipeline.scene.scene import Camera, FixedBody, Scene, SceneObject, half_extents
 from pipeline.scene.solid import geom_sizes, principal_moments
@@ -119,7 +119,7 @@ def scene_mjcf(scene: Scene) -> mjcf.RootElement:
             **_geom_shape(root, obj),
         )
     root.keyframe.add("key", name="initial", qpos=initial_qpos(scene), qvel=initial_qvel(scene))
-    _add_effects(root, scene)
+    add_effects(root, scene)
     for obj in scene.objects:
         body = root.find("body", obj.name)
         if obj.hollow and body.inertial is None:
@@ -164,20 +164,6 @@ def _add_pairs(root: mjcf.RootElement, scene: Scene) -> None:
 def pair_name(fixed: int, index: int) -> str:
     """Name of the contact pair of a fixed body and an object, from their indices."""
     return f"pair_{fixed}_{index}"
-
-
-def _add_effects(root: mjcf.RootElement, scene: Scene) -> None:
-    """Add the effects that MuJoCo supports to the document, and describe the others in custom text."""
-    for number, effect in enumerate(scene.effects):
-        kind = effect_kind(effect)
-        if kind.edit is not None:
-            kind.edit(root, scene, effect.values, effect.objects or tuple(o.name for o in scene.objects))
-            continue
-        who = (
-            "is about the recording, not the motion" if kind.recording else "is applied as a force by `dynamics` alone"
-        )
-        values = ", ".join(f"{name} {value}" for name, value in effect.parameters)
-        root.custom.add("text", name=f"effect_{number}", data=f"{kind.name} ({values}; {kind.formula}) {who}")
 
 
 def scene_xml(scene: Scene) -> str:

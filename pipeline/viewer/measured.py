@@ -47,8 +47,9 @@ def log_measured(recording: rr.RecordingStream, table: pa.Table, notes: str) -> 
     for c, o in dict.fromkeys(zip(clip.tolist(), body.tolist(), strict=True)):
         rows = (clip == c) & (body == o)
         times = [rr.TimeColumn(SIM_TIME, duration=time[rows])]
+        where = "/".join(map(rr.escape_entity_path_part, (c, o)))
         for kind, colour in KINDS.items():
-            place = f"world/{c}/{o}/{kind}"
+            place = f"world/{where}/{kind}"
             recording.log(
                 f"{place}/path", rr.LineStrips3D([shown[kind][rows]], colors=[(*colour, 120)], radii=0.002), static=True
             )
@@ -56,4 +57,4 @@ def log_measured(recording: rr.RecordingStream, table: pa.Table, notes: str) -> 
             recording.send_columns(place, times, rr.Points3D.columns(positions=shown[kind][rows]))
         for kind, residual in (("baseline", before), ("augmented", after)):
             size = np.linalg.norm(residual[rows], axis=1)
-            recording.send_columns(f"residual/{kind}/{c}/{o}", times, rr.Scalars.columns(scalars=size))
+            recording.send_columns(f"residual/{kind}/{where}", times, rr.Scalars.columns(scalars=size))

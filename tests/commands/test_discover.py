@@ -71,6 +71,26 @@ def test_inputs_that_do_not_fit_are_one_error(run: Run, tmp_path: Path, words: t
     assert not out.exists()
 
 
+@pytest.mark.parametrize(
+    ("text", "options", "says"),
+    [
+        ("a\tb\tc\n" + "\n".join(f"{9 - i}\t{i}\t{i}" for i in range(9)), (), "no header over 3 columns"),
+        ("t;x;y\n" + "\n".join(f"{i};{i};{i}" for i in range(9)), ("--unit", "px"), "needs --length"),
+        ("t;x;y\n" + "\n".join(f"{i};{i};{i}" for i in range(9)), ("--columns", "time=t,x=q"), "no column 'q'"),
+        ("t;x;y\n" + "\n".join(f"{i};{i};{i}" for i in range(9)), ("--length", "12"), "two points in the table's unit"),
+    ],
+)
+def test_a_table_that_cannot_be_read_is_one_error(
+    run: Run, tmp_path: Path, text: str, options: tuple[str, ...], says: str
+) -> None:
+    (tmp_path / "drop.txt").write_text(text)
+    (tmp_path / "scene.yaml").write_text("objects: [{name: ball, shape: sphere, radius: 0.02, mass: 0.01}]")
+    done = run("discover", tmp_path / "drop.txt", tmp_path / "scene.yaml", "-o", tmp_path / "found", *options)
+    assert (done.code, done.out) == (2, "")
+    assert says in done.err
+    assert not (tmp_path / "found").exists()
+
+
 def test_a_clip_that_is_given_twice_is_refused(run: Run, folders: list[Path], tmp_path: Path) -> None:
     done = run("discover", folders[0], folders[0], "-o", tmp_path / "found")
     assert done.code == 2

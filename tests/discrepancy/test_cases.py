@@ -78,3 +78,20 @@ def test_dropped_frames_are_faults_and_no_law() -> None:
     assert found.verdict.effects == ()
     dropped = [f for f in found.faults if f.fault == "dropped_frames"]
     assert sum(f.size for f in dropped) == 36
+
+
+def test_cups_that_get_narrower_have_drag_and_a_remainder() -> None:
+    found = answer("stacked_filters_shrinking")
+    assert found.verdict.effects == ("air_drag",)
+    assert 0.0012 <= found.verdict.parameters["coefficient"].value <= 0.0015
+    assert found.verdict.remainder is not None
+
+
+def test_a_text_of_numbers_is_a_table() -> None:
+    if not (CASES / "txt_table").is_dir():
+        pytest.skip(f"there is no {CASES / 'txt_table'}: set DYNAMICS_DATA to the folder that has cases")
+    found = discover(
+        CASES / "txt_table" / "drop.txt", CASES / "txt_table" / "scene.yaml", effects="air_drag,wind"
+    ).found
+    assert found.notes[0] == "read as text with tabs between columns and decimal commas"
+    assert any(note.startswith("y is up (bodies fall along it") for note in found.notes)

@@ -1,4 +1,4 @@
-"""The measured set that ships is what its command makes, and its hidden effect is discovered."""
+"""The measured sets that ship are what their command makes, and their hidden effects are discovered."""
 
 import json
 from pathlib import Path
@@ -6,7 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.sample_measurement import HIDDEN, thrown_ball
+from benchmarks.sample_measurement import (
+    FILTER_LACKS,
+    HIDDEN,
+    PUCK_LACKS,
+    TOSSED_LACKS,
+    drops_vernier,
+    slides_semicolon,
+    thrown_ball,
+    tosses_tracker,
+)
+from pipeline.api.discover import discover
 from pipeline.commands.main import main
 from pipeline.discrepancy.tracks.track import read_tracks
 
@@ -29,3 +39,22 @@ def test_the_file_is_what_the_command_makes() -> None:
     for ours, file in zip(made, kept, strict=True):
         np.testing.assert_allclose(file.position, ours.position, atol=1e-4)
         assert ours.position[:, 2].min() > 0.3
+
+
+TABLES = {
+    "tosses_tracker.txt": (tosses_tracker, TOSSED_LACKS, {"unit": "px", "length": (160, 655, 572.5, 655, 1.0)}),
+    "drops_vernier.csv": (drops_vernier, FILTER_LACKS, {}),
+    "slides_semicolon.csv": (slides_semicolon, PUCK_LACKS, {}),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_what_tables_of_other_programs_lack_is_discovered(name: str) -> None:
+    make, hidden, said = TABLES[name]
+    assert (FOLDER / name).read_text() == make(np.random.default_rng(2026))
+    effects = "air_drag,linear_drag,tilted_gravity"
+    found = discover(FOLDER / name, (FOLDER / name).with_suffix(".yaml"), effects=effects, **said)
+    assert found.verdict == (hidden.name,)
+    for parameter, value in hidden.parameters:
+        assert found.found.verdict.parameters[parameter].value == pytest.approx(value, rel=0.05)
+    assert found.found.gap.after < 1.2 * found.found.gap.noise_floor

@@ -18,6 +18,7 @@ from pipeline.discrepancy.fitting.candidate import Candidate, with_hits
 from pipeline.discrepancy.fitting.initial_states import initial_states
 from pipeline.discrepancy.fitting.least_squares import Fit, fit_initial_states
 from pipeline.discrepancy.fitting.model import CAMERA, OBJECT, Model, with_effect, without_effect
+from pipeline.discrepancy.fitting.possible import is_possible
 from pipeline.discrepancy.fitting.screening import Guess, ScreeningRegression
 from pipeline.discrepancy.fitting.velocity_jump_hits import velocity_jump_hits
 from pipeline.discrepancy.tracks.problem import recorded_alone, split_at_jumps, with_unmeasured_spins
@@ -45,7 +46,7 @@ def extend(
     progress: Progress,
     most: int = MOST_FITTED,
 ) -> list[Candidate]:
-    """`base` with one effect more, the best first.
+    """`base` with one effect more, the best first, without those whose numbers are not possible.
 
     Args:
         calibration: Of the problem.
@@ -76,7 +77,7 @@ def extend(
         found = _with_arc_effect(calibration, kind, base, guesses)
         if found is not None:
             out.append(found)
-    return sorted(out, key=lambda c: c.score)
+    return sorted(filter(is_possible, out), key=lambda c: c.score)
 
 
 def _most_promising(

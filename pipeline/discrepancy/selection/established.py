@@ -20,6 +20,7 @@ from pipeline.discrepancy.selection.forecast import forecast_error
 from pipeline.discrepancy.selection.forward_selection import LEADERS, MOST_EFFECTS, MOST_FITTED_MORE
 from pipeline.discrepancy.selection.gap import body_gap, measure_gap
 from pipeline.discrepancy.selection.selection import Selection
+from pipeline.discrepancy.selection.stability import is_stable
 from pipeline.discrepancy.selection.touched import Touched, touched
 from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, excess
 from pipeline.discrepancy.tracks.problem import recorded_alone
@@ -71,6 +72,8 @@ def with_established(found: Selection, kinds: Sequence[EffectKind], progress: Pr
             best = _simplest([c for c in longer if _counts_where_it_acts(found, c)], found)
             where = None if best is None else _touched(found, best)
         if best is None or (chosen.effects and _is_part_of_remainder(found, best, longer)):
+            break
+        if chosen.effects and not is_stable(found.calibration, best):
             break
         alike = _still_alike(found, alike, best, kinds, progress) + _alike(found, best, longer, where)
         chosen = best

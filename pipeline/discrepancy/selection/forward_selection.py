@@ -16,7 +16,8 @@ from pipeline.discrepancy.fitting.extension import (
     without_one,
 )
 from pipeline.discrepancy.selection.comparison import likeliest
-from pipeline.discrepancy.selection.unexplained import excess, has_few_clips
+from pipeline.discrepancy.selection.stability import is_stable
+from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, excess, has_few_clips
 from pipeline.scene.effects.kind import EffectKind
 
 CLAIM_MORE = 16.0  # by how much the score of a second and a third effect must win
@@ -69,6 +70,8 @@ def forward_selection(
         tried += longer
         winner = likeliest(longer, chosen)
         if winner.score > chosen.score - CLAIM_MORE:
+            break
+        if excess(calibration, winner)[0] > UNEXPLAINED_Z and not is_stable(calibration, winner):
             break
         shorter = without_one(calibration, winner)
         tried += [c for c in shorter if len(c.effects) > 1]

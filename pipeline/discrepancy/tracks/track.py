@@ -76,6 +76,11 @@ def read_tracks(path: Path) -> list[Track]:
         there = [c for c in group if c in table]
         if there and len(there) < len(group):
             raise MeasurementError(f"{path}: column {there[0]!r} without the others of {', '.join(group)}")
+    return tracks_of(table, path)
+
+
+def tracks_of(table: pd.DataFrame, path: Path) -> list[Track]:
+    """The tracks of a table with the columns of the format, which is from a file. Raises as `read_tracks`."""
     if table.empty:
         raise MeasurementError(f"{path}: no rows")
     for column in ("clip", "object"):

@@ -47,11 +47,9 @@ class Body:
     @property
     def slip(self) -> np.ndarray:
         """Velocity of a ball's lowest point relative to the ground, (..., 3) m/s, with z = 0."""
-        out = self.velocity - self.ground_velocity
-        out[..., 0] -= self.angular_velocity[..., 1] * self.radius
-        out[..., 1] += self.angular_velocity[..., 0] * self.radius
-        out[..., 2] = 0.0
-        return out
+        w = self.angular_velocity
+        turning = self.radius[..., None] * np.stack([-w[..., 1], w[..., 0], 0 * w[..., 2]], -1)
+        return (self.velocity - self.ground_velocity + turning) * np.array([1.0, 1.0, 0.0])
 
 
 def length(vectors: np.ndarray) -> np.ndarray:

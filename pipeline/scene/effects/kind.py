@@ -12,6 +12,7 @@ import numpy as np
 
 from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.discovery_rules import DEFAULT, DiscoveryRules
+from pipeline.scene.effects.fluid import Fluid
 from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.region import Region
 from pipeline.scene.scene import Scene
@@ -51,6 +52,8 @@ class Parameter:
         scale: A size that matters in everyday motion; fits take their steps from it.
         neutral: The value without effect.
         stated: The value without effect in a given scene, where it depends on the scene.
+        physical: The range outside of which no such thing is, where it is narrower than the bounds; a fit that ends at
+            an end of it, or at a bound, rejects the effect.
         period: By which a direction may be changed without changing the law.
     """
 
@@ -62,7 +65,13 @@ class Parameter:
     scale: float = 1.0
     neutral: float = 0.0
     stated: Callable[[Scene], float] | None = None
+    physical: tuple[float, float] | None = None
     period: float | None = None
+
+    @property
+    def possible(self) -> tuple[float, float]:
+        """The physical range, else the bounds."""
+        return self.physical or (self.low, self.high)
 
 
 @dataclass(frozen=True)
@@ -85,7 +94,10 @@ class EffectKind:
             to the bounces, and must have this ratio as its only parameter.
         collide: (values, positions, velocities, radii) -> velocities, after hits on what the effect puts in the way.
         mass_offset: (values) -> (..., 3) m, the centre of mass in the body's frame.
-        edit: Writes the effect into an MJCF document, where MuJoCo has it; we then do not apply its force.
+        edit: Writes the effect into an MJCF document, where MuJoCo has it; its force is then not applied.
+        fluid: The effect as numbers of MuJoCo's fluid, where it has it so; its force is then not applied.
+        patch_force: (values, body) -> (..., 3) N by which a simulation has the effect in a part of the world, where
+            neither `force` nor `torque` says it.
         recording: (values, times, positions) -> those that a recording shows; such an effect is not physics.
         kick: (values) -> time (...) s and momentum (..., 3) N s of a blow.
         discovery: How it is discovered.
@@ -109,6 +121,8 @@ class EffectKind:
     collide: Collide | None = None
     mass_offset: Callable[[Values], np.ndarray] | None = None
     edit: Edit | None = None
+    fluid: Callable[[Mapping[str, Any]], Fluid] | None = None
+    patch_force: Law | None = None
     recording: Callable[[Values, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
     kick: Callable[[Values], tuple[np.ndarray, np.ndarray]] | None = None
     discovery: DiscoveryRules = DEFAULT
@@ -120,11 +134,6 @@ class EffectKind:
     def size(self) -> int:
         """Number of components of all parameters."""
         return sum(p.length for p in self.parameters)
-
-    @property
-    def applied(self) -> bool:
-        """Whether we apply it as a force, because plain MuJoCo does not have it."""
-        return self.edit is None and self.recording is None
 
     @property
     def fitted_to_arcs(self) -> bool:
@@ -165,7 +174,9 @@ def local_kind(kind: EffectKind, region: Region, bodies: tuple[int, ...] | None 
         air_velocity=within(kind.air_velocity),
         ground_velocity=within(kind.ground_velocity),
         normal_force=within(kind.normal_force, vector=False),
+        patch_force=within(kind.patch_force),
         edit=None,
+        fluid=None,
         only=region,
         bodies=bodies,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,16 @@ import numpy as np
 
 LIMITS = {"after": "s", "before": "s", "faster": "m/s", "slower": "m/s"}
 """Conditions that are one number each, with their units."""
+
+
+def within_limits(
+    limits: Mapping[str, Any], time: np.ndarray, position: np.ndarray, velocity: np.ndarray
+) -> np.ndarray:
+    """(...) bool at times (...) s, positions (..., 3) m and velocities (..., 3) m/s. limits: as `Region.limits`."""
+    speed, distance = np.linalg.norm(velocity, axis=-1), np.linalg.norm(position - limits["centre"], axis=-1)
+    inside = (time > limits["after"]) & (time < limits["before"]) & (speed > limits["faster"])
+    beyond = position @ np.array(limits["normal"]) > limits["offset"]
+    return inside & (speed < limits["slower"]) & (distance < limits["radius"]) & beyond
 
 
 @dataclass(frozen=True)
@@ -45,23 +56,22 @@ class Region:
         plain = sum(getattr(self, name) is not None for name in LIMITS)
         return plain + 3 * (self.centre is not None) + 2 * (self.normal is not None) + 2 * len(self.clips or ())
 
+    @property
+    def limits(self) -> dict[str, Any]:
+        """The conditions as numbers, for `within_limits`; those that are not asked for hold everywhere."""
+        low = {name: -math.inf if getattr(self, name) is None else getattr(self, name) for name in ("after", "faster")}
+        high = {name: math.inf if getattr(self, name) is None else getattr(self, name) for name in ("before", "slower")}
+        ball = {"centre": (0.0, 0.0, 0.0), "radius": math.inf}
+        if self.centre is not None:
+            ball = {"centre": self.centre, "radius": self.radius}
+        plane = {"normal": (0.0, 0.0, 0.0), "offset": -math.inf}
+        if self.normal is not None:
+            plane = {"normal": self.normal, "offset": self.offset}
+        return {**low, **high, **ball, **plane}
+
     def holds(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """(...) bool at times (...) s, positions (..., 3) m and velocities (..., 3) m/s."""
-        out = np.ones(np.broadcast_shapes(np.shape(time), position.shape[:-1], velocity.shape[:-1]), bool)
-        speed = np.linalg.norm(velocity, axis=-1)
-        for value, inside in (
-            (self.after, lambda v: time > v),
-            (self.before, lambda v: time < v),
-            (self.faster, lambda v: speed > v),
-            (self.slower, lambda v: speed < v),
-        ):
-            if value is not None:
-                out &= inside(value)
-        if self.centre is not None:
-            out &= np.linalg.norm(position - np.array(self.centre), axis=-1) < self.radius
-        if self.normal is not None:
-            out &= position @ np.array(self.normal) > self.offset
-        return out
+        return within_limits(self.limits, time, position, velocity)
 
     def as_dict(self) -> dict[str, Any]:
         """As `only` has it in a scene and in a report."""

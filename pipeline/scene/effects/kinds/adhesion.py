@@ -18,6 +18,12 @@ def normal_force(values: Values, body: Body) -> np.ndarray:
     return values["force"]
 
 
+def patch_force(values: Values, body: Body) -> np.ndarray:
+    """Down, while the body touches what is below it."""
+    pull = values["force"] * (body.normal_force > 0)
+    return -pull[..., None] * np.array([0.0, 0.0, 1.0])
+
+
 def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str, ...]) -> None:
     for name in objects:
         root.actuator.add("adhesion", name=f"adhesion_{name}", body=name, gain=values["force"], ctrlrange=[0, 1])
@@ -38,6 +44,7 @@ EFFECT = EffectKind(
     experiment="slide it with a weight on top: friction of adhesion does not grow with the weight",
     normal_force=normal_force,
     edit=edit,
+    patch_force=patch_force,
     discovery=DiscoveryRules(needs_known=("sliding_friction",), equals=equals),
     # in MuJoCo pucks hop, and adhere only while they touch the ground
     hiding=Hiding(lambda s, at: {"force": 0.1 * s * at.mass * 9.81}, scenarios=("puck",), engines=("events",)),

@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.scene.effects.body import Body, length
 from pipeline.scene.effects.discovery_rules import DiscoveryRules
+from pipeline.scene.effects.fluid import Fluid
 from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
@@ -21,6 +22,7 @@ EFFECT = EffectKind(
     regimes=EVERYWHERE,
     experiment="throw at half and at twice the speed: quadratic drag grows fourfold, linear drag twofold",
     force=force,
+    fluid=lambda values: Fluid(quadratic=values["coefficient"]),
     discovery=DiscoveryRules(of_a_body=True, equals=lambda effect, experiment: frozenset({"wind"})),  # wind of no speed
     hiding=Hiding(
         lambda s, at: {"coefficient": 0.02 * s * at.mass}, wrong_law="drag_slope", resembles=frozenset({"cubic_drag"})

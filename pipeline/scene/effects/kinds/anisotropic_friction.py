@@ -20,12 +20,10 @@ LEAST_SLIP = 0.02  # m/s, below which friction fades
 
 def force(values: Values, body: Body) -> np.ndarray:
     """The friction of the elliptic cone minus that of the round one of half axis mu."""
-    slip, ratio, angle = body.slip, values["ratio"], values["angle"]
-    c, s = np.cos(angle), np.sin(angle)
+    slip, ratio, c, s = body.slip, values["ratio"], np.cos(values["angle"]), np.sin(values["angle"])
     along, across = c * slip[..., 0] + s * slip[..., 1], c * slip[..., 1] - s * slip[..., 0]
-    least = LEAST_SLIP**2
-    elliptic = np.sqrt(along**2 + (ratio * across) ** 2 + least)
-    rounded = np.sqrt(along**2 + across**2 + least)
+    elliptic = np.sqrt(along**2 + (ratio * across) ** 2 + LEAST_SLIP**2)
+    rounded = np.sqrt(along**2 + across**2 + LEAST_SLIP**2)
     limit = body.sliding_friction * body.normal_force
     f_along = -limit * along * (1 / elliptic - 1 / rounded)
     f_across = -limit * across * (ratio**2 / elliptic - 1 / rounded)

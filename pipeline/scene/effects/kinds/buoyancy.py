@@ -23,10 +23,15 @@ def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str,
         root.find("body", name).gravcomp = values["fraction"]
 
 
+#: A fluid that carries more than half of the weight has an added mass of more than a quarter of the body's (Lamb,
+#: Hydrodynamics, art. 92: half of the displaced mass, of a sphere) and its drag: this law alone is then not what acts.
+MOST = 0.5
+
+
 EFFECT = EffectKind(
     name="buoyancy",
     formula="F = -b m g",
-    parameters=(Parameter("fraction", "-", low=0, high=2, scale=0.1),),
+    parameters=(Parameter("fraction", "-", low=0, high=2, scale=0.1, physical=(0.0, MOST)),),
     regimes=EVERYWHERE,
     experiment="repeat with a heavier body of the same size: buoyancy takes a smaller share of its weight",
     force=force,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from pipeline.scene.effects.body import Body
@@ -25,6 +28,12 @@ def force(values: Values, body: Body) -> np.ndarray:
     return -(more / speed)[..., None] * slip
 
 
+def edit(root: Any, scene: Scene, values: Mapping[str, Any], objects: tuple[str, ...]) -> None:
+    for name in objects:
+        geom = root.find("geom", name)
+        geom.friction = np.array([values["coefficient"], *geom.friction[1:]])
+
+
 EFFECT = EffectKind(
     name="friction_error",
     formula="friction coefficient N in place of the body's own",
@@ -32,5 +41,6 @@ EFFECT = EffectKind(
     regimes=(Regime.SLIDING,),
     experiment="slide it through the place along other lines and at other speeds",
     force=force,
+    edit=edit,
     discovery=DiscoveryRules(local=True),
 )

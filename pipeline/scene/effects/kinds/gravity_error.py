@@ -32,10 +32,16 @@ def stated(scene: Scene) -> float:
     return float(np.linalg.norm(scene.gravity))
 
 
+#: From the Moon's, 1.62 m/s², to Jupiter's, 24.8 m/s² (NASA, Planetary Fact Sheet).
+ON_BODIES = (1.6, 25.0)
+
+
 EFFECT = EffectKind(
     name="gravity_error",
     formula="g is not what was stated",
-    parameters=(Parameter("gravity", "m/s^2", low=0, high=100, scale=1.0, neutral=9.81, stated=stated),),
+    parameters=(
+        Parameter("gravity", "m/s^2", low=0, high=100, scale=1.0, neutral=9.81, stated=stated, physical=ON_BODIES),
+    ),
     regimes=EVERYWHERE,
     experiment="time a pendulum of known length at the same place",
     force=force,

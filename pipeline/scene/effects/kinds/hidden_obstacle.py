@@ -113,7 +113,7 @@ EFFECT = EffectKind(
     formula="a fixed sphere",
     parameters=(
         Parameter("position", "m", length=3, scale=0.2),
-        Parameter("size", "m", low=1e-4, high=10, scale=0.05, neutral=0.05),
+        Parameter("size", "m", low=1e-4, high=10, scale=0.05, neutral=0.05, physical=(LEAST_RADIUS, 10)),
     ),
     regimes=(Regime.IMPACT,),
     experiment="send more bodies past the place from other sides",

@@ -11,7 +11,7 @@ from pipeline.scene.effects.discovery_rules import DiscoveryRules, Observed, Sta
 from pipeline.scene.effects.hiding import Hiding, Setting
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
-WIDTH = 1 / 240  # s: one step of the simulation
+WIDTH = 1 / 240  # s: one step of the simulation, in which the force rises and in which it falls
 
 
 def kick(values: Values) -> tuple[np.ndarray, np.ndarray]:
@@ -19,10 +19,9 @@ def kick(values: Values) -> tuple[np.ndarray, np.ndarray]:
 
 
 def force(values: Values, body: Body) -> np.ndarray:
-    """The whole momentum in the simulation step that begins nearest to the time."""
-    since = body.time - values["time"]
-    now = (since >= -WIDTH / 2) & (since < WIDTH / 2)
-    return (now / WIDTH)[..., None] * values["momentum"] + 0 * body.velocity
+    """A triangle in time, whose sum over steps is the momentum, and its centre the time, wherever they begin."""
+    share = np.maximum(1 - np.abs(body.time - values["time"]) / WIDTH, 0.0)
+    return (share / WIDTH)[..., None] * values["momentum"] + 0 * body.velocity
 
 
 def starts(observed: Observed) -> list[Start]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.discovery_rules import DiscoveryRules
+from pipeline.scene.effects.fluid import Fluid
 from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
@@ -21,6 +22,7 @@ EFFECT = EffectKind(
     regimes=EVERYWHERE,
     experiment="throw at half and at twice the speed: quadratic drag grows fourfold, linear drag twofold",
     force=force,
+    fluid=lambda values: Fluid(linear=values["coefficient"]),
     discovery=DiscoveryRules(of_a_body=True),
     hiding=Hiding(lambda s, at: {"coefficient": 0.1 * s * at.mass}, resembles=frozenset({"cubic_drag"})),
 )

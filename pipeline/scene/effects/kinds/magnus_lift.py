@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.discovery_rules import DiscoveryRules, Need
+from pipeline.scene.effects.fluid import Fluid
 from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
@@ -42,6 +43,7 @@ EFFECT = EffectKind(
     regimes=EVERYWHERE,
     experiment="throw with the spin reversed: lift changes its side",
     force=force,
+    fluid=lambda values: Fluid(lift=values["coefficient"]),
     discovery=DiscoveryRules(needs=(Need.SPIN,), must_beat_shuffled_spins=True, unmeasured_spin=sphere_coefficient),
     hiding=Hiding(lambda s, at: {"coefficient": 0.005 * s * at.mass * at.sign}, wrong_law="spin_decay"),
 )

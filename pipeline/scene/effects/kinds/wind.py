@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.scene.effects.body import Body, length
 from pipeline.scene.effects.discovery_rules import DiscoveryRules, Observed, Start
+from pipeline.scene.effects.fluid import Fluid
 from pipeline.scene.effects.hiding import Hiding
 from pipeline.scene.effects.kind import EVERYWHERE, EffectKind, Parameter, Values
 
@@ -39,6 +40,7 @@ EFFECT = EffectKind(
     experiment="let a light body of the same shape go at rest: wind moves it",
     force=force,
     air_velocity=air_velocity,
+    fluid=lambda values: Fluid(quadratic=values["coefficient"], velocity=values["velocity"]),
     discovery=DiscoveryRules(starts=starts),
     hiding=Hiding(
         lambda s, at: {"velocity": at.wind, "coefficient": 0.02 * s * at.mass}, resembles=frozenset({"cubic_drag"})

@@ -1,0 +1,1 @@
+"""Tables of measured motion as people have them: text of any separator, workbooks, Tracker's projects."""
