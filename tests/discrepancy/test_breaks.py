@@ -14,7 +14,7 @@ NOISE, RATE = 0.002, 60.0
 def flight(rng: np.random.Generator, clip: str = "a", name: str = "ball", start: tuple = (0.0, 0.0, 2.0)) -> Track:
     """A second of free flight."""
     time = np.arange(61) / RATE
-    velocity = rng.normal(0, 1.5, 3) + [1.0, 0, 1.0]
+    velocity = rng.normal(0, 1.5, 3) + np.array([1.0, 0.0, 1.0])
     position = start + velocity * time[:, None] + 0.5 * np.array([0, 0, -9.81]) * time[:, None] ** 2
     return Track(clip, name, time, position + rng.normal(0, NOISE, position.shape))
 
