@@ -64,14 +64,15 @@ def _mean(values: np.ndarray, variance: np.ndarray) -> float:
 def _outlying(mean: np.ndarray, variance: np.ndarray, k: int) -> tuple[float, float]:
     """By how much one recording differs from the others, and twice the log evidence that it does.
 
-    The scatter of the others counts as error; by how much a wrong scale is off has a normal prior.
+    The scatter of the others counts as error, known from so many of them (Student's distribution); by how much a wrong
+    scale is off has a normal prior.
     """
     values, own = np.delete(mean, k), np.delete(variance, k)
-    middle = _mean(values, own)
-    excess = max(float(((values - middle) ** 2 / own).mean()) - 1, 0.0) * float(np.median(own))
-    off, noise = float(mean[k] - middle), float(variance[k] + excess + 1 / (1 / own).sum())
+    off, count = float(mean[k] - _mean(values, own)), len(values)
+    noise = (float(variance[k]) + max(float(np.var(values, ddof=1)) - float(own.mean()), 0.0)) * (1 + 1 / count)
     with_prior = noise + SCALE_SIGMA**2
-    return off, off**2 * (1 / noise - 1 / with_prior) - float(np.log(with_prior / noise))
+    by_chance, by_fault = (count * np.log1p(off**2 / v / (count - 1)) for v in (noise, with_prior))
+    return off, float(by_chance - by_fault - np.log(with_prior / noise))
 
 
 def with_true_scale(tracks: Sequence[Track], fault: Fault) -> list[Track]:
