@@ -13,16 +13,21 @@ def add_point_mass(spec: mujoco.MjSpec, name: str, mass: float, position: np.nda
 
     The body's own inertia may follow from its geoms, so that the document is compiled first.
     """
-    model = spec.compile()
-    if int(spec.compiler.inertiafromgeom) == TRUE:  # which would ignore what is written here
-        spec.compiler.inertiafromgeom = AUTO
-        for body in spec.bodies[1:]:
-            _state(body, *_inertia(model, body.name))
-    own, centre, inertia = _inertia(model, name)
+    own, centre, inertia = _stated(spec, name)
     whole = own + mass
     both = (own * centre + mass * position) / whole
     tensor = inertia + own * _parallel(centre - both) + mass * _parallel(position - both)
     _state(spec.body(name), whole, both, tensor)
+
+
+def _stated(spec: mujoco.MjSpec, name: str) -> tuple[float, np.ndarray, np.ndarray]:
+    """What `_inertia` says of a body, in a document in which the inertia of any body may be written."""
+    model = spec.compile()
+    if int(spec.compiler.inertiafromgeom) == TRUE:  # which would ignore what is written
+        spec.compiler.inertiafromgeom = AUTO
+        for body in spec.bodies[1:]:
+            _state(body, *_inertia(model, body.name))
+    return _inertia(model, name)
 
 
 def _inertia(model: mujoco.MjModel, name: str) -> tuple[float, np.ndarray, np.ndarray]:
@@ -42,5 +47,13 @@ def _parallel(arm: np.ndarray) -> np.ndarray:
 def _state(body: mujoco.MjsBody, mass: float, centre: np.ndarray, inertia: np.ndarray) -> None:
     body.explicitinertial = True
     body.mass, body.ipos = mass, centre
-    body.iquat = (1.0, 0.0, 0.0, 0.0)
-    body.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    moments, axes, turn = np.empty(3), np.empty(9), np.empty(4)
+    mujoco.mju_eig3(moments, axes, turn, inertia.ravel())
+    body.fullinertia = np.full(6, np.nan)  # not stated: its own axes are
+    body.iquat, body.inertia = turn, moments
+
+
+def scale_mass(spec: mujoco.MjSpec, name: str, mass: float) -> None:
+    """Write a body's mass, kg, into the document; the body keeps its form, so that its inertia changes with it."""
+    own, centre, inertia = _stated(spec, name)
+    _state(spec.body(name), mass, centre, inertia * mass / own)

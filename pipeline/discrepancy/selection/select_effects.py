@@ -12,7 +12,8 @@ from dataclasses import replace
 from pipeline.discrepancy.fitting.calibration import Calibration, calibrate, rescale_noise, rescored
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, recalibrated, refitted
-from pipeline.discrepancy.selection.comparison import likeliest, other_evidence
+from pipeline.discrepancy.selection.arc_search import ArcSearch
+from pipeline.discrepancy.selection.comparison import likeliest, other_evidence, with_other_evidence
 from pipeline.discrepancy.selection.equivalence import Sets, absorbed_laws, alike_each, alike_single
 from pipeline.discrepancy.selection.established import with_established
 from pipeline.discrepancy.selection.forecast import forecast_error
@@ -178,7 +179,7 @@ def select_once(
     singles = sorted((rescored(calibration, c) for c in singles), key=lambda c: c.score)
     found = _select_model(calibration, singles, kinds if several else (), progress)
     chosen, inflated = found.chosen, calibration.problem.noise_inflated
-    alike = alike_each(chosen, found.tried) if len(chosen.effects) > 1 else alike_single(chosen, singles)
+    alike = alike_each(chosen, found.tried, with_other_evidence) if len(chosen.effects) > 1 else alike_single(chosen, singles)
     absorbed = absorbed_laws(calibration, chosen, singles) if inflated else ()
     unexplained = is_unexplained(calibration, chosen) and not inflated
     if unexplained:
@@ -272,4 +273,4 @@ def _select_model(
     claim = CLAIM_MORE if calibration.problem.noise_inflated else CLAIM
     if not best.effects or best.score >= none.score - claim:
         return ForwardSelection(none, ())
-    return forward_selection(calibration, best, singles, kinds, progress)
+    return forward_selection(ArcSearch(calibration, kinds, progress), none, best, singles)
