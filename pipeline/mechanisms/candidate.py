@@ -53,8 +53,9 @@ class Candidate:
 
     @property
     def held_out(self) -> float:
-        """Chi squared of the held-out windows."""
-        return self._chi2(~self.problem.chosen)
+        """Chi squared of the held-out windows and of the forecasts."""
+        ahead = sum(f.chi2 for f in self.fit.ahead) * self.noise.information / self.noise.variance
+        return self._chi2(~self.problem.chosen) + ahead
 
     @property
     def score(self) -> float:
@@ -77,8 +78,8 @@ class Candidate:
         """Whether the model stays near the motion in all its columns."""
         problem = self.problem
         columns = range(len(problem.log.channels))
-        left = np.concatenate(self.fit.residual)
-        which = np.concatenate([problem.columns(w) for w in range(len(problem.windows))])
+        left = np.concatenate([*self.fit.residual, *(f.residual for f in self.fit.ahead)])
+        which = np.concatenate([*map(problem.columns, range(len(problem.windows))), *(f.columns for f in self.fit.ahead)])
         for c in columns:
             every = np.concatenate([clip.values[:, c] for clip in problem.log.clips])
             spread = max(float(np.nanstd(every)) / problem.sigma[c], 1.0)

@@ -19,10 +19,26 @@ from pipeline.mechanisms.simulation import States, joined
 
 MOST_ITERATIONS = 10
 TRIALS = 6
-SHARES = (1.0, 0.3, 0.0)  # of a window's own step, of which each window takes the best
-TOLERANCE = 0.05  # of chi squared, below which a fit ends
+SHARES = (0.3, 0.0)  # of a window's own step, tried where the whole step makes it worse
+TOLERANCE = 0.2  # of chi squared in units of the residuals' own variance, below which a fit ends
 SLOW = 0.5  # share of the predicted decrease, below which derivatives by initial states are computed again
 LARGEST = 1e10  # of a residual, in units of the noise
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What a window forecasts.
+
+    Attributes:
+        residual: Measured minus forecast, in units of the noise, in the rows that were not fitted.
+        columns: Which column each number is of.
+        chi2: Of the residual, given how well the fitted rows determine the numbers that it depends on (its Mahalanobis
+            distance): a small error of a frequency grows with time.
+    """
+
+    residual: np.ndarray
+    columns: np.ndarray
+    chi2: float
 
 
 @dataclass(frozen=True)
@@ -36,6 +52,7 @@ class Fit:
         states: Of the windows.
         residual: Per window, measured minus predicted in units of the noise.
         own: Per window, derivatives by its initial state (L, numbers).
+        ahead: Of the windows that make a forecast.
         determined: How many of the shared numbers the data determine better than their weak priors.
     """
 
@@ -45,6 +62,7 @@ class Fit:
     states: States
     residual: list[np.ndarray]
     own: list[np.ndarray]
+    ahead: list[Forecast]
     determined: float
 
     @property
@@ -98,6 +116,7 @@ def fit(
                 gradient = gradient + jg @ r - cross.T @ inverse @ mine
         covariance, determined = _information(normal, prior, moves)
         before = _objective(problem, residual, theta, centre, prior)
+        enough = TOLERANCE * max(before / max(problem.count, 1), 1.0)
         improved, expected = 0.0, 0.0
         for _ in range(TRIALS):
             change = np.zeros(len(theta))
@@ -107,7 +126,7 @@ def fit(
                 change[free] = np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
             trial = np.clip(theta + change, low, high)
             shifts = np.stack([i @ (m - c @ (trial - theta)) for i, c, m in parts])
-            trial_states, trial_residual = _best_shift(problem, model, trial, states, shifts)
+            trial_states, trial_residual = _best_shift(problem, model, trial, states, residual, shifts)
             after = _objective(problem, trial_residual, trial, centre, prior)
             if np.isfinite(after) and after <= before + 1e-9:
                 improved = before - after
@@ -118,13 +137,48 @@ def fit(
                 damping = max(damping / 10, 1e-7)
                 break
             damping *= 20
-        if improved < TOLERANCE + 1e-4 * before and fresh:
+        if improved < enough and (fresh or expected < enough):
             break
-        if improved < SLOW * expected or improved < TOLERANCE + 1e-4 * before:
-            kept, fresh = None, False  # computed again in the next iteration
+        if improved < SLOW * expected or improved < enough:
+            kept = None  # computed again in the next iteration
+        fresh = False
     if kept is None:
         kept = derivatives_by_states(problem, model, theta, states)
-    return Fit(model, theta, covariance, states, residual, kept, determined)
+    ahead = [_forecast(problem, model, theta, states, prior, w) for w in problem.ahead]
+    return Fit(model, theta, covariance, states, residual, kept, ahead, determined)
+
+
+def _forecast(
+    problem: Problem, model: LawModel, theta: np.ndarray, states: States, prior: np.ndarray, window: int
+) -> Forecast:
+    """What a window forecasts, from its initial state and the shared numbers that were fitted.
+
+    Args:
+        problem: What was fitted.
+        model: Of the mechanism.
+        theta: (G,) fitted.
+        states: Where the windows begin.
+        prior: (G,) precisions.
+        window: Index of the window.
+    """
+    whole = problem.forecast
+    begin = states.of(problem.ahead)
+    k = problem.ahead.index(window)
+    residual = residuals(whole, model, theta, begin)
+    slopes = np.concatenate(
+        [
+            derivatives(whole, model, theta, begin, residual)[k],
+            derivatives_by_states(whole, model, theta, begin)[k],
+        ]
+    )
+    columns, seen = whole.columns(k), problem.columns(window)
+    late = np.concatenate([np.arange((columns == c).sum()) >= (seen == c).sum() for c in np.unique(columns)])
+    left, early, later = residual[k][late], slopes[:, ~late], slopes[:, late]
+    precision = early @ early.T + np.diag(np.concatenate([prior, problem.prior]))
+    ridge = np.diag(np.where(np.diag(precision) > 0, 0.0, 1.0))  # numbers that fits do not change
+    pull = later @ left
+    most = pull @ np.linalg.solve(precision + ridge + later @ later.T, pull)
+    return Forecast(left, columns[late], max(float(left @ left - most), 0.0))
 
 
 def _information(normal: np.ndarray, prior: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, float]:
@@ -190,19 +244,35 @@ def derivatives_by_states(problem: Problem, model: LawModel, theta: np.ndarray, 
 
 
 def _best_shift(
-    problem: Problem, model: LawModel, theta: np.ndarray, states: States, shifts: np.ndarray
+    problem: Problem,
+    model: LawModel,
+    theta: np.ndarray,
+    states: States,
+    residual: Sequence[np.ndarray],
+    shifts: np.ndarray,
 ) -> tuple[States, list[np.ndarray]]:
-    """The states after the share of its shift (W, L) that suits each window best, and the residuals then."""
-    count = len(problem.windows)
+    """The states after the share of its shift (W, L) that suits each window best, and the residuals then.
+
+    A part of the shift is tried only for windows that the whole one makes worse.
+    """
     variant = model.variant(problem.mechanism, problem.simulator.spec, theta)
-    trials = joined([states.moved(problem.mechanism.model, share * shifts) for share in SHARES])
-    jobs = [(w, 0) for _ in SHARES for w in range(count)]
-    values = predicted(problem, jobs, problem.simulator.predict(problem.windows, [variant], jobs, trials))
-    left = [_bounded(problem.targets[w] - p) for (w, _), p in zip(jobs, values, strict=True)]
-    chi2 = np.array([float(r @ r) for r in left]).reshape(len(SHARES), count)
-    best = np.nanargmin(np.where(np.isfinite(chi2), chi2, np.inf), axis=0)
-    picked = best * count + np.arange(count)
-    return trials.of(picked), [left[k] for k in picked]
+
+    def tried(windows: Sequence[int], trials: States) -> list[np.ndarray]:
+        jobs = [(w, 0) for w in windows]
+        values = predicted(problem, jobs, problem.simulator.predict(problem.windows, [variant], jobs, trials))
+        return [_bounded(problem.targets[w] - p) for w, p in zip(windows, values, strict=True)]
+
+    best = states.moved(problem.mechanism.model, shifts)
+    left = tried(range(len(problem.windows)), best)
+    worse = [w for w, (new, old) in enumerate(zip(left, residual, strict=True)) if new @ new > old @ old]
+    for share in SHARES if worse else ():
+        trials = states.of(worse).moved(problem.mechanism.model, share * shifts[worse])
+        for k, (w, new) in enumerate(zip(worse, tried(worse, trials), strict=True)):
+            if new @ new < left[w] @ left[w]:
+                left[w] = new
+                best.position[w], best.velocity[w] = trials.position[k], trials.velocity[k]
+                best.activation[w] = trials.activation[k]
+    return best, left
 
 
 def _objective(

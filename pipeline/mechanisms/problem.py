@@ -53,6 +53,22 @@ class Problem:
         return np.array([not w.held for w in self.windows])
 
     @cached_property
+    def ahead(self) -> list[int]:
+        """The windows that make a forecast."""
+        return [k for k, w in enumerate(self.windows) if w.ahead is not None]
+
+    @cached_property
+    def forecast(self) -> Problem:
+        """The windows that make a forecast, with the rows of the forecast."""
+        return self.cut(
+            tuple(
+                replace(w, rows=slice(w.rows.start, w.ahead.stop), ahead=None)
+                for w in self.windows
+                if w.ahead is not None
+            )
+        )
+
+    @cached_property
     def targets(self) -> list[np.ndarray]:
         """What was measured in each window in units of its noise, (numbers,)."""
         return [self.rows(k, self.log.clips[w.clip].values[w.rows]) for k, w in enumerate(self.windows)]
@@ -103,8 +119,8 @@ class Problem:
         """Names of the fitted and of the held-out clips."""
         names = [c.name for c in self.log.clips]
         return {
-            kind: [names[k] for k in dict.fromkeys(w.clip for w in self.windows if w.held == held)]
-            for kind, held in (("fitted", False), ("held_out", True))
+            "fitted": [names[k] for k in dict.fromkeys(w.clip for w in self.windows if not w.held)],
+            "held_out": [names[k] for k in dict.fromkeys(w.clip for w in self.windows if w.held or w.ahead is not None)],
         }
 
 

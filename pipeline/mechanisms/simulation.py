@@ -29,12 +29,14 @@ class Window:
     Attributes:
         clip: Index of the clip.
         rows: Of the clip, from the first to before the last.
-        held: Whether it is not fitted.
+        held: Whether it is not fitted, but for its initial state.
+        ahead: Rows after these that are forecast, and not fitted at all; None: none.
     """
 
     clip: int
     rows: slice
     held: bool
+    ahead: slice | None = None
 
 
 @dataclass(frozen=True)

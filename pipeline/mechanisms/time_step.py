@@ -16,7 +16,7 @@ from pipeline.mechanisms.problem import Problem
 from pipeline.mechanisms.simulation import Simulator, States
 
 LONGER = (32, 16, 8, 4, 2)  # times the model's own step, with Runge and Kutta's integrator
-SAME = 0.1  # of the noise, root mean square: predictions that differ by less are the same
+SAME = 0.3  # of the noise, root mean square: predictions that differ by less are the same
 DRY = 0.02  # of a joint's forces: dry friction that the trial has, whose reversals need the shortest steps
 RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +21,7 @@ MOST_LEVELS = 5
 def halves(log: Log, held_out: float, rng: np.random.Generator) -> list[tuple[int, slice, bool]]:
     """Which rows of which clips are fitted (False) and held out (True).
 
-    Of several clips some are held out; of one clip, its end.
+    Of several clips some are held out; of one clip, its end, of which the longest windows make a forecast.
     """
     clips = log.clips
     if held_out == 0:
@@ -38,6 +39,8 @@ def halves(log: Log, held_out: float, rng: np.random.Generator) -> list[tuple[in
 
 def levels(log: Log, parts: Sequence[tuple[int, slice, bool]], own: int) -> list[tuple[Window, ...]]:
     """The log cut into windows: whole parts first, then a quarter as long, and so on.
+
+    The end of the only clip is forecast from the state in which the rest of it began.
 
     Each window begins where one of the level before begins, or inside of it. A window has several times as many
     numbers as its initial state.
@@ -58,6 +61,9 @@ def levels(log: Log, parts: Sequence[tuple[int, slice, bool]], own: int) -> list
             pieces = FACTOR ** int(np.log(pieces) / np.log(FACTOR) + 1e-9)
             edges = np.linspace(rows.start, rows.stop, pieces + 1).astype(int)
             cut += [Window(clip, slice(a, b), held) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        if level == 0 and len(log.clips) == 1 and len(cut) == 2:
+            whole, end = cut
+            cut = [replace(whole, ahead=end.rows)]
         if out and len(cut) == len(out[-1]):
             break
         out.append(tuple(cut))
