@@ -73,7 +73,7 @@ class LogDiscoveryResult(FolderResult):
     def model_xml(self) -> str:
         """The model with what it lacked, as MJCF."""
         selection = self.found.selection
-        document = augmented_document(self.mechanism, selection.answer, selection.exact)
+        document = augmented_document(self.mechanism, selection.answer, selection.stated_steps)
         document.compile()
         return str(document.to_xml())
 

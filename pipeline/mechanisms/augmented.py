@@ -8,7 +8,6 @@ import mujoco
 
 from pipeline.mechanisms.candidate import Candidate
 from pipeline.mechanisms.mechanism import Mechanism
-from pipeline.mechanisms.time_step import with_time_step
 
 PROGRAM = '''"""Friction that MJCF cannot say: plain MuJoCo with augmented.xml beside this file, and a function for each step.
 
@@ -59,7 +58,7 @@ if __name__ == "__main__":
 '''
 
 
-def augmented_document(mechanism: Mechanism, answer: Candidate, exact: bool) -> mujoco.MjSpec:
+def augmented_document(mechanism: Mechanism, answer: Candidate, stated_steps: bool) -> mujoco.MjSpec:
     """The user's document with the calibrated numbers and the effects of a model.
 
     What the user's files are named by is made absolute, so that it loads from any folder.
@@ -67,10 +66,12 @@ def augmented_document(mechanism: Mechanism, answer: Candidate, exact: bool) -> 
     Args:
         mechanism: The user's model.
         answer: The model behind the verdict.
-        exact: Whether the equations of motion explain the log better than the model's own time steps.
+        stated_steps: Whether the model's own time steps explain the log; else the document has those that do.
     """
-    spec = with_time_step(mechanism.spec, 1) if exact else mechanism.spec
-    out = answer.fit.model.document(spec, answer.fit.theta)
+    out = answer.fit.model.document(mechanism.spec, answer.fit.theta)
+    if not stated_steps:
+        used = answer.problem.simulator.spec.option
+        out.option.timestep, out.option.integrator = used.timestep, used.integrator
     folder = mechanism.path.resolve().parent
     if any(True for _ in (*out.meshes, *out.hfields, *out.skins)):
         out.compiler.meshdir = str(folder / out.compiler.meshdir)

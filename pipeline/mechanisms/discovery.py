@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from pipeline.discrepancy.fitting.estimates import ParameterEstimate
@@ -214,13 +215,13 @@ def _notes(found: MechanismSelection) -> tuple[str, ...]:
     if count > len(problem.log.clips):
         seconds = [np.ptp(problem.log.clips[w.clip].time[w.rows]) for w in problem.windows]
         out.append(f"longer predictions leave the motion: the log was cut into {count} windows of {np.median(seconds):.2g} s")
-    if step != stated:
-        out.append(f"simulated with time steps of {step:g} s, which predict the same as the model's {stated:g} s to within the noise")
-    if found.exact:
+    if not found.stated_steps:
+        integrator = mujoco.mjtIntegrator(int(problem.simulator.spec.option.integrator)).name.removeprefix("mjINT_")
         out.append(
-            "the log follows the equations of motion rather than the model's own time steps: augmented.xml has the "
-            "integrator RK4"
+            f"the log does not follow the model's own time steps: augmented.xml has steps of {step:g} s, {integrator}"
         )
+    elif step != stated:
+        out.append(f"simulated with time steps of {step:g} s, which predict the same as the model's {stated:g} s to within the noise")
     if found.noise.variance > LEAST_REMAINDER**2:
         out.append(f"the best model leaves {found.noise.variance**0.5:.2g} times the noise of the sensors, which counts as noise")
     silent = sorted(set(problem.mechanism.actuators) - set(problem.log.driven))
