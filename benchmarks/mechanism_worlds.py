@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 import pandas as pd
 
-from pipeline.mechanisms.kind import MechanismEffect, Place, Target, Values
+from pipeline.mechanisms.kind import MechanismEffect, Target, Values
 from pipeline.mechanisms.law_model import Acting
 from pipeline.mechanisms.log import ONE_CLIP, Channel, Clip, Log, Quantity
 from pipeline.mechanisms.mechanism import Mechanism, read_mechanism

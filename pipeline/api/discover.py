@@ -165,9 +165,7 @@ def discover(
     if isinstance(scene, str | Path) and Path(scene).suffix == MODEL:
         if not isinstance(measured, str | Path):
             raise ParamsError(f"{scene}: a model needs the file of a log, a Parquet or CSV file")
-        return discover_log(
-            measured, scene, held_out=held_out, fit=fit, effects=effects, seed=seed, progress=progress
-        )
+        return discover_log(measured, scene, held_out=held_out, fit=fit, effects=effects, seed=seed, progress=progress)
     if fit:
         raise ParamsError("fit: it is for a model (.xml); the file of a scene lists its own under `fit:`")
     progress = progress or Progress()

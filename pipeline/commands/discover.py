@@ -48,7 +48,13 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("inputs", type=Path, nargs="+", metavar="INPUT", help="MEASURED (.parquet or .csv) and SCENE (YAML) or MODEL (.xml), or videos")
+    add(
+        "inputs",
+        type=Path,
+        nargs="+",
+        metavar="INPUT",
+        help="MEASURED (.parquet or .csv) and SCENE (YAML) or MODEL (.xml), or videos",
+    )
     add("--scene", type=Path, metavar="SCENE", help="what is known of the scene that videos show (YAML)")
     add("--view", choices=("table", "side"), help="how the camera of videos looks (bodies that fall tell)")
     add("--start", type=float, metavar="S", help="where each clip begins in its video (where bodies move freely)")

@@ -92,7 +92,7 @@ def augmented_forces(answer: Candidate) -> str | None:
         functions[a.kind.name] = f"\n{source}"
         numbers = ", ".join(f'"{k}": np.array({[float(x) for x in v]})' for k, v in values.items())
         stated = float(spec.joint(a.place.name).frictionloss)
-        laws.append(f'    ({a.place.name!r}, {stated!r}, {a.kind.name}, {{{numbers}}}),')
+        laws.append(f"    ({a.place.name!r}, {stated!r}, {a.kind.name}, {{{numbers}}}),")
     if not laws:
         return None
     return PROGRAM.replace("{functions}", "\n".join(functions.values())).replace("{laws}", "\n".join(laws))

@@ -26,6 +26,9 @@ class Noise:
     information: float = 1.0
 
 
+UNIT = Noise()
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A fitted model.
@@ -38,7 +41,7 @@ class Candidate:
 
     problem: Problem
     fit: Fit
-    noise: Noise = Noise()
+    noise: Noise = UNIT
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -79,7 +82,9 @@ class Candidate:
         problem = self.problem
         columns = range(len(problem.log.channels))
         left = np.concatenate([*self.fit.residual, *(f.residual for f in self.fit.ahead)])
-        which = np.concatenate([*map(problem.columns, range(len(problem.windows))), *(f.columns for f in self.fit.ahead)])
+        which = np.concatenate(
+            [*map(problem.columns, range(len(problem.windows))), *(f.columns for f in self.fit.ahead)]
+        )
         for c in columns:
             every = np.concatenate([clip.values[:, c] for clip in problem.log.clips])
             spread = max(float(np.nanstd(every)) / problem.sigma[c], 1.0)

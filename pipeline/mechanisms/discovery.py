@@ -69,7 +69,10 @@ class MechanismDiscovery:
     def report(self) -> dict[str, Any]:
         """The discovery as plain numbers, texts, lists and mappings: report.json (docs/formats.md, "Discovery")."""
         found, problem = self.selection, self.problem
-        columns = {c.column: {"sigma": float(s), "unit": c.unit} for c, s in zip(problem.log.channels, problem.sigma, strict=True)}
+        columns = {
+            c.column: {"sigma": float(s), "unit": c.unit}
+            for c, s in zip(problem.log.channels, problem.sigma, strict=True)
+        }
         return {
             "noise": {
                 "position_m": _noise(columns, "m"),
@@ -214,16 +217,22 @@ def _notes(found: MechanismSelection) -> tuple[str, ...]:
         out.append("there is only one clip: its end is forecast from the state in which it began")
     if count > len(problem.log.clips):
         seconds = [np.ptp(problem.log.clips[w.clip].time[w.rows]) for w in problem.windows]
-        out.append(f"longer predictions leave the motion: the log was cut into {count} windows of {np.median(seconds):.2g} s")
+        out.append(
+            f"longer predictions leave the motion: the log was cut into {count} windows of {np.median(seconds):.2g} s"
+        )
     if not found.stated_steps:
         integrator = mujoco.mjtIntegrator(int(problem.simulator.spec.option.integrator)).name.removeprefix("mjINT_")
         out.append(
             f"the log does not follow the model's own time steps: augmented.xml has steps of {step:g} s, {integrator}"
         )
     elif step != stated:
-        out.append(f"simulated with time steps of {step:g} s, which predict the same as the model's {stated:g} s to within the noise")
+        out.append(
+            f"simulated with time steps of {step:g} s, which predict the same as the model's {stated:g} s to within the noise"
+        )
     if found.noise.variance > LEAST_REMAINDER**2:
-        out.append(f"the best model leaves {found.noise.variance**0.5:.2g} times the noise of the sensors, which counts as noise")
+        out.append(
+            f"the best model leaves {found.noise.variance**0.5:.2g} times the noise of the sensors, which counts as noise"
+        )
     silent = sorted(set(problem.mechanism.actuators) - set(problem.log.driven))
     if silent:
         out.append("no control was logged, and 0 is assumed: " + ", ".join(silent))

@@ -18,9 +18,8 @@ def measure_gap(before: Candidate, after: Candidate) -> Gap:
         after: The model with the effects found.
     """
     problem = before.problem
-    judged = bool((~problem.chosen).any() or problem.ahead)
-    held = ~problem.chosen if judged else problem.chosen
-    clips = problem.clips["held_out" if judged else "fitted"]
+    held = ~problem.chosen if problem.judged else problem.chosen
+    clips = problem.clips["held_out" if problem.judged else "fitted"]
     first, last, everything = _rmse(before, held), _rmse(after, held), _rmse(after, np.ones(len(held), bool))
     columns = _columns(before)
     counts = np.array([sum(np.isfinite(c.values[:, k]).sum() for c in problem.log.clips) for k in columns])

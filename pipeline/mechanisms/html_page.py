@@ -32,7 +32,9 @@ def mechanism_page(
         facts: What was read and asked, shown at the top.
     """
     where = report["where"]
-    place = "Nowhere." if where is None else f"At {', '.join(where['objects'])}, in {where['share']:.0%} of the windows."
+    place = (
+        "Nowhere." if where is None else f"At {', '.join(where['objects'])}, in {where['share']:.0%} of the windows."
+    )
     sections = [
         Section("Where they disagree", place, disagreement_table(report)),
         *verdict_sections(found.verdict, found.selection, report, mechanism_effects()),

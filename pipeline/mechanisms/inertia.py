@@ -5,7 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-AUTO, TRUE = int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO), int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE)
+AUTO, TRUE = (
+    int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO),
+    int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE),
+)
 
 
 def add_point_mass(spec: mujoco.MjSpec, name: str, mass: float, position: np.ndarray) -> None:

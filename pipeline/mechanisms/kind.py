@@ -126,5 +126,3 @@ class MechanismEffect:
     def unit(self, parameter: Parameter, slide: bool) -> str:
         """Of a parameter, at a hinge or at a slide."""
         return SLIDE_UNITS.get(parameter.unit, parameter.unit) if slide else parameter.unit
-
-

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from pipeline.mechanisms.free_numbers import FreeNumber, written
-from pipeline.mechanisms.kind import MechanismEffect, Place, Target, Values
+from pipeline.mechanisms.kind import MechanismEffect, Place, Values
 from pipeline.mechanisms.mechanism import Mechanism
 from pipeline.scene.effects.kind import Parameter
 
@@ -103,7 +103,8 @@ class LawModel:
 
     def values(self, theta: np.ndarray) -> list[Values]:
         """The parameters of each acting effect."""
-        out, k = [], len(self.numbers)
+        out: list[Values] = []
+        k = len(self.numbers)
         for a in self.acting:
             own = {}
             for p in a.kind.parameters:
@@ -163,5 +164,3 @@ def without_effect(model: LawModel, name: str) -> tuple[LawModel, np.ndarray]:
     """The model without an effect, and the indices of the remaining unknowns in the longer vector."""
     kept = np.array([i for i, u in enumerate(model.unknowns) if u.owner != name], int)
     return LawModel(model.numbers, tuple(a for a in model.acting if a.kind.name != name)), kept
-
-

@@ -218,7 +218,9 @@ def derivatives(
         return out
     count = len(problem.windows)
     jobs = [(w, v) for v in range(len(variants)) for w in range(count)]
-    values = problem.simulator.predict(problem.windows, variants, jobs, states.of(np.tile(np.arange(count), len(moving))))
+    values = problem.simulator.predict(
+        problem.windows, variants, jobs, states.of(np.tile(np.arange(count), len(moving)))
+    )
     for (w, v), p in zip(jobs, predicted(problem, jobs, values), strict=True):
         here = problem.targets[w] - residual[w]
         out[w][moving[v]] = _bounded((p - here) / steps[moving[v]])

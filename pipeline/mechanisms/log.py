@@ -137,7 +137,9 @@ def _channels(path: Path, columns: Sequence[str], mechanism: Mechanism) -> tuple
             found = Channel(column, Quantity.VELOCITY, stem, 0, f"{joints[stem].unit}/s")
         elif column in sensors:
             if model.sensor_dim[sensors[column]] != 1:
-                raise MeasurementError(f"{path}: {column}: the sensor has several numbers; valid: sensors of one number")
+                raise MeasurementError(
+                    f"{path}: {column}: the sensor has several numbers; valid: sensors of one number"
+                )
             found = Channel(column, Quantity.SENSOR, column, 0, "-")
         else:
             for quantity, names in places.items():

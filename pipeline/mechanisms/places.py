@@ -89,7 +89,12 @@ def _body_place(mechanism: Mechanism, name: str) -> Place:
     reach = [float(np.linalg.norm(model.geom_pos[g]) + model.geom_rbound[g] / 2) for g in _geoms(model, body.id)]
     reach += [float(np.linalg.norm(model.body_pos[b])) for b in range(model.nbody) if model.body_parentid[b] == body.id]
     mass = float(model.body_subtreemass[body.id])
-    return Place(Target.BODY, name, mass=max(mass, LEAST), length=max([*reach, float(np.linalg.norm(body.ipos))], default=0.1) or 0.1)
+    return Place(
+        Target.BODY,
+        name,
+        mass=max(mass, LEAST),
+        length=max([*reach, float(np.linalg.norm(body.ipos))], default=0.1) or 0.1,
+    )
 
 
 def _geoms(model: mujoco.MjModel, body: int) -> range:

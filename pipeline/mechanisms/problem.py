@@ -57,6 +57,11 @@ class Problem:
         """The windows that make a forecast."""
         return [k for k, w in enumerate(self.windows) if w.ahead is not None]
 
+    @property
+    def judged(self) -> bool:
+        """Whether something is held out."""
+        return bool(self.ahead) or not self.chosen.all()
+
     @cached_property
     def forecast(self) -> Problem:
         """The windows that make a forecast, with the rows of the forecast."""
@@ -120,12 +125,12 @@ class Problem:
         names = [c.name for c in self.log.clips]
         return {
             "fitted": [names[k] for k in dict.fromkeys(w.clip for w in self.windows if not w.held)],
-            "held_out": [names[k] for k in dict.fromkeys(w.clip for w in self.windows if w.held or w.ahead is not None)],
+            "held_out": [
+                names[k] for k in dict.fromkeys(w.clip for w in self.windows if w.held or w.ahead is not None)
+            ],
         }
 
 
 def predicted(problem: Problem, jobs: Sequence[tuple[int, int]], values: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The numbers of each job, (numbers,), in units of their noise."""
     return [problem.rows(w, v) for (w, _), v in zip(jobs, values, strict=True)]
-
-

@@ -106,7 +106,8 @@ def _trials(kind: MechanismEffect, place: Place) -> list[_Trial]:
     acting = Acting(kind, place)
     neutral = np.concatenate([np.full(p.length, acting.neutral(p)) for p in kind.parameters])
     return [
-        _Trial(acting, np.concatenate([start[p.name] for p in kind.parameters]), neutral) for start in kind.starts(place)
+        _Trial(acting, np.concatenate([start[p.name] for p in kind.parameters]), neutral)
+        for start in kind.starts(place)
     ]
 
 

@@ -9,15 +9,16 @@ import numpy as np
 
 from pipeline.discrepancy.fitting.extension import EQUALS, MOST_FITTED, WORTH_FITTING
 from pipeline.discrepancy.selection.arc_search import ENOUGH_Z, MOST_FITTED_MORE
-from pipeline.mechanisms.candidate import Candidate, Noise, excess_z, noise_of
+from pipeline.mechanisms.candidate import UNIT, Candidate, Noise, excess_z, noise_of
 from pipeline.mechanisms.kind import MechanismEffect
 from pipeline.mechanisms.law_model import LawModel, with_effect, without_effect
-from pipeline.mechanisms.least_squares import Fit, fit
+from pipeline.mechanisms.least_squares import MOST_ITERATIONS, Fit, fit
 from pipeline.mechanisms.problem import Problem
 from pipeline.mechanisms.screening import Guess, guesses
 from pipeline.mechanisms.simulation import States
 from pipeline.mechanisms.windows import guessed_states
 
+FEW_ITERATIONS = 4  # of fits to windows that are not the longest
 STARTS = 2  # guesses of an effect that are fitted, where they promise enough
 
 
@@ -37,7 +38,7 @@ class MechanismSearch:
     levels: tuple[Problem, ...]
     kinds: tuple[MechanismEffect, ...]
     progress: Callable[[str], None]
-    noise: Noise = Noise()
+    noise: Noise = UNIT
     known: dict[tuple[str, ...], list[Candidate]] = field(default_factory=dict)
 
     @property
@@ -59,13 +60,14 @@ class MechanismSearch:
         """
         out: list[Candidate] = []
         for k, problem in enumerate(self.levels):
+            rounds = MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS
             if k == 0 and begin is not None:
-                found = fit(problem, model, theta, begin.fit.states, begin.fit.own)
+                found = fit(problem, model, theta, begin.fit.states, begin.fit.own, iterations=rounds)
             else:
                 states = guessed_states(problem.mechanism, problem.log, problem.windows)
                 if out:
                     states = _inherited(out[-1].problem, out[-1].fit, problem, states)
-                found = fit(problem, model, theta, states)
+                found = fit(problem, model, theta, states, iterations=rounds)
             theta = found.theta
             out.append(Candidate(problem, found, self.noise))
         return out
@@ -89,7 +91,7 @@ class MechanismSearch:
                 theta = np.concatenate([base.fit.theta, guess.values])
                 found.append(Candidate(base.problem, fit(base.problem, model, theta, base.fit.states, base.fit.own)))
             self.known[base.effects] = found
-        return best_of_each([c.rescored(self.noise) for c in self.known[base.effects]])
+        return best_of_each([c for c in (k.rescored(self.noise) for k in self.known[base.effects]) if shows(c, base)])
 
     def shorter(self, found: Candidate) -> list[Candidate]:
         """`found` without each one of its effects."""
@@ -123,6 +125,11 @@ class MechanismSearch:
             for guess in found[kind.name][: STARTS + (len(found[kind.name][0].places) > 1)]
             if guess is found[kind.name][0] or guess.gain > WORTH_FITTING * found[kind.name][0].gain
         ]
+
+
+def shows(longer: Candidate, base: Candidate) -> bool:
+    """Whether an effect predicts what was not fitted better; also where nothing was held out."""
+    return not base.problem.judged or longer.held_out < base.held_out
 
 
 def best_of_each(found: Sequence[Candidate]) -> list[Candidate]:

@@ -20,7 +20,7 @@ from pipeline.mechanisms.kind import MechanismEffect
 from pipeline.mechanisms.law_model import LawModel
 from pipeline.mechanisms.places import may_act
 from pipeline.mechanisms.problem import Problem
-from pipeline.mechanisms.search import MechanismSearch, best_of_each
+from pipeline.mechanisms.search import MechanismSearch, best_of_each, shows
 from pipeline.mechanisms.time_step import integrations
 from pipeline.mechanisms.windows import guessed_states
 
@@ -87,10 +87,14 @@ def select_mechanism(
     whole = levels[-1]
     states = guessed_states(whole.mechanism, whole.log, whole.windows)
     ways = [tuple(p.simulated_by(way) for p in levels) for way in integrations(whole, model, stated, states)]
-    climbs = [MechanismSearch(some, kinds, progress).climb(model, stated) for some in ways]
-    order = sorted(range(len(ways)), key=lambda k: climbs[k][0].fit.chi2.sum())
-    first = order[0]
-    found = replace(_select(ways[first], climbs[first], kinds, progress), stated_steps=first == 0)
+    shortest = [MechanismSearch(some[:1], kinds, progress).climb(model, stated)[0] for some in ways]
+    order = sorted(range(len(ways)), key=lambda k: shortest[k].fit.chi2.sum())
+
+    def selected(way: int) -> MechanismSelection:
+        none = MechanismSearch(ways[way], kinds, progress).climb(model, stated, shortest[way])
+        return replace(_select(ways[way], none, kinds, progress), stated_steps=way == 0)
+
+    found = selected(order[0])
     for other in order[1:]:
         if found.excess_z <= UNEXPLAINED_Z and not found.chosen.effects:
             break
@@ -99,7 +103,7 @@ def select_mechanism(
         fits = [c.fit for c in (found.none, found.chosen)]
         best = min(again.climb(f.model, f.theta, found.chosen)[0].score for f in fits)
         if best < found.chosen.score - CLAIM:
-            second = replace(_select(ways[other], climbs[other], kinds, progress), stated_steps=other == 0)
+            second = selected(other)
             if second.chosen.rescored(second.noise).score < found.chosen.rescored(second.noise).score:
                 found = second
     return found
@@ -131,9 +135,10 @@ def _select(
         search = search.with_noise(noise)
         base, fitted = base.rescored(noise), [c.rescored(noise) for c in fitted]
         singles = best_of_each(fitted)
-        best = min([base, *singles], key=search.rank)
+        showing = [c for c in singles if shows(c, base)]
+        best = min([base, *showing], key=search.rank)
         if best.effects and best.score < base.score - CLAIM:
-            found = forward_selection(search, base, best, singles)
+            found = forward_selection(search, base, best, showing)
             chosen, tried = found.chosen, found.tried
         else:
             chosen, tried = base, ()

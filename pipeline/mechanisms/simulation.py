@@ -167,9 +167,7 @@ class Simulator:
             out[:, k] = law(values, clip.time, clip.controls[:, k], at)
         return out
 
-    def _stepwise(
-        self, window: Window, variant: Variant, state: States, count: int
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _stepwise(self, window: Window, variant: Variant, state: States, count: int) -> tuple[np.ndarray, np.ndarray]:
         """States (count + 1, n) and sensors (count, s) of a model whose dry friction changes at each step."""
         model, data = variant.model, mujoco.MjData(variant.model)
         begin = self._initial(state)[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -60,7 +61,7 @@ def levels(log: Log, parts: Sequence[tuple[int, slice, bool]], own: int) -> list
             pieces = int(np.clip(FACTOR**level, 1, max(count // least, 1)))
             pieces = FACTOR ** int(np.log(pieces) / np.log(FACTOR) + 1e-9)
             edges = np.linspace(rows.start, rows.stop, pieces + 1).astype(int)
-            cut += [Window(clip, slice(a, b), held) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+            cut += [Window(clip, slice(a, b), held) for a, b in itertools.pairwise(edges.tolist())]
         if level == 0 and len(log.clips) == 1 and len(cut) == 2:
             whole, end = cut
             cut = [replace(whole, ahead=end.rows)]

@@ -179,7 +179,11 @@ def select_once(
     singles = sorted((rescored(calibration, c) for c in singles), key=lambda c: c.score)
     found = _select_model(calibration, singles, kinds if several else (), progress)
     chosen, inflated = found.chosen, calibration.problem.noise_inflated
-    alike = alike_each(chosen, found.tried, with_other_evidence) if len(chosen.effects) > 1 else alike_single(chosen, singles)
+    alike = (
+        alike_each(chosen, found.tried, with_other_evidence)
+        if len(chosen.effects) > 1
+        else alike_single(chosen, singles)
+    )
     absorbed = absorbed_laws(calibration, chosen, singles) if inflated else ()
     unexplained = is_unexplained(calibration, chosen) and not inflated
     if unexplained:
