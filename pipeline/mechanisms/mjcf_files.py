@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.errors import SceneError
+from pipeline.errors import SceneError, naming
 from pipeline.untrusted import MOST_MESH_BYTES, open_untrusted, read_bytes
 
 MOST_XML_BYTES = 2**24
@@ -94,5 +94,6 @@ def _inside(path: Path, folder: Path, named: Path) -> Path:
 
 
 def _check_asset(path: Path, folder: Path, named: Path) -> None:
-    with open_untrusted(_inside(path, folder, named), SceneError, MOST_MESH_BYTES):
+    place = _inside(path, folder, named)
+    with naming(str(path)), open_untrusted(place, SceneError, MOST_MESH_BYTES):
         pass

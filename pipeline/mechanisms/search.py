@@ -9,6 +9,9 @@ import numpy as np
 
 from pipeline.discrepancy.fitting.extension import EQUALS, MOST_FITTED, WORTH_FITTING
 from pipeline.discrepancy.selection.arc_search import ENOUGH_Z, MOST_FITTED_MORE
+from pipeline.discrepancy.selection.established import HELD_OUT_GAIN
+from pipeline.discrepancy.selection.shorter import LEAST_REMAINDER
+from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_SHARE
 from pipeline.mechanisms.candidate import UNIT, Candidate, Noise, excess_z, noise_of
 from pipeline.mechanisms.kind import MechanismEffect
 from pipeline.mechanisms.law_model import LawModel, with_effect, without_effect
@@ -19,7 +22,8 @@ from pipeline.mechanisms.simulation import States
 from pipeline.mechanisms.windows import guessed_states
 
 FEW_ITERATIONS = 4  # of fits to windows that are not the longest
-STARTS = 2  # guesses of an effect that are fitted, where they promise enough
+RACE_ITERATIONS = 3  # after which effects that explain little are given up
+STARTS = 2  # guesses of an effect that are fitted, where they promise enough; one of those that take long
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,7 @@ class MechanismSearch:
         kinds: The effects that may be named.
         progress: Called with the name of each effect that is fitted.
         noise: Of all scores.
+        whole: Variance that the model without effects leaves.
         known: Models that were made longer before, by the effects and places of the base.
     """
 
@@ -39,6 +44,7 @@ class MechanismSearch:
     kinds: tuple[MechanismEffect, ...]
     progress: Callable[[str], None]
     noise: Noise = UNIT
+    whole: float = 0.0
     known: dict[tuple[str, ...], list[Candidate]] = field(default_factory=dict)
 
     @property
@@ -46,52 +52,71 @@ class MechanismSearch:
         """What models are scored on: the longest windows."""
         return self.levels[-1]
 
-    def with_noise(self, noise: Noise) -> MechanismSearch:
-        """The search with other noise."""
-        return replace(self, noise=noise)
+    @property
+    def tried(self) -> list[Candidate]:
+        """All models that were made longer."""
+        return [c for found in self.known.values() for c in found]
 
-    def climb(self, model: LawModel, theta: np.ndarray, begin: Candidate | None = None) -> list[Candidate]:
+    def with_noise(self, noise: Noise, none: Candidate) -> MechanismSearch:
+        """The search with other noise. none: the model without effects."""
+        return replace(self, noise=noise, whole=none.variance)
+
+    def climb(
+        self, model: LawModel, theta: np.ndarray, begin: Candidate | None = None, *, rounds: int | None = None
+    ) -> list[Candidate]:
         """A model fitted at each level, one after the other.
 
         Args:
             model: Of the mechanism.
             theta: (G,) where the fit begins.
             begin: A model of the first level whose states and derivatives serve as a start.
+            rounds: Iterations at each level; None: few, and at the last one as many as are needed.
         """
         out: list[Candidate] = []
         for k, problem in enumerate(self.levels):
-            rounds = MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS
+            most = rounds or (MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS)
             if k == 0 and begin is not None:
-                found = fit(problem, model, theta, begin.fit.states, begin.fit.own, iterations=rounds)
+                found = fit(problem, model, theta, begin.fit.states, begin.fit.own, iterations=most)
             else:
                 states = guessed_states(problem.mechanism, problem.log, problem.windows)
                 if out:
                     states = _inherited(out[-1].problem, out[-1].fit, problem, states)
-                found = fit(problem, model, theta, states, iterations=rounds)
+                found = fit(problem, model, theta, states, iterations=most)
             theta = found.theta
             out.append(Candidate(problem, found, self.noise))
         return out
 
     def singles(self, none: Candidate) -> list[list[Candidate]]:
         """Models of one effect, each fitted at each level. none: the model without effects at the first level."""
-        out = []
-        for kind, guess in self._promising(none, MOST_FITTED):
-            self.progress(kind.name)
-            model = with_effect(none.fit.model, kind, guess.places)
-            out.append(self.climb(model, np.concatenate([none.fit.theta, guess.values]), none))
-        return out
+        return [
+            self.climb(first.fit.model, first.fit.theta, first, rounds=None if worth else RACE_ITERATIONS)
+            for first, worth in self._raced(none, MOST_FITTED)
+        ]
 
     def longer(self, base: Candidate) -> list[Candidate]:
         """`base` with one effect more, the best first."""
         if base.effects not in self.known:
-            found = []
-            for kind, guess in self._promising(base, MOST_FITTED_MORE):
-                self.progress(kind.name)
-                model = with_effect(base.fit.model, kind, guess.places)
-                theta = np.concatenate([base.fit.theta, guess.values])
-                found.append(Candidate(base.problem, fit(base.problem, model, theta, base.fit.states, base.fit.own)))
-            self.known[base.effects] = found
+            self.known[base.effects] = [
+                replace(c, fit=fit(c.problem, c.fit.model, c.fit.theta, c.fit.states, c.fit.own)) if worth else c
+                for c, worth in self._raced(base, MOST_FITTED_MORE)
+            ]
         return best_of_each([c for c in (k.rescored(self.noise) for k in self.known[base.effects]) if shows(c, base)])
+
+    def _raced(self, base: Candidate, most: int) -> list[tuple[Candidate, bool]]:
+        """`base` with each promising effect, after a few iterations, and whether it is worth going on.
+
+        It is where chi squared falls by half as much as for the best one.
+        """
+        out = []
+        for kind, guess in self._promising(base, most):
+            self.progress(kind.name)
+            model = with_effect(base.fit.model, kind, guess.places)
+            theta = np.concatenate([base.fit.theta, guess.values])
+            first = fit(base.problem, model, theta, base.fit.states, base.fit.own, iterations=RACE_ITERATIONS)
+            out.append(Candidate(base.problem, first))
+        left, whole = [float(c.fit.chi2.sum()) for c in out], float(base.fit.chi2.sum())
+        enough = whole - WORTH_FITTING * (whole - min(left, default=whole))
+        return [(c, chi2 <= enough) for c, chi2 in zip(out, left, strict=True)]
 
     def shorter(self, found: Candidate) -> list[Candidate]:
         """`found` without each one of its effects."""
@@ -107,8 +132,11 @@ class MechanismSearch:
         return found.score
 
     def leaves_noise(self, found: Candidate) -> bool:
-        """Whether what a model leaves may be the noise of the columns."""
-        return excess_z(found, self.noise.information) < ENOUGH_Z
+        """Whether what a model leaves may be noise, or so little beside what it explains that the law itself may be a
+        little off: no integrator is exact, and no dry friction quite hard."""
+        share = (found.variance - 1) / max(self.whole - 1, 1e-12)
+        small = found.variance <= LEAST_REMAINDER**2 or share <= UNEXPLAINED_SHARE
+        return small or excess_z(found, self.noise.information) < ENOUGH_Z
 
     def _promising(self, base: Candidate, most: int) -> list[tuple[MechanismEffect, Guess]]:
         """The effects that promise most, each with the guesses from which it is fitted."""
@@ -122,14 +150,14 @@ class MechanismSearch:
         return [
             (kind, guess)
             for kind in chosen
-            for guess in found[kind.name][: STARTS + (len(found[kind.name][0].places) > 1)]
+            for guess in found[kind.name][: 1 if kind.friction else STARTS + (len(found[kind.name][0].places) > 1)]
             if guess is found[kind.name][0] or guess.gain > WORTH_FITTING * found[kind.name][0].gain
         ]
 
 
 def shows(longer: Candidate, base: Candidate) -> bool:
     """Whether an effect predicts what was not fitted better; also where nothing was held out."""
-    return not base.problem.judged or longer.held_out < base.held_out
+    return not base.problem.judged or base.held_out - longer.held_out > HELD_OUT_GAIN
 
 
 def best_of_each(found: Sequence[Candidate]) -> list[Candidate]:

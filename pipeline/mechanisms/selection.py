@@ -132,7 +132,7 @@ def _select(
     best = min([base, *fitted], key=lambda c: c.fit.chi2.sum())
     noise = noise_of(best)
     for _ in range(ROUNDS):
-        search = search.with_noise(noise)
+        search = search.with_noise(noise, base)
         base, fitted = base.rescored(noise), [c.rescored(noise) for c in fitted]
         singles = best_of_each(fitted)
         showing = [c for c in singles if shows(c, base)]
@@ -142,7 +142,7 @@ def _select(
             chosen, tried = found.chosen, found.tried
         else:
             chosen, tried = base, ()
-        smallest = noise_of(min([chosen, *tried], key=lambda c: c.variance))
+        smallest = noise_of(min([chosen, *search.tried], key=lambda c: c.variance))
         if smallest.variance > noise.variance / SAME_NOISE:
             break
         noise = smallest

@@ -34,7 +34,9 @@ Acceleration = Callable[[float, float, float], float]
 """(position, velocity, control) -> acceleration."""
 
 
-def path_of(acceleration: Acceleration, start: tuple[float, float], time: np.ndarray, control: np.ndarray) -> np.ndarray:
+def path_of(
+    acceleration: Acceleration, start: tuple[float, float], time: np.ndarray, control: np.ndarray
+) -> np.ndarray:
     """Positions (T,) at regular times, by Runge and Kutta's method with steps of 1 ms; the control is held."""
     q, v = start
     out, step = [q], 1e-3

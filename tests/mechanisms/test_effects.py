@@ -94,9 +94,14 @@ def test_armature_and_a_payload_add_inertia() -> None:
 
 
 def test_dry_friction_holds_at_rest() -> None:
-    held_still = with_effect("joint_friction", "j", f=6.0)  # the weight makes 5 N m
-    assert abs(acceleration(held_still)) < 0.1
-    assert acceleration(with_effect("joint_friction", "j", f=2.0)) > 1
+    def after(f: float) -> float:
+        model = with_effect("joint_friction", "j", f=f)
+        data = mujoco.MjData(model)
+        for _ in range(300):
+            mujoco.mj_step(model, data)
+        return float(data.qpos[0])
+
+    assert after(6.0) < 0.03 < 0.2 < after(2.0)  # the weight makes 5 N m; MuJoCo's friction creeps a little
 
 
 def test_a_stop_keeps_the_joint_on_its_side() -> None:
@@ -112,7 +117,9 @@ def test_gravity_is_scaled_and_turned() -> None:
     assert np.linalg.norm(with_effect("tilted_gravity", "", tilt=[0.1, 0.2]).opt.gravity) == pytest.approx(10)
 
 
-@pytest.mark.parametrize(("name", "values"), [("actuator_lag", {"time_constant": 0.05}), ("actuator_delay", {"delay": 0.03})])
+@pytest.mark.parametrize(
+    ("name", "values"), [("actuator_lag", {"time_constant": 0.05}), ("actuator_delay", {"delay": 0.03})]
+)
 def test_controls_that_we_change_are_those_of_mujocos_own_elements(name: str, values: dict[str, float]) -> None:
     time = np.arange(0, 1, 0.01)
     control = np.repeat(np.random.default_rng(0).normal(0, 1, 20), 5)
@@ -136,7 +143,9 @@ def test_controls_that_we_change_are_those_of_mujocos_own_elements(name: str, va
 
 def test_a_held_control_is_the_mean_over_each_step() -> None:
     time, control = np.array([0.0, 1.0, 2.0]), np.array([1.0, 3.0, 5.0])
-    assert held(time, control, np.array([-1.0, 0.0, 0.5, 1.5, 4.0])).tolist() == pytest.approx([1, 1, 2, (1.5 + 10) / 2.5])
+    assert held(time, control, np.array([-1.0, 0.0, 0.5, 1.5, 4.0])).tolist() == pytest.approx(
+        [1, 1, 2, (1.5 + 10) / 2.5]
+    )
     assert lagged(time, control, np.array([9.0, 9.1]), 0.1)[0] == pytest.approx(5)
 
 

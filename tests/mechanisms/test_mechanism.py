@@ -38,17 +38,23 @@ def test_files_in_the_models_folder_may_be_included(tmp_path: Path) -> None:
         ("<mujoco><worldbody>", "not XML"),
         ("<robot/>", "outermost"),
         ("<mujoco><worldbody/></mujoco>", "no joint"),
-        ('<mujoco><worldbody><body><joint axis="0 0 0"/><geom size="1"/></body></worldbody></mujoco>', "cannot compile"),
+        (
+            '<mujoco><worldbody><body><joint axis="0 0 0"/><geom size="1"/></body></worldbody></mujoco>',
+            "cannot compile",
+        ),
         ('<mujoco><worldbody><include file="../other.xml"/></worldbody></mujoco>', "outside"),
         ('<mujoco><worldbody><include file="/etc/hostname"/></worldbody></mujoco>', "outside"),
         ('<mujoco><asset><mesh name="m" file="../m.stl"/></asset><worldbody/></mujoco>', "outside"),
-        ('<mujoco><compiler meshdir=".."/><asset><mesh name="m" file="m.stl"/></asset><worldbody/></mujoco>', "outside"),
+        (
+            '<mujoco><compiler meshdir=".."/><asset><mesh name="m" file="m.stl"/></asset><worldbody/></mujoco>',
+            "outside",
+        ),
         ('<mujoco><asset><mesh name="m" file="none.stl"/></asset><worldbody/></mujoco>', "no such file"),
         ('<mujoco><extension><plugin plugin="mujoco.pid"/></extension><worldbody/></mujoco>', "not allowed"),
         ('<!DOCTYPE x [<!ENTITY a "b">]><mujoco/>', "entities"),
         (f'<mujoco><worldbody><replicate count="1000000">{BODY}</replicate></worldbody></mujoco>', "copies"),
         ('<mujoco><size memory="100G"/><worldbody/></mujoco>', "memory"),
-        (f"<mujoco><worldbody>{BODY.replace('name="j"', '') * 2001}</worldbody></mujoco>", "2,001 bodies"),
+        ("<mujoco><worldbody>" + 2001 * "<body/>" + "</worldbody></mujoco>", "2,001 bodies"),
     ],
 )
 def test_what_may_not_be_read_is_one_line(tmp_path: Path, text: str, says: str) -> None:

@@ -7,6 +7,8 @@ import numpy as np
 from pipeline.mechanisms.kind import MechanismEffect, Place, Target, Values
 from pipeline.scene.effects.kind import Parameter
 
+FASTEST = 0.5  # of the root mean square speed: friction that is there at all speeds is no stiction
+
 
 def friction(values: Values, velocity: float, force: float) -> float:
     return float(values["f"][0] * np.exp(-((velocity / values["speed"][0]) ** 2)))
@@ -24,11 +26,12 @@ def starts(place: Place) -> tuple[dict[str, np.ndarray], ...]:
 EFFECT = MechanismEffect(
     name="joint_stiction",
     formula="tau = -f exp(-(v / s)^2) sign(v), holds at rest",
-    parameters=(Parameter("f", "N m", low=0), Parameter("speed", "rad/s", low=1e-6)),
+    parameters=(Parameter("f", "N m", low=0), Parameter("speed", "rad/s")),
     target=Target.JOINT,
     experiment="a slow ramp: it sticks and slips",
     sizes=sizes,
     starts=starts,
+    bounds=lambda place: {"f": (0.0, np.inf), "speed": (0.01 * place.speed, FASTEST * place.speed)},
     friction=friction,
     linear="f",
 )
