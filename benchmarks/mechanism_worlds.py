@@ -1,8 +1,9 @@
 """Worlds for the blind benchmark of mechanisms: a log of a model with something hidden, and the model without it.
 
-Models: of dm_control's suite, and an arm of three joints. Motion: from random initial states, driven by random sums of
-sines with steps. The log is of an encoder, which rounds and has noise. MuJoCo simulates the hidden model in a quarter of
-the time steps of the known one, with its own elements for delay and lag where the discovery changes the controls.
+Models: of dm_control's suite, and an arm of three joints. Motion: from random initial states, driven by random sums
+of sines with steps. The log is of an encoder, which rounds and has noise. MuJoCo simulates the hidden model with a
+quarter of the known model's time step, and with its own elements for delay and lag, where the discovery changes the
+controls.
 """
 
 from __future__ import annotations

@@ -33,9 +33,9 @@ The scene file needs no more than each object's name, shape, sizes and mass. Fro
   replay.mp4         a clip with the outlines of both forecasts, by models that were fitted to the other clips
 
 The log of an arm, a cart, a pendulum or a leg has the columns time and one for each measured joint, named as in the
-model (rad, m); optionally clip, JOINT_velocity, sensors, SITE_x, _y, _z, sigma, and each actuator's control. What the model
-says is known but for what --fit names. OUT then has augmented.xml, the model with what was missing, for plain MuJoCo (and
-augmented_forces.py for friction that MJCF cannot say).
+model (rad, m); optionally clip, JOINT_velocity, sensors, SITE_x, _y, _z, sigma, and each actuator's control. What the
+model says is known but for what --fit names. OUT then has augmented.xml, the model with what was missing, for plain
+MuJoCo (and augmented_forces.py for friction that MJCF cannot say).
 
 examples:
   dynamics discover tracks.csv scene.yaml -o found

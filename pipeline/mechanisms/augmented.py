@@ -1,4 +1,4 @@
-"""The user's model with the effects found, as MJCF that plain MuJoCo loads, and as a program where MJCF cannot say one."""
+"""The user's model with the effects found: MJCF that plain MuJoCo loads, and a program where MJCF cannot say one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import mujoco
 from pipeline.mechanisms.candidate import Candidate
 from pipeline.mechanisms.mechanism import Mechanism
 
-PROGRAM = '''"""Friction that MJCF cannot say: plain MuJoCo with augmented.xml beside this file, and a function for each step.
+PROGRAM = '''"""Friction that MJCF cannot say: plain MuJoCo with augmented.xml beside this file.
 
     import mujoco, augmented_forces
     model = mujoco.MjModel.from_xml_path("augmented.xml")

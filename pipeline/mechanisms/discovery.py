@@ -227,11 +227,11 @@ def _notes(found: MechanismSelection) -> tuple[str, ...]:
         )
     elif step != stated:
         out.append(
-            f"simulated with time steps of {step:g} s, which predict the same as the model's {stated:g} s to within the noise"
+            f"simulated with time steps of {step:g} s, which predict the same as the model's {stated:g} s, but for noise"
         )
     if found.noise.variance > LEAST_REMAINDER**2:
         out.append(
-            f"the best model leaves {found.noise.variance**0.5:.2g} times the noise of the sensors, which counts as noise"
+            f"the best model leaves {found.noise.variance**0.5:.2g} times the noise of the sensors; that counts as noise"
         )
     silent = sorted(set(problem.mechanism.actuators) - set(problem.log.driven))
     if silent:

@@ -1,4 +1,4 @@
-"""Numbers of the user's model that are not known (`--fit`): how they are read from an MJCF document and written to it."""
+"""Numbers of the user's model that are not known (`--fit`), and how they are read from MJCF and written to it."""
 
 from __future__ import annotations
 
@@ -146,8 +146,8 @@ def free_numbers(
             near = did_you_mean(owner, owners)
             keys = "; ".join(f"{t}: {', '.join(a)}" for t, a in ATTRIBUTES.items())
             raise ParamsError(
-                f"fit: {name!r}{near} is no number of the model; valid: NAME.KEY with the name of a joint, a body or an "
-                f"actuator, or joint, body, actuator for all of them, and as KEY {keys}"
+                f"fit: {name!r}{near} is no number of the model; valid: NAME.KEY with the name of a joint, a body or "
+                f"an actuator, or joint, body, actuator for all of them, and as KEY {keys}"
             )
         out |= {f.name: f for f in found}
     return tuple(out.values())

@@ -10,8 +10,9 @@ from pipeline.mechanisms.log import Quantity
 
 
 def measure_gap(before: Candidate, after: Candidate) -> Gap:
-    """The gap on the held-out windows and forecasts, or on the fitted windows where there are none: root mean square over
-    the measured joints, rad or m; over all columns where no joint was measured.
+    """The gap on the held-out windows and forecasts, or on the fitted windows where there are none.
+
+    Root mean square over the measured joints, rad or m; over all columns where no joint was measured.
 
     Args:
         before: The calibrated model.

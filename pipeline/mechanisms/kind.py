@@ -90,8 +90,8 @@ class MechanismEffect:
         edit: (document, name of the place, values) writes the law into an MJCF document.
         friction: (values, velocity, force of the actuators) -> dry friction of the joint beside the model's, at each
             step of the simulation, where MJCF cannot say the law. Also the text of augmented_forces.py.
-        controls: (values, times, control, at) -> control at the times `at`, from the one that was logged, each held until
-            the next row.
+        controls: (values, times, control, at) -> mean control between the times `at`, from the one that was logged,
+            held until the next row.
         measured: (values, position) -> what a sensor shows of it.
         sensor_lag: (values) -> s, by which a sensor shows the past.
         clock: (values) -> recorded time over true time.

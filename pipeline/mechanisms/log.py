@@ -1,4 +1,4 @@
-"""The log of a mechanism (docs/formats.md, "Logs of mechanisms"): one recording for each clip, checked against the model."""
+"""The log of a mechanism (docs/formats.md, "Logs of mechanisms"): a recording for each clip, checked by the model."""
 
 from __future__ import annotations
 

@@ -16,7 +16,8 @@ PENDULUM = """
 <mujoco model="pendulum">
   <option timestep="0.005" integrator="RK4"/>
   <worldbody>
-    <body name="bob"><joint name="hinge" axis="0 1 0"/><inertial pos="0 0 -0.5" mass="0.4" diaginertia="1e-6 1e-6 1e-6"/></body>
+    <body name="bob"><joint name="hinge" axis="0 1 0"/>
+      <inertial pos="0 0 -0.5" mass="0.4" diaginertia="1e-6 1e-6 1e-6"/></body>
   </worldbody>
 </mujoco>
 """
@@ -24,7 +25,8 @@ CART = """
 <mujoco model="cart">
   <option timestep="0.005" integrator="RK4" gravity="0 0 0"/>
   <worldbody>
-    <body name="cart"><joint name="slide" type="slide" axis="1 0 0" stiffness="20"/><geom type="box" size="0.1 0.1 0.1" mass="1"/></body>
+    <body name="cart"><joint name="slide" type="slide" axis="1 0 0" stiffness="20"/>
+      <geom type="box" size="0.1 0.1 0.1" mass="1"/></body>
   </worldbody>
   <actuator><motor name="push" joint="slide"/></actuator>
 </mujoco>

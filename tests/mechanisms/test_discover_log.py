@@ -103,10 +103,12 @@ def test_friction_that_mjcf_cannot_say_is_a_program_of_mujoco_and_numpy_alone(tm
     (tmp_path / "augmented_forces.py").write_text(program)
     (tmp_path / "augmented.xml").write_text(CART)
     code = (
-        "import mujoco, augmented_forces as f; m = mujoco.MjModel.from_xml_path('augmented.xml'); d = mujoco.MjData(m); "
-        "d.qpos[0] = 0.8\nwhile d.time < 0.5 - 1e-9: f.step(m, d)\nprint(d.qpos[0])"
+        "import mujoco, augmented_forces as f; m = mujoco.MjModel.from_xml_path('augmented.xml'); "
+        "d = mujoco.MjData(m); d.qpos[0] = 0.8\nwhile d.time < 0.5 - 1e-9: f.step(m, d)\nprint(d.qpos[0])"
     )
     run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-    own = simulator.predict([Window(0, slice(0, 26), False)], [model.variant(mechanism, simulator.spec, theta)], [(0, 0)], states)
+    own = simulator.predict(
+        [Window(0, slice(0, 26), False)], [model.variant(mechanism, simulator.spec, theta)], [(0, 0)], states
+    )
     assert float(run.stdout) == pytest.approx(own[0][-1, 0], abs=2e-3)
     subprocess.run([sys.executable, "augmented_forces.py"], cwd=tmp_path, capture_output=True, check=True)

@@ -98,7 +98,7 @@ def read_table(path: Path) -> pd.DataFrame:
 
 
 def number_column(table: pd.DataFrame, column: str, path: Path) -> np.ndarray:
-    """A column as numbers, NaN where it is empty. Raises MeasurementError that names the first row with another value."""
+    """A column as numbers, NaN where it is empty. Raises MeasurementError that names the first row of another kind."""
     if table[column].dtype.kind in "mM" or _is_date(table[column]):
         raise MeasurementError(f"{path}: {column} is a date or a duration; valid: a number of seconds")
     values = pd.to_numeric(table[column], errors="coerce")
