@@ -226,12 +226,10 @@ def _notes(found: MechanismSelection) -> tuple[str, ...]:
             f"the log does not follow the model's own time steps: augmented.xml has steps of {step:g} s, {integrator}"
         )
     elif step != stated:
-        out.append(
-            f"simulated with time steps of {step:g} s, which predict the same as the model's {stated:g} s, but for noise"
-        )
+        out.append(f"simulated with time steps of {step:g} s, which predict the same as {stated:g} s, but for noise")
     if found.noise.variance > LEAST_REMAINDER**2:
         out.append(
-            f"the best model leaves {found.noise.variance**0.5:.2g} times the noise of the sensors; that counts as noise"
+            f"the best model leaves {found.noise.variance**0.5:.2g} times the noise of the sensors, counted as noise"
         )
     silent = sorted(set(problem.mechanism.actuators) - set(problem.log.driven))
     if silent:

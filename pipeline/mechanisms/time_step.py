@@ -34,9 +34,9 @@ def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: S
     """Simulators of the motion: as the model states, and others that predict something else.
 
     A real mechanism has no time steps, and the log of a simulation may have other ones. So Runge and Kutta's
-    integrator, and a quarter of the stated step, are hypotheses as well. Where the stated one predicts the same with a longer step,
-    for noise of this size, it is simulated so. Tried on the first fitted window and the last one of all, with and
-    without some dry friction at all joints.
+    integrator, and a quarter of the stated step, are hypotheses as well. Where the stated one predicts the same with
+    a longer step, for noise of this size, it is simulated so. Tried on the first fitted window and the last one of all,
+    with and without some dry friction at all joints.
 
     Args:
         problem: As the model states its step.
