@@ -25,6 +25,7 @@ from pipeline.mechanisms.time_step import integrations
 from pipeline.mechanisms.windows import guessed_states
 
 ROUNDS = 3  # times that the noise is taken from the best model so far
+SHORTER = 2  # levels: of windows that tell where something acts, below those in which effects are compared
 SAME_NOISE = 1.5  # ratio of variances below which it need not be taken again
 
 
@@ -87,12 +88,18 @@ def select_mechanism(
     whole = levels[-1]
     states = guessed_states(whole.mechanism, whole.log, whole.windows)
     ways = [tuple(p.simulated_by(way) for p in levels) for way in integrations(whole, model, stated, states)]
-    shortest = [MechanismSearch(some[:1], kinds, progress).climb(model, stated)[0] for some in ways]
-    order = sorted(range(len(ways)), key=lambda k: shortest[k].fit.chi2.sum())
+    first, followed = _first_level(ways[0], model, stated, kinds, progress)
+    starts = [followed] + [
+        MechanismSearch(some[first : first + 1], kinds, progress).climb(model, stated)[0] for some in ways[1:]
+    ]
+    order = sorted(range(len(ways)), key=lambda k: starts[k].fit.chi2.sum())
 
     def selected(way: int) -> MechanismSelection:
-        none = MechanismSearch(ways[way], kinds, progress).climb(model, stated, shortest[way])
-        return replace(_select(ways[way], none, kinds, progress), stated_steps=way == 0)
+        none = MechanismSearch(ways[way][first:], kinds, progress).climb(model, stated, starts[way])
+        found = _select(ways[way][first:], none, kinds, progress)
+        shorter = ways[way][max(first - SHORTER, 0)]
+        short = MechanismSearch((shorter,), kinds, progress).climb(model, found.none.fit.theta)[0]
+        return replace(found, short=short, stated_steps=way == 0)
 
     found = selected(order[0])
     for other in order[1:]:
@@ -107,6 +114,29 @@ def select_mechanism(
             if second.chosen.rescored(second.noise).score < found.chosen.rescored(second.noise).score:
                 found = second
     return found
+
+
+def _first_level(
+    levels: Sequence[Problem],
+    model: LawModel,
+    stated: np.ndarray,
+    kinds: tuple[MechanismEffect, ...],
+    progress: Callable[[str], None],
+) -> tuple[int, Candidate]:
+    """The level with the longest windows in which the model without effects stays near the motion, and its fit there.
+
+    Args:
+        levels: The log in windows of growing length.
+        model: Without effects.
+        stated: (G,) its numbers as the user's model has them.
+        kinds: The effects that may be named.
+        progress: Called with the name of each effect that is fitted.
+    """
+    for level in reversed(range(len(levels))):
+        (found,) = MechanismSearch((levels[level],), kinds, progress).climb(model, stated)
+        if found.follows:
+            return level, found
+    return 0, found
 
 
 def _select(
