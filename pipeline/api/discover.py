@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pipeline.api.discover_log import MODEL, LogDiscoveryResult, discover_log
 from pipeline.api.result_folder import FolderResult, write_result
 from pipeline.discrepancy.discover import discover as find_missing_physics
 from pipeline.discrepancy.report.discovery import Discovery
@@ -149,14 +150,16 @@ def discover(
     length: Sequence[float] | None = None,
     plane: str | None = None,
     fps: float | None = None,
+    fit: Sequence[str] = (),
     progress: Progress | None = None,
-) -> DiscoveryResult:
-    """Find out which physical effects a scene lacks.
+) -> DiscoveryResult | LogDiscoveryResult:
+    """Find out which physical effects a scene, or a user's own MuJoCo model, lacks.
 
     Args:
         measured: Measured motion, a file (docs/formats.md; or a table, a workbook or a project of Tracker as it is) or
             tracks that were read.
-        scene: What is known of the scene, a file or a scene that was read.
+        scene: What is known of the scene, a file or a scene that was read; or a model, a file of MJCF (.xml). Measured
+            motion is then the log of a mechanism, and the result that of `discover_log`.
         held_out: Share of the clips that is not fitted, for judging.
         effects: Which may be named: "all", or names with commas between.
         seed: Chooses the clips that are held out.
@@ -165,16 +168,23 @@ def discover(
         length: A length in the table: (x0, y0, x1, y1, M), two points in its unit and their distance, m, or (N, M).
         plane: "upright" or "ground", in which a table's one or two coordinates lie; None: as bodies fall.
         fps: Frames per second, where a table counts frames.
+        fit: Numbers of a model that are not known; a scene's file says its own.
         progress: Told of each step; None: nothing is printed.
 
     Returns:
-        The verdict with its reasons, and the scene with what it lacked.
+        The verdict with its reasons, and the scene or the model with what it lacked.
 
     Raises:
         MeasurementError: For measurements that cannot be used, or do not fit the scene.
         SceneError: For a scene that cannot be read.
         ParamsError: For another argument that is not valid.
     """
+    if isinstance(scene, str | Path) and Path(scene).suffix == MODEL:
+        if not isinstance(measured, str | Path):
+            raise ParamsError(f"{scene}: a model needs the file of a log, a Parquet or CSV file")
+        return discover_log(measured, scene, held_out=held_out, fit=fit, effects=effects, seed=seed, progress=progress)
+    if fit:
+        raise ParamsError("fit: it is for a model (.xml); the file of a scene lists its own under `fit:`")
     progress = progress or Progress()
     if not 0 <= held_out < 1:
         raise ParamsError(f"held_out is {held_out:g}; valid: a share of the clips, from 0 to less than 1")

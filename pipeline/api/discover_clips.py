@@ -116,6 +116,7 @@ def discover_clips(
     def find(names: Sequence[str]) -> Discovery:
         listed = ",".join(names)
         own = discover(motion.tracks, motion.known, held_out=held_out, effects=listed, seed=seed, progress=progress)
+        assert isinstance(own, DiscoveryResult)  # of a scene, not of a model
         return own.found
 
     shown = discover_shown(motion, names_of(effects), find)

@@ -23,7 +23,8 @@ missing law; then every effect is tried, alone and together, and judged on clips
   residuals.parquet  every sample, and what both models make of it
   recording.rrd      measured, calibrated and augmented motion, for the rerun viewer
 
-INPUT is measured motion and a scene, or videos of one resting camera (or folders that `dynamics infer` wrote).
+INPUT is measured motion and a scene, the log of a mechanism and your own MuJoCo model of it (.xml), or videos of one
+resting camera (or folders that `dynamics infer` wrote).
 
 Measured motion is Parquet or CSV with the columns clip, object, time, x, y, z (s, m, z up), optionally qw..qz,
 wx..wz, sigma; or a table as it is: text of any separator, .xlsx, a project of Tracker (.trk). What was assumed of it is
@@ -33,9 +34,15 @@ The scene file needs no more than each object's name, shape, sizes and mass. Fro
   tracks.parquet     the measured motion
   replay.mp4         a clip with the outlines of both forecasts, by models that were fitted to the other clips
 
+The log of an arm, a cart, a pendulum or a leg has the columns time and one for each measured joint, named as in the
+model (rad, m); optionally clip, JOINT_velocity, sensors, SITE_x, _y, _z, sigma, and each actuator's control. What the
+model says is known but for what --fit names. OUT then has augmented.xml, the model with what was missing, for plain
+MuJoCo (and augmented_forces.py for friction that MJCF cannot say).
+
 examples:
   dynamics discover tracks.csv scene.yaml -o found
   dynamics discover toss.txt ball.yaml -o found --columns time=t,x=X1,z=-Y1 --unit px --length 12,300,412,300=1.00
+  dynamics discover log.csv robot.xml -o found --fit elbow.damping,forearm.mass
   dynamics discover tracks.parquet scene.yaml -o found --effects air_drag,linear_drag,wind
   dynamics discover roll_1.mp4 roll_2.mp4 roll_3.mp4 roll_4.mp4 --scene ball.yaml -o found
   dynamics simulate found/augmented.yaml --set 'effects=[]' -o without
@@ -44,7 +51,13 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("inputs", type=Path, nargs="+", metavar="INPUT", help="MEASURED (a table) and SCENE (YAML), or videos")
+    add(
+        "inputs",
+        type=Path,
+        nargs="+",
+        metavar="INPUT",
+        help="MEASURED (a table) and SCENE (YAML) or MODEL (.xml), or videos",
+    )
     add("--scene", type=Path, metavar="SCENE", help="what is known of the scene that videos show (YAML)")
     add("--columns", metavar="LIST", help="what the columns of a table are: time=t,x=X1,y=-Y1 (NAME:x=… of one body)")
     add("--unit", metavar="UNIT", help="of a table's positions: m, cm, mm, in, px, … (what its header says, else m)")
@@ -71,6 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("-o", "--out", type=Path, required=True, metavar="OUT", help="folder for the results; it must not exist yet")
     add("--held-out", type=float, default=0.3, metavar="SHARE", help="share of clips kept for judging (0.3)")
+    add("--fit", default="", metavar="NAMES", help="numbers of MODEL that are not known: NAME.damping, BODY.mass, ...")
     add("--effects", default="all", metavar="NAMES", help="which effects may be named, with commas between (all)")
     add("--seed", type=count, default=0, help="chooses the clips that are held out (0)")
     add("--force", action="store_true", help="replace OUT where `dynamics` wrote it and nothing else is in it")
@@ -79,6 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     from pipeline.api.discover import DiscoveryResult, discover
     from pipeline.api.discover_clips import ClipDiscoveryResult, discover_clips
+    from pipeline.api.discover_log import LogDiscoveryResult
     from pipeline.api.result_folder import check_replaceable
     from pipeline.inference.progress import Progress
 
@@ -87,9 +102,12 @@ def run(arguments: argparse.Namespace) -> None:
     table = any(place.suffix in TABLES for place in a.inputs)
     if table:
         _check_table(a)
+    elif a.fit:
+        raise ParamsError("--fit: it is for a log and a MODEL (.xml)")
     with Progress(2 if table else 4, shown=True) as progress:
-        found: DiscoveryResult | ClipDiscoveryResult
+        found: DiscoveryResult | LogDiscoveryResult | ClipDiscoveryResult
         if table:
+            fit = [name.strip() for name in a.fit.split(",") if name.strip()]
             found = discover(
                 *a.inputs,
                 held_out=a.held_out,
@@ -100,6 +118,7 @@ def run(arguments: argparse.Namespace) -> None:
                 length=a.length,
                 plane=a.plane,
                 fps=a.fps,
+                fit=fit,
                 progress=progress,
             )
         else:
@@ -135,7 +154,7 @@ def _check_table(a: argparse.Namespace) -> None:
     if len(a.inputs) != 2 or a.inputs[0].suffix not in TABLES:
         given = " ".join(map(str, a.inputs))
         raise ParamsError(
-            f"{given}: valid: one table of measured motion and one scene (MEASURED SCENE), or videos alone"
+            f"{given}: valid: one table of measured motion and one scene or model (MEASURED SCENE), or videos alone"
         )
     for name in ("scene", "view", "start", "seconds"):
         if getattr(a, name) is not None:

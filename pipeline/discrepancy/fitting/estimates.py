@@ -23,12 +23,12 @@ DETERMINED = 0.5  # of the prior's standard deviation: a number with a larger er
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """A number, or the components of a vector, with standard errors.
+    """A number, or the components of a vector, with standard errors; or the name of what has them.
 
     stderr is None where nothing determines the value.
     """
 
-    value: Number
+    value: Number | str | list[str]
     stderr: Number | None
     unit: str
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pyarrow as pa
 
 from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.selection.comparison import Compared
 from pipeline.discrepancy.where.region_search import smooth_velocity
 from pipeline.evaluation.figures import COLOURS, svg
 
@@ -122,12 +125,12 @@ def trajectory_figure(found: Discovery, table: pa.Table) -> str:
     return svg(figure)
 
 
-def ranking_figure(found: Discovery) -> str:
-    """How much better than the calibrated model each candidate is."""
-    shown = sorted(found.selection.singles, key=lambda c: c.score)[:12]
+def ranking_figure(selection: Compared, named: Sequence[str]) -> str:
+    """How much better than the calibrated model each candidate is. named: effects of the verdict."""
+    shown = sorted(selection.singles, key=lambda c: c.score)[:12]
     figure, axes = plt.subplots(figsize=(6.4, 0.4 + 0.27 * max(len(shown), 1)))
-    gains = [max(found.selection.none.score - c.score, 0.1) for c in shown]
-    colours = [COLOURS[2] if set(c.effects) <= set(found.answer.effects) else COLOURS[0] for c in shown]
+    gains = [max(selection.none.score - c.score, 0.1) for c in shown]
+    colours = [COLOURS[2] if set(c.effects) <= set(named) else COLOURS[0] for c in shown]
     axes.barh(range(len(shown)), gains, color=colours)
     axes.set_yticks(range(len(shown)), [" + ".join(c.effects) for c in shown])
     axes.invert_yaxis()

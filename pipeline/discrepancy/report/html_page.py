@@ -8,9 +8,11 @@ from typing import Any
 import pyarrow as pa
 
 from pipeline.discrepancy.fitting.estimates import ParameterEstimate
-from pipeline.discrepancy.report.discovery import Discovery
+from pipeline.discrepancy.report.discovery import Discovery, Verdict
 from pipeline.discrepancy.report.figures import ranking_figure, residual_figure, trajectory_figure, where_figure
+from pipeline.discrepancy.selection.comparison import Compared
 from pipeline.evaluation.report import Section, drawing, html_table, page
+from pipeline.scene.effects.discovery_rules import Number
 from pipeline.scene.effects.region import Region
 from pipeline.scene.effects.registry import effect_kinds
 
@@ -43,8 +45,9 @@ def _mended_first(faults: Sequence[Mapping[str, Any]]) -> str:
 
 def _said(report: Mapping[str, Any]) -> str:
     verdict, gap = report["verdict"], report["gap"]
-    before, after, floor = (1e3 * gap[k] for k in ("before", "after", "noise_floor"))
-    numbers = f"The gap on {'held-out' if report['clips']['held_out'] else 'fitted'} clips is {before:.3g} mm"
+    scale, unit = _shown_unit(gap)
+    before, after, floor = (scale * gap[k] for k in ("before", "after", "noise_floor"))
+    numbers = f"The gap on {'held-out' if report['clips']['held_out'] else 'fitted'} clips is {before:.3g} {unit}"
     sure = f"(confidence {verdict['confidence']:.2f})"
     equivalent = ", ".join(n for group in verdict["equivalent"] for n in group if n not in verdict["effects"])
     if not verdict["effects"]:
@@ -53,7 +56,7 @@ def _said(report: Mapping[str, Any]) -> str:
             extra = f" A calibrated number differs much from what was stated, which amounts to {equivalent}."
         return (
             f"Nothing is missing {sure}: the calibrated model explains the measurements. {numbers}; the noise floor is "
-            f"{floor:.3g} mm.{extra}"
+            f"{floor:.3g} {unit}.{extra}"
         )
     if verdict["effects"] == ["unknown"]:
         what = (
@@ -63,13 +66,18 @@ def _said(report: Mapping[str, Any]) -> str:
         )
         if report["where"] is not None and report["where"]["only"]:
             what += f" It acts only {Region.of(report['where']['only']).words}."
-        return f"{what} {numbers}, and no listed effect closes it; the noise floor is {floor:.3g} mm."
+        return f"{what} {numbers}, and no listed effect closes it; the noise floor is {floor:.3g} {unit}."
     alike = f" These measurements cannot tell it from {equivalent}." if equivalent else ""
     place = "".join(f" {Region.of(n['only']).words}" for n in verdict["named"] if "only" in n)
     return (
         f"The simulation lacks {' and '.join(verdict['effects'])}{place} {sure}.{alike} {numbers} without and "
-        f"{after:.3g} mm with it; the noise floor is {floor:.3g} mm.{_remaining(verdict['remainder'])}"
+        f"{after:.3g} {unit} with it; the noise floor is {floor:.3g} {unit}.{_remaining(verdict['remainder'])}"
     )
+
+
+def _shown_unit(gap: Mapping[str, Any]) -> tuple[float, str]:
+    """By what the numbers of the gap are multiplied to be shown, and their unit then."""
+    return (1e3, f"m{gap['unit']}") if gap["unit"] in ("m", "rad") else (1.0, gap["unit"])
 
 
 def _remaining(left: Mapping[str, Any] | None) -> str:
@@ -90,15 +98,9 @@ def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, fact
         table: Its `residual_table`.
         facts: What was read and asked, shown at the top.
     """
-    verdict = report["verdict"]
     sections = [
         Section("Where they disagree", _region(report), _where(found, report, table)),
-        Section("Verdict", verdict["experiment"], _parameters(found.verdict.parameters) + _laws(found.answer.effects)),
-        Section(
-            "Candidates",
-            "Models with one effect each. Green: effects of the verdict.",
-            _candidates(report) + _ranking(found),
-        ),
+        *verdict_sections(found.verdict, found.selection, report, effect_kinds()),
         Section(
             "Residuals",
             "Measured minus predicted coordinates. Each arc has its own initial state.",
@@ -109,13 +111,33 @@ def html_page(found: Discovery, report: Mapping[str, Any], table: pa.Table, fact
             "Measured and predicted.",
             drawing(trajectory_figure(found, table), "z over time; from above"),
         ),
-        Section("Calibrated", "Free parameters of the known scene.", _parameters(found.calibrated)),
+        Section("Calibrated", "Free parameters of the known scene.", parameter_table(found.calibrated)),
         Section("Faults of the measurement", _mended(report), _faults(report)),
         Section("Notes", "", "".join(f"<p>{note}</p>" for note in report["notes"])),
     ]
-    if verdict["remainder"] is not None:
-        sections.insert(1, Section("What remains", verdict["remainder"]["experiment"], _remainder(report)))
     return page(TITLE, sentence(report), facts, sections)
+
+
+def verdict_sections(
+    verdict: Verdict, selection: Compared, report: Mapping[str, Any], kinds: Mapping[str, Any]
+) -> list[Section]:
+    """What remains, the verdict, and the candidates.
+
+    Args:
+        verdict: The answer.
+        selection: The models that were compared.
+        report: Its `report_dict`.
+        kinds: The effects by name, each with a formula.
+    """
+    left = report["verdict"]["remainder"]
+    laws = "".join(f"<p>{name}: {kinds[name].formula}</p>" for name in verdict.effects if name in kinds)
+    ranking = drawing(ranking_figure(selection, verdict.effects), "ranking") if selection.singles else ""
+    note = "Models with one effect each. Green: effects of the verdict."
+    return [
+        *([] if left is None else [Section("What remains", left["experiment"], _remainder(report))]),
+        Section("Verdict", verdict.experiment, parameter_table(verdict.parameters) + laws),
+        Section("Candidates", note, _candidates(report) + ranking),
+    ]
 
 
 def _mended(report: Mapping[str, Any]) -> str:
@@ -140,10 +162,11 @@ def _faults(report: Mapping[str, Any]) -> str:
 def _remainder(report: Mapping[str, Any]) -> str:
     """The gap before and after, and what remains."""
     gap, left = report["gap"], report["verdict"]["remainder"]
+    scale, unit = _shown_unit(gap)
     rows = [
-        ("gap before, mm", f"{1e3 * gap['before']:.3g}"),
-        ("gap after, mm", f"{1e3 * gap['after']:.3g}"),
-        ("noise floor, mm", f"{1e3 * gap['noise_floor']:.3g}"),
+        (f"gap before, {unit}", f"{scale * gap['before']:.3g}"),
+        (f"gap after, {unit}", f"{scale * gap['after']:.3g}"),
+        (f"noise floor, {unit}", f"{scale * gap['noise_floor']:.3g}"),
         ("remains of the gap beyond noise", f"{left['share']:.0%}"),
         ("in", ", ".join(left["regimes"]) or "no regime more than in others"),
         ("of", ", ".join(left["objects"]) or "no object more than of others"),
@@ -153,25 +176,20 @@ def _remainder(report: Mapping[str, Any]) -> str:
     return html_table(["", ""], rows)
 
 
-def _ranking(found: Discovery) -> str:
-    return drawing(ranking_figure(found), "ranking") if found.selection.singles else ""
-
-
-def _number(value: float | list[float] | None) -> str:
+def _number(value: Number | str | list[str] | None) -> str:
     if value is None:
         return "not determined"
-    return "[" + ", ".join(f"{v:.4g}" for v in value) + "]" if isinstance(value, list) else f"{value:.4g}"
+    if isinstance(value, str):
+        return value
+    return "[" + ", ".join(map(_number, value)) + "]" if isinstance(value, list) else f"{value:.4g}"
 
 
-def _parameters(numbers: Mapping[str, ParameterEstimate]) -> str:
+def parameter_table(numbers: Mapping[str, ParameterEstimate]) -> str:
+    """Parameters with their standard errors."""
     if not numbers:
         return "<p>none</p>"
     rows = [(k, _number(e.value), _number(e.stderr), e.unit) for k, e in numbers.items()]
     return html_table(["parameter", "value", "standard error", "unit"], rows)
-
-
-def _laws(effects: tuple[str, ...]) -> str:
-    return "".join(f"<p>{name}: {effect_kinds()[name].formula}</p>" for name in effects)
 
 
 def _candidates(report: Mapping[str, Any]) -> str:
@@ -203,6 +221,11 @@ def _where(found: Discovery, report: Mapping[str, Any], table: pa.Table) -> str:
     if not report["disagreement"]:
         return "<p>nowhere by more than the noise</p>"
     picture = drawing(where_figure(found, table), "in the place, and against time and speed")
+    return picture + disagreement_table(report)
+
+
+def disagreement_table(report: Mapping[str, Any]) -> str:
+    """The strongest intervals in which something unknown acts."""
     rows = [
         (
             d["clip"],
@@ -215,4 +238,4 @@ def _where(found: Discovery, report: Mapping[str, Any], table: pa.Table) -> str:
         )
         for d in report["disagreement"][:15]
     ]
-    return picture + html_table(["clip", "object", "time", "regime", "missing force", "z", "direction"], rows)
+    return html_table(["clip", "object", "time", "regime", "missing force", "z", "direction"], rows)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.fitting.candidate import Candidate
-from pipeline.discrepancy.fitting.estimates import effect_estimates
+from pipeline.discrepancy.fitting.estimates import ParameterEstimate, effect_estimates
 from pipeline.discrepancy.report.disagreement import where_dict
 from pipeline.discrepancy.report.discovery import Discovery, Verdict
 from pipeline.discrepancy.report.localisation import Stretch, direction_words
+from pipeline.discrepancy.selection.comparison import Compared, Scored
+from pipeline.discrepancy.selection.gap import Gap
 from pipeline.discrepancy.tracks.noise import MAD
 from pipeline.discrepancy.tracks.problem import Problem
 
@@ -29,15 +31,9 @@ def report_dict(found: Discovery) -> dict[str, Any]:
         "disagreement": [_stretch(s, names) for s in found.disagreement],
         "faults": [asdict(f) for f in found.faults],
         "where": where_dict(selection),
-        "candidates": _candidates(found),
-        "verdict": _verdict(found.verdict),
-        "gap": {
-            "metric": "position_rmse_m",
-            "before": gap.before,
-            "after": gap.after,
-            "noise_floor": gap.noise_floor,
-            "clips": list(gap.clips),
-        },
+        "candidates": candidate_rows(selection, found.probability, effect_estimates),
+        "verdict": verdict_dict(found.verdict),
+        "gap": gap_dict(gap, "position_rmse_m", "m"),
         "probability_of_none": found.probability["none"],
         "unexplained": {"share": selection.excess_share, "z_score": selection.excess_z},
         "impacts": [
@@ -62,9 +58,28 @@ def _stretch(s: Stretch, names: list[str]) -> dict[str, Any]:
     }
 
 
-def _candidates(found: Discovery) -> list[dict[str, Any]]:
-    """Every effect alone, and the chosen model, the most probable first."""
-    selection = found.selection
+def gap_dict(gap: Gap, metric: str, unit: str) -> dict[str, Any]:
+    """The gap; metric: its name; unit: of its numbers."""
+    return {
+        "metric": metric,
+        "unit": unit,
+        "before": gap.before,
+        "after": gap.after,
+        "noise_floor": gap.noise_floor,
+        "clips": list(gap.clips),
+    }
+
+
+def candidate_rows(
+    selection: Compared, probability: Mapping[str, float], estimates: Callable[[Any, str], dict[str, ParameterEstimate]]
+) -> list[dict[str, Any]]:
+    """Every effect alone, and the chosen model, the most probable first.
+
+    Args:
+        selection: The models.
+        probability: Of each, by the names of its effects.
+        estimates: (model, name of an effect) -> its parameters.
+    """
     shown = {c.effects: c for c in (*selection.singles, *([selection.chosen] if selection.chosen.effects else []))}
     out = []
     for effects, c in shown.items():
@@ -72,21 +87,22 @@ def _candidates(found: Discovery) -> list[dict[str, Any]]:
         out.append(
             {
                 "effect": name,
-                "probability": found.probability[name],
+                "probability": probability[name],
                 "delta_bic": c.bic - selection.none.bic,
                 "held_out_gain": (selection.none.held_out - c.held_out) / 2,
-                "parameters": _parameters(c),
+                "parameters": _parameters(c, estimates),
             }
         )
     return sorted(out, key=lambda c: -c["probability"])
 
 
-def _parameters(c: Candidate) -> dict[str, Any]:
+def _parameters(c: Scored, estimates: Callable[[Any, str], dict[str, ParameterEstimate]]) -> dict[str, Any]:
     several = len(c.effects) > 1
-    return {(f"{e}.{k}" if several else k): x.as_dict() for e in c.effects for k, x in effect_estimates(c, e).items()}
+    return {(f"{e}.{k}" if several else k): x.as_dict() for e in c.effects for k, x in estimates(c, e).items()}
 
 
-def _verdict(v: Verdict) -> dict[str, Any]:
+def verdict_dict(v: Verdict) -> dict[str, Any]:
+    """The answer."""
     out: dict[str, Any] = {
         "effects": list(v.effects),
         "parameters": {k: e.as_dict() for k, e in v.parameters.items()},

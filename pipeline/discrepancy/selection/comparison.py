@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.tracks.problem import Problem
@@ -14,9 +15,70 @@ FORECASTS_BETTER = 4.0  # two standard errors of a difference of chi squared fro
 OTHER_EVIDENCE = 2 * ALIKE  # what is known beside the motion, in units of the score
 
 
+class Scored(Protocol):
+    """A model that was fitted, of free bodies or of a mechanism."""
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names, in the order in which they were added."""
+
+    @property
+    def score(self) -> float:
+        """What models are compared by: the lower, the better."""
+
+    @property
+    def bic(self) -> float:
+        """Of the fitted clips."""
+
+    @property
+    def held_out(self) -> float:
+        """Chi squared of the held-out clips."""
+
+
+class Compared(Protocol):
+    """The models that were compared, and the one that was chosen (`Selection`)."""
+
+    @property
+    def none(self) -> Scored:
+        """The calibrated model, without effects."""
+
+    @property
+    def singles(self) -> Sequence[Scored]:
+        """A model for each effect alone, the best first."""
+
+    @property
+    def tried(self) -> Sequence[Scored]:
+        """All models of several effects."""
+
+    @property
+    def chosen(self) -> Scored:
+        """The model that wins, possibly without effects."""
+
+    @property
+    def alike(self) -> tuple[tuple[str, ...], ...]:
+        """Sets of effects that cannot be told from one of the chosen model's."""
+
+    @property
+    def ruled_out(self) -> tuple[str, ...]:
+        """Names of effects that something beside the motion speaks against."""
+
+    @property
+    def unknown(self) -> bool:
+        """Whether the chosen model leaves too much."""
+
+    @property
+    def excess_z(self) -> float:
+        """What it leaves beyond noise, as a z-score."""
+
+
 def likeliest(candidates: Sequence[Candidate], default: Candidate) -> Candidate:
     """The candidate with the best score, other evidence included; `default` of no candidates."""
-    return min(candidates, key=lambda c: c.score - other_evidence(c), default=default)
+    return min(candidates, key=with_other_evidence, default=default)
+
+
+def with_other_evidence(found: Candidate) -> float:
+    """A candidate's score, and what is known beside the motion."""
+    return found.score - other_evidence(found)
 
 
 def forecasts_better(found: Candidate, none: Candidate) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.discrepancy.fitting.extension import CLAIM
-from pipeline.discrepancy.selection.comparison import ALIKE
+from pipeline.discrepancy.selection.comparison import ALIKE, Compared
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, has_few_clips
 
@@ -23,7 +23,7 @@ SMOOTHED = 1e-4  # m: positions with less noise were smoothed: no camera is so e
 UNKNOWN_SHARE = 0.9, 0.02  # probability of an effect that is not listed, where the answer is `unknown` and elsewhere
 
 
-def probabilities(found: Selection) -> dict[str, float]:
+def probabilities(found: Compared) -> dict[str, float]:
     """The probabilities of `none`, `unknown` and every candidate; they sum to 1."""
     scores = {"+".join(c.effects): c.score for c in found.singles}
     scores["+".join(found.chosen.effects) or "none"] = found.chosen.score
@@ -53,10 +53,10 @@ def confidence(found: Selection, names: tuple[str, ...]) -> float:
     most = DOUBTFUL if few or smoothed else FEW_CLIPS.get(len(problem.fitted), 1.0)
     if leaves_more(found) and not found.unknown:
         most = min(most, IMPERFECT)
-    return min(_by_margin(found, names), most)
+    return min(confidence_by_margin(found, names), most)
 
 
-def _by_margin(found: Selection, names: tuple[str, ...]) -> float:
+def confidence_by_margin(found: Compared, names: tuple[str, ...]) -> float:
     """The share of right verdicts at the verdict's margin over its rivals: single effects, and as many effects as it
     names, but for those that are not told apart."""
     best = min((c.score for c in found.singles), default=found.none.score)

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 from pipeline.discrepancy.fitting.calibration import Calibration
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.estimates import calibrated
-from pipeline.discrepancy.selection.comparison import ALIKE, other_evidence
+from pipeline.discrepancy.selection.comparison import ALIKE, Scored, with_other_evidence
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.scene.effects.registry import effect_kinds, kind_of_scene_parameter
 
 MOVED = 4.0  # standard errors by which a calibrated number must differ from what was stated to be mentioned
 ABSORBED_SHARE = 1 / 3  # of what an effect that scales gravity explains: a law that explains this may be the cause
 Sets = tuple[tuple[str, ...], ...]
+Model = TypeVar("Model", bound=Scored)
 
 
 def alike_single(chosen: Candidate, singles: Sequence[Candidate]) -> Sets:
     """The set of single effects that explain the measurements as well as the chosen one."""
     if not chosen.effects:
         return ()
-    names = [c.name for c in singles if c.score < chosen.score + ALIKE + other_evidence(c)]
+    names = [name for c in near(chosen, singles, with_other_evidence) for name in c.effects]
     kinds = effect_kinds()
     hit_once = any(c.hits is not None and c.hits.count == 1 for c in singles)
     if kinds[chosen.name].is_single_blow and hit_once:  # one hit may be any blow
@@ -29,15 +31,18 @@ def alike_single(chosen: Candidate, singles: Sequence[Candidate]) -> Sets:
     return (tuple(names),) if len(names) > 1 else ()
 
 
-def alike_each(chosen: Candidate, tried: Sequence[Candidate]) -> Sets:
-    """For each effect of a model of several: the effect with those that could replace it as well."""
-    near = [
-        c for c in tried if len(c.effects) == len(chosen.effects) and c.score < chosen.score + ALIKE + other_evidence(c)
-    ]
+def near(chosen: Model, others: Sequence[Model], rank: Callable[[Model], float]) -> list[Model]:
+    """Of other models with as many effects those that explain the measurements as well as the chosen one."""
+    return [c for c in others if len(c.effects) == len(chosen.effects) and rank(c) < chosen.score + ALIKE]
+
+
+def alike_each(chosen: Model, tried: Sequence[Model], rank: Callable[[Model], float]) -> Sets:
+    """For each effect of a model: the effect with those that could replace it as well."""
+    as_good = near(chosen, tried, rank)
     groups = []
     for name in chosen.effects:
         others = set(chosen.effects) - {name}
-        names = [n for c in near for n in c.effects if others == set(c.effects) - {n} and n not in others]
+        names = [n for c in as_good for n in c.effects if others == set(c.effects) - {n} and n not in others]
         groups.append(tuple(dict.fromkeys([name, *names])))
     return tuple(group for group in groups if len(group) > 1)
 
@@ -73,9 +78,14 @@ def equivalent_sets(found: Selection) -> Sets:
     return tuple(out)
 
 
-def next_experiment(names: Sequence[str], equivalent: Sequence[Sequence[str]]) -> str:
-    """The experiment that would tell equivalent effects apart, or test a verdict."""
-    kinds = effect_kinds()
+def next_experiment(
+    names: Sequence[str], equivalent: Sequence[Sequence[str]], kinds: Mapping[str, Any] | None = None
+) -> str:
+    """The experiment that would tell equivalent effects apart, or test a verdict.
+
+    kinds: the effects by name; None: those of free bodies.
+    """
+    kinds = effect_kinds() if kinds is None else kinds
     several = [f"{n}: {kinds[n].experiment}" for group in equivalent for n in group if n in kinds]
     if several:
         return "; ".join(dict.fromkeys(several))

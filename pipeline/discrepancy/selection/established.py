@@ -14,10 +14,11 @@ from dataclasses import replace
 
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import Progress, extend, without_one
+from pipeline.discrepancy.selection.arc_search import MOST_FITTED_MORE
 from pipeline.discrepancy.selection.comparison import other_evidence
 from pipeline.discrepancy.selection.equivalence import Sets
 from pipeline.discrepancy.selection.forecast import forecast_error
-from pipeline.discrepancy.selection.forward_selection import LEADERS, MOST_EFFECTS, MOST_FITTED_MORE
+from pipeline.discrepancy.selection.forward_selection import LEADERS, MOST_EFFECTS
 from pipeline.discrepancy.selection.gap import body_gap, measure_gap
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.stability import is_stable

@@ -12,7 +12,13 @@ from dataclasses import replace
 from pipeline.discrepancy.fitting.calibration import Calibration, calibrate, rescale_noise, rescored
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import CLAIM, Progress, extend, recalibrated, refitted
-from pipeline.discrepancy.selection.comparison import forecasts_better, likeliest, other_evidence
+from pipeline.discrepancy.selection.arc_search import ArcSearch
+from pipeline.discrepancy.selection.comparison import (
+    forecasts_better,
+    likeliest,
+    other_evidence,
+    with_other_evidence,
+)
 from pipeline.discrepancy.selection.equivalence import Sets, absorbed_laws, alike_each, alike_single
 from pipeline.discrepancy.selection.established import with_established
 from pipeline.discrepancy.selection.forecast import forecast_error
@@ -188,7 +194,11 @@ def select_once(
         both = _select_model(calibration, singles, kinds, progress)
         found = found if is_unexplained(calibration, both.chosen) else both
     chosen, inflated = found.chosen, calibration.problem.noise_inflated
-    alike = alike_each(chosen, found.tried) if len(chosen.effects) > 1 else alike_single(chosen, singles)
+    alike = (
+        alike_each(chosen, found.tried, with_other_evidence)
+        if len(chosen.effects) > 1
+        else alike_single(chosen, singles)
+    )
     absorbed = absorbed_laws(calibration, chosen, singles) if inflated else ()
     unexplained = is_unexplained(calibration, chosen) and not inflated
     if unexplained:
@@ -279,4 +289,4 @@ def _select_model(
     claim = CLAIM_MORE if calibration.problem.noise_inflated else CLAIM
     if not best.effects or best.score >= none.score - claim:
         return ForwardSelection(none, ())
-    return forward_selection(calibration, best, singles, kinds, progress)
+    return forward_selection(ArcSearch(calibration, kinds, progress), none, best, singles)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.extension import without_one
+from pipeline.discrepancy.selection.comparison import with_other_evidence
 from pipeline.discrepancy.selection.equivalence import alike_each, alike_single
 from pipeline.discrepancy.selection.established import MOST_LEFT, MOST_LEFT_BY_MORE, left_of_gap, models_without
 from pipeline.discrepancy.selection.gap import measure_gap
@@ -62,7 +63,7 @@ def shorter_selections(found: Selection) -> dict[str, Selection]:
             out[name] = with_single(found, model)
         else:
             tried = (*(c for c in found.tried if set(c.effects) != set(model.effects)), model)
-            out[name] = _with(replace(found, tried=tried, alike=alike_each(model, tried)), model)
+            out[name] = _with(replace(found, tried=tried, alike=alike_each(model, tried, with_other_evidence)), model)
     return out
 
 

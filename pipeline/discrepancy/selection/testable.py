@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -26,7 +26,11 @@ def names_of(text: str, place: str = "effects") -> tuple[str, ...]:
     Raises:
         ParamsError: For another name.
     """
-    known = effect_kinds()
+    return names_among(text, effect_kinds(), place)
+
+
+def names_among(text: str, known: Collection[str], place: str) -> tuple[str, ...]:
+    """As `names_of`, of the effects `known`."""
     if text == "all":
         return tuple(known)
     names = [n.strip() for n in text.split(",") if n.strip()]

@@ -66,7 +66,7 @@ def read_tracks(path: Path) -> list[Track]:
 
     Raises `MeasurementError` that names the clip, the object and the row (the first row is 1).
     """
-    table = _table(path)
+    table = read_table(path)
     missing = [c for c in NEEDED if c not in table]
     if missing:
         raise MeasurementError(
@@ -89,12 +89,13 @@ def tracks_of(table: pd.DataFrame, path: Path) -> list[Track]:
             raise MeasurementError(f"{path}: row {int(empty.argmax()) + 1}: no {column}")
         table[column] = table[column].astype(str)
     for column in (*NEEDED[2:], *(c for c in OPTIONAL if c in table)):
-        table[column] = _numbers(table, column, path)
+        table[column] = number_column(table, column, path)
     grouped = table.groupby(["clip", "object"], sort=False)
     return [_track(path, str(c), str(o), rows) for (c, o), rows in grouped]
 
 
-def _table(path: Path) -> pd.DataFrame:
+def read_table(path: Path) -> pd.DataFrame:
+    """The table of a Parquet or CSV file as it is. Raises MeasurementError for one that cannot be read."""
     if path.suffix not in (".parquet", ".csv"):
         raise MeasurementError(f"{path}: unknown kind of file; valid: .parquet, .csv")
     data = read_table_bytes(path, MeasurementError)
@@ -109,7 +110,8 @@ def _table(path: Path) -> pd.DataFrame:
     return table
 
 
-def _numbers(table: pd.DataFrame, column: str, path: Path) -> np.ndarray:
+def number_column(table: pd.DataFrame, column: str, path: Path) -> np.ndarray:
+    """A column as numbers, NaN where it is empty. Raises MeasurementError that names the first row of another kind."""
     if table[column].dtype.kind in "mM" or _is_date(table[column]):
         raise MeasurementError(f"{path}: {column} is a date or a duration; valid: a number of seconds")
     values = pd.to_numeric(table[column], errors="coerce")
@@ -132,7 +134,8 @@ def _is_date(column: pd.Series) -> bool:
 
 def _place(path: Path, table: pd.DataFrame, row: int) -> str:
     line = table.iloc[row]
-    return f"{path}: clip {line['clip']}, object {line['object']}, row {table.index[row] + 1}"
+    whose = f", object {line['object']}" if "object" in table else ""
+    return f"{path}: clip {line['clip']}{whose}, row {table.index[row] + 1}"
 
 
 def _track(path: Path, clip: str, name: str, rows: pd.DataFrame) -> Track:

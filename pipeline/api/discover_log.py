@@ -1,0 +1,174 @@
+"""`pipeline.discover` for a user's own MuJoCo model: which law it lacks, from a log of the real mechanism."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pipeline.api.result_folder import FolderResult, write_result
+from pipeline.discrepancy.report.html_page import sentence
+from pipeline.errors import ParamsError
+from pipeline.inference.progress import Progress
+from pipeline.mechanisms.augmented import augmented_document, augmented_forces
+from pipeline.mechanisms.discovery import MechanismDiscovery, discover_mechanism, names_of_mechanism_effects
+from pipeline.mechanisms.html_page import mechanism_page
+from pipeline.mechanisms.log import read_log
+from pipeline.mechanisms.mechanism import Mechanism, read_mechanism
+from pipeline.mechanisms.residual_table import residual_table
+from pipeline.viewer.logged import save_logged
+
+REPORT, MODEL = "report.json", ".xml"
+_VERSIONS = ("dynamics-pipeline", "mujoco", "numpy")
+
+
+@dataclass(frozen=True)
+class LogDiscoveryResult(FolderResult):
+    """What `discover_log` found.
+
+    Attributes:
+        log: Where the motion is from.
+        mechanism: The user's model.
+        held_out: Share of the clips, or of the only one's time, that was not fitted.
+        fit: Numbers of the model that were not known.
+        effects: Which might be named.
+        seed: That chose the clips held out.
+        found: Everything that was computed.
+        seconds: The time that each step took.
+    """
+
+    log: str
+    mechanism: Mechanism
+    held_out: float
+    fit: tuple[str, ...]
+    effects: str
+    seed: int
+    found: MechanismDiscovery
+    seconds: dict[str, float]
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """The content of report.json (docs/formats.md)."""
+        return self.found.report()
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """The effects that the model lacks: none, their names, or "unknown"."""
+        return tuple(self.report["verdict"]["effects"])
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        return sentence(self.report)
+
+    @cached_property
+    def model_xml(self) -> str:
+        """The model with what it lacked, as MJCF."""
+        selection = self.found.selection
+        document = augmented_document(self.mechanism, selection.answer, selection.stated_steps)
+        document.compile()
+        return str(document.to_xml())
+
+    @cached_property
+    def residuals(self) -> pa.Table:
+        """Every measured number, and what the models before and after make of it."""
+        return residual_table(self.found.selection.none, self.found.selection.answer)
+
+    def write(self, folder: Path, progress: Progress) -> None:
+        """Write report.html, report.json, augmented.xml, residuals.parquet, recording.rrd, times.json and result.json,
+        and augmented_forces.py where MJCF cannot say an effect."""
+        with progress.step("report"):
+            self._write(folder)
+
+    def _write(self, folder: Path) -> None:
+        facts = {
+            "log": self.log,
+            "model": str(self.mechanism.path),
+            "clips": str(len(self.found.problem.log.clips)),
+            "held out": ", ".join(self.report["clips"]["held_out"]) or "none",
+            "not known": ", ".join(self.fit) or "nothing",
+            "seed": str(self.seed),
+        }
+        page = mechanism_page(self.found, self.report, self.residuals, facts)
+        pq.write_table(self.residuals, folder / "residuals.parquet", compression="zstd")
+        (folder / "report.html").write_text(page, encoding="utf-8")
+        (folder / "augmented.xml").write_text(self.model_xml, encoding="utf-8")
+        program = augmented_forces(self.found.selection.answer)
+        if program is not None:
+            (folder / "augmented_forces.py").write_text(program, encoding="utf-8")
+        save_logged(self.residuals, Path(self.log).stem, self.sentence, folder / "recording.rrd")
+        text = json.dumps(self.report, indent=1, ensure_ascii=False, allow_nan=False)
+        (folder / REPORT).write_text(text + "\n", encoding="utf-8")
+        write_result(
+            folder,
+            "discover",
+            {
+                "measured": self.log,
+                "model": str(self.mechanism.path),
+                "held_out": self.held_out,
+                "fit": list(self.fit),
+                "effects": self.effects,
+                "seed": self.seed,
+                "verdict": self.report["verdict"],
+                "versions": {n: version(n) for n in _VERSIONS},
+            },
+            self.seconds,
+        )
+
+
+def discover_log(
+    log: str | Path,
+    model: str | Path,
+    *,
+    held_out: float = 0.3,
+    fit: Sequence[str] = (),
+    effects: str = "all",
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> LogDiscoveryResult:
+    """Find out which law a user's own MuJoCo model lacks.
+
+    Args:
+        log: Of the real mechanism, a Parquet or CSV file (docs/formats.md, "Logs of mechanisms").
+        model: The model, MJCF. Nothing in it is executed.
+        held_out: Share of the clips, or of the time of the only one, that is not fitted, for judging.
+        fit: Numbers of the model that are not known, such as "elbow.damping" or "joint.damping" of all.
+        effects: Which may be named: "all", or names with commas between.
+        seed: Chooses the clips that are held out.
+        progress: Told of each step; None: nothing is printed.
+
+    Returns:
+        The verdict with its reasons, and the model with what it lacked.
+
+    Raises:
+        MeasurementError: For a log that cannot be used, or does not fit the model.
+        SceneError: For a model that cannot be read.
+        ParamsError: For another argument that is not valid.
+    """
+    progress = progress or Progress()
+    if not 0 <= held_out < 1:
+        raise ParamsError(f"held_out is {held_out:g}; valid: a share of the clips, from 0 to less than 1")
+    names = names_of_mechanism_effects(effects)
+    mechanism = read_mechanism(Path(model))
+    measured = read_log(Path(log), mechanism)
+    with progress.step("discover"):
+        rng = np.random.default_rng(seed)
+        found = discover_mechanism(measured, mechanism, held_out, names, fit, rng, progress=progress.detail)
+    return LogDiscoveryResult(
+        log=str(log),
+        mechanism=mechanism,
+        held_out=held_out,
+        fit=tuple(fit),
+        effects=effects,
+        seed=seed,
+        found=found,
+        seconds=progress.seconds,
+    )

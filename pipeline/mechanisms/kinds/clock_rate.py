@@ -1,0 +1,25 @@
+"""Not physics: the recording's clock runs fast (above 1) or slow."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.mechanisms.kind import MechanismEffect, Target, Values
+from pipeline.scene.effects.kind import Parameter
+
+
+def clock(values: Values) -> float:
+    return float(values["ratio"][0])
+
+
+EFFECT = MechanismEffect(
+    name="clock_rate",
+    formula="recorded time = ratio x true time",
+    parameters=(Parameter("ratio", "-", low=0.2, high=5, neutral=1.0),),
+    target=Target.WORLD,
+    experiment="record a second clock",
+    sizes=lambda place: {"ratio": 0.05},
+    starts=lambda place: ({"ratio": np.array([1.005])},),
+    clock=clock,
+    linear="ratio",
+)

@@ -1,0 +1,30 @@
+"""Friction of a joint that grows with its speed."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from pipeline.mechanisms.kind import MechanismEffect, Place, Target, Values
+from pipeline.scene.effects.kind import Parameter
+
+
+def edit(spec: mujoco.MjSpec, name: str, values: Values) -> None:
+    spec.joint(name).damping[0] += values["coefficient"][0]
+
+
+def sizes(place: Place) -> dict[str, float]:
+    return {"coefficient": place.torque / place.speed}
+
+
+EFFECT = MechanismEffect(
+    name="joint_damping",
+    formula="tau = -c v",
+    parameters=(Parameter("coefficient", "N m s/rad", low=0),),
+    target=Target.JOINT,
+    experiment="swing at half and at twice the amplitude: viscous damping takes the same share of each swing",
+    sizes=sizes,
+    starts=lambda place: ({"coefficient": np.array([0.1 * sizes(place)["coefficient"]])},),
+    edit=edit,
+    linear="coefficient",
+)

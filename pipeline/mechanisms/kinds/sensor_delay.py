@@ -1,0 +1,25 @@
+"""Not physics: the sensor of a joint shows the past."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.mechanisms.kind import MechanismEffect, Target, Values
+from pipeline.scene.effects.kind import Parameter
+
+
+def lag(values: Values) -> float:
+    return float(values["value"][0])
+
+
+EFFECT = MechanismEffect(
+    name="sensor_delay",
+    formula="measured q(t) = q(t - value)",
+    parameters=(Parameter("value", "s", low=0, high=1),),
+    target=Target.JOINT,
+    experiment="compare with a second sensor at high speed",
+    sizes=lambda place: {"value": 3 * place.interval},
+    starts=lambda place: ({"value": np.array([place.interval])},),
+    sensor_lag=lag,
+    linear="value",
+)

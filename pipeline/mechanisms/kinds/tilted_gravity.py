@@ -1,0 +1,34 @@
+"""The base is tilted: gravity is not along the stated direction."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from pipeline.mechanisms.kind import MechanismEffect, Place, Target, Values
+from pipeline.mechanisms.log import Log
+from pipeline.mechanisms.mechanism import Mechanism
+from pipeline.scene.effects.kind import Parameter
+from pipeline.scene.effects.kinds.tilted_gravity import tilted
+
+
+def edit(spec: mujoco.MjSpec, name: str, values: Values) -> None:
+    spec.option.gravity = tilted(np.array(spec.option.gravity), np.array(values["tilt"]))
+
+
+def may_act(mechanism: Mechanism, log: Log, place: Place) -> bool:
+    return place.torque > 0
+
+
+EFFECT = MechanismEffect(
+    name="tilted_gravity",
+    formula="g is turned by the tilt about x, then about y",
+    parameters=(Parameter("tilt", "rad", length=2, low=-1.5, high=1.5),),
+    target=Target.WORLD,
+    experiment="put a level on the base",
+    sizes=lambda place: {"tilt": 0.1},
+    starts=lambda place: ({"tilt": np.array([0.02, 0.0])}, {"tilt": np.array([0.0, 0.02])}),
+    edit=edit,
+    may_act=may_act,
+    linear="tilt",
+)
