@@ -15,6 +15,7 @@ from pipeline.mechanisms.problem import Problem, predicted
 
 AT_ONCE = 24  # variants that are simulated together
 RIDGE = 1e-9
+MOST_STEPS = 8000  # of the simulation, for each trial
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ def _projected(problem: Problem, found: Fit, trials: Sequence[_Trial]) -> tuple[
     """Products of the trials' changes with each other and with the residuals, without what initial states and the
     numbers of the model can do."""
     mechanism, simulator = problem.mechanism, problem.simulator
-    windows = [w for w in range(len(problem.windows)) if problem.chosen[w]]
+    windows = _screened(problem)
     shared = derivatives(problem, found.model, found.theta, found.states, found.residual)
     normal, pull = np.eye(found.model.size) * RIDGE, np.zeros(found.model.size)
     bases = {}
@@ -195,6 +196,14 @@ def _projected(problem: Problem, found: Fit, trials: Sequence[_Trial]) -> tuple[
         gram -= cross @ solve @ cross.T
         slope -= cross @ solve @ pull
     return gram, slope
+
+
+def _screened(problem: Problem) -> list[int]:
+    """The fitted windows on which effects are ranked: all, or as many, evenly spread, as the budget of steps allows."""
+    fitted = [w for w in range(len(problem.windows)) if problem.chosen[w]]
+    times = [problem.log.clips[problem.windows[w].clip].time[problem.windows[w].rows] for w in fitted]
+    steps = sum(float(np.ptp(t)) for t in times) / problem.simulator.step
+    return fitted[:: max(1, round(steps / MOST_STEPS))]
 
 
 def _without(base: tuple[np.ndarray, np.ndarray], rows: np.ndarray) -> np.ndarray:
