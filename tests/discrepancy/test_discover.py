@@ -190,7 +190,7 @@ def test_a_doubtful_verdict_says_so_and_a_sure_one_does_not(
     for confidence in (0.5, 0.95):
         verdict = {"effects": effects, "equivalent": equivalent, "confidence": confidence}
         verdict |= {"form": "F/m = 0.1 v", "remainder": None, "named": []}
-        gap = {"before": 0.01, "after": 0.002, "noise_floor": 0.002}
+        gap = {"before": 0.01, "after": 0.002, "noise_floor": 0.002, "unit": "m"}
         said = sentence({"verdict": verdict, "gap": gap, "where": None, "faults": [], "clips": {"held_out": ["c"]}})
         assert said.startswith("Doubtful. ") == (confidence == 0.5)
         assert words.format(f"{confidence:.2f}") in said and f"(confidence {confidence:.2f})" in said
