@@ -276,7 +276,7 @@ def tracked_scene(followed: Followed, threads: int = 1) -> TrackedScene:
     if not motion.tracks or (motion.view.kind == "table" and motion.table is None):
         return TrackedScene(None, None)
     answer = find_planar_scene(motion, gravity, threads)
-    seen = fitted_frames(followed.times, renumbered_by_track(followed.masks, motion), motion.view.impacts)
+    seen = fitted_frames(followed.times, renumbered_by_track(followed.masks, motion))
     early = followed.first(seen) if seen else None
     if early is None or not early.motion.tracks:
         return TrackedScene(answer, None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,26 +53,19 @@ class Grade:
     reason: str
 
 
-def fitted_frames(times: np.ndarray, masks: np.ndarray, impacts: Sequence[float] = ()) -> int:
+def fitted_frames(times: np.ndarray, masks: np.ndarray) -> int:
     """How many frames are fitted before the rest is forecast; 0 where too few are left.
-
-    How much speed an impact leaves cannot be told before the first one. So where that comes late, the rest begins
-    halfway between the last one and the end.
 
     Args:
         times: (T,) s.
         masks: (T, H, W) ids. What is forecast has to be in view: frames after the last one with a body do not count.
-        impacts: Times, s, at which the motion of a body changes suddenly.
     """
     seen = np.flatnonzero(masks.any(axis=(1, 2)))
     if not len(seen):
         return 0
     last = int(seen[-1])
-    begin = times[0] + FITTED_SHARE * (times[last] - times[0])
-    inside = [t for t in impacts if times[0] < t < times[last]]
-    parts = [begin, (max(inside) + times[last]) / 2] if inside and min(inside) >= begin else [begin]
-    left = [first for first in np.searchsorted(times, parts) if last + 1 - first >= LEAST_FRAMES]
-    return int(max(left, default=0))
+    first = int(np.searchsorted(times, times[0] + FITTED_SHARE * (times[last] - times[0])))
+    return first if last + 1 - first >= LEAST_FRAMES else 0
 
 
 def forecast(scene: Scene, masks: np.ndarray, times: np.ndarray, seen: int) -> Forecast | None:

@@ -7,7 +7,6 @@ only slow down. Over a table, bodies that come nearer grow.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -72,12 +71,6 @@ class View:
     slope_deg: float
     roll_deg: float
     reason: str
-
-    @property
-    def impacts(self) -> tuple[float, ...]:
-        """Times, s, between two arcs of a body."""
-        pairs = [(a.arc, b.arc) for a, b in itertools.pairwise(self.arcs) if a.arc.body == b.arc.body]
-        return tuple((a.time + a.span / 2 + b.time - b.span / 2) / 2 for a, b in pairs)
 
 
 def down(roll_deg: float) -> np.ndarray:

@@ -164,13 +164,6 @@ def test_the_last_third_is_forecast_and_short_clips_are_not() -> None:
     assert fitted_frames(np.arange(5) / 30, shown[:5]) == 0
 
 
-def test_a_late_first_impact_is_fitted_and_what_follows_halfway_is_forecast() -> None:
-    shown = np.ones((30, 2, 2), np.uint8)
-    assert fitted_frames(TIMES, shown, [22 / 30]) == 26
-    assert fitted_frames(TIMES, shown, [0.2, 22 / 30]) == 21  # how bodies bounce was seen before
-    assert fitted_frames(TIMES, shown, [27.5 / 30]) == 21  # too little is left
-
-
 def test_what_is_forecast_is_in_view() -> None:
     left = np.ones((30, 2, 2), np.uint8)
     left[15:] = 0  # the body has left the picture
