@@ -238,9 +238,9 @@ def _notes(found: MechanismSelection) -> tuple[str, ...]:
     hidden = sorted({j.name for j in problem.mechanism.joints} - set(problem.log.joints))
     if hidden:
         out.append("not measured: " + ", ".join(hidden))
-    physics = [n for n in found.answer.effects if n.startswith("sensor_") or n == "clock_rate"]
-    if physics:
-        out.append(f"of the measurement, and not in augmented.xml: {', '.join(physics)}")
+    apart = [n for n in found.answer.effects if mechanism_effects()[n].of_measurement]
+    if apart:
+        out.append(f"of the measurement, and not in augmented.xml: {', '.join(apart)}")
     if found.untestable:
         out.append("not testable with this log: " + ", ".join(found.untestable))
     return tuple(out)

@@ -123,6 +123,11 @@ class MechanismEffect:
         """Number of components of all parameters."""
         return sum(p.length for p in self.parameters)
 
+    @property
+    def of_measurement(self) -> bool:
+        """Whether it is about the log, and not about the mechanism."""
+        return any(law is not None for law in (self.measured, self.sensor_lag, self.clock))
+
     def unit(self, parameter: Parameter, slide: bool) -> str:
         """Of a parameter, at a hinge or at a slide."""
         return SLIDE_UNITS.get(parameter.unit, parameter.unit) if slide else parameter.unit
