@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from pipeline.api.discover_log import MODEL, LogDiscoveryResult, discover_log
-from pipeline.api.result_folder import FolderResult, write_result
+from pipeline.api.discovery_folder import DiscoveryFolder, check_share, write_augmented
 from pipeline.discrepancy.discover import discover as find_missing_physics
 from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.report.forces_file import forces_file
-from pipeline.discrepancy.report.html_page import html_page, sentence
+from pipeline.discrepancy.report.html_page import html_page
 from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.discrepancy.report.residual_table import residual_table
 from pipeline.discrepancy.selection.testable import names_of
@@ -35,12 +32,9 @@ from pipeline.scene.text import save_scene
 from pipeline.tables.said import Said
 from pipeline.viewer.measured import save_measured
 
-REPORT = "report.json"
-_VERSIONS = ("dynamics-pipeline", "mujoco", "numpy")
-
 
 @dataclass(frozen=True)
-class DiscoveryResult(FolderResult):
+class DiscoveryResult(DiscoveryFolder):
     """What `discover` found.
 
     Attributes:
@@ -69,16 +63,6 @@ class DiscoveryResult(FolderResult):
         return report_dict(self.found)
 
     @property
-    def verdict(self) -> tuple[str, ...]:
-        """The effects that the scene lacks: none, their names, or "unknown"."""
-        return tuple(self.report["verdict"]["effects"])
-
-    @property
-    def sentence(self) -> str:
-        """The verdict in words."""
-        return sentence(self.report)
-
-    @property
     def scene(self) -> Scene:
         """The scene with what it lacked."""
         return self.found.scene
@@ -88,14 +72,19 @@ class DiscoveryResult(FolderResult):
         """Every sample, and what the models before and after make of it."""
         return residual_table(self.found)
 
-    def write(self, folder: Path, progress: Progress) -> None:
-        """Write report.html, report.json, augmented.yaml, augmented.xml, residuals.parquet, recording.rrd, times.json
-        and result.json, and augmented_forces.py where augmented.xml cannot say an effect.
-        """
-        with progress.step("report"):
-            self._write(folder)
+    @property
+    def asked(self) -> dict[str, Any]:
+        """What was asked, for result.json."""
+        return {
+            "measured": self.measured,
+            "scene": self.known,
+            "held_out": self.held_out,
+            "effects": self.effects,
+            "seed": self.seed,
+        }
 
-    def _write(self, folder: Path) -> None:
+    def write_pages(self, folder: Path) -> None:
+        """Write report.html, the augmented scene and the recording."""
         facts = {
             "measured": self.measured,
             "scene": self.known,
@@ -104,38 +93,17 @@ class DiscoveryResult(FolderResult):
             "noise": f"{1e3 * self.found.problem.sigma:.3g} mm",
             "seed": str(self.seed),
         }
-        residuals, said = self.residuals, self.sentence
         gap = self.report["gap"]
         if gap.get("sequence_iou_before") is not None:  # from videos
             facts["forecast of frames not fitted"] = (
                 f"sequence IoU {gap['sequence_iou_before']:.2f} without, {gap['sequence_iou_after']:.2f} with what was "
                 f"named; end-point error {gap['epe_px_before']:.2f} and {gap['epe_px_after']:.2f} px"
             )
-        page = html_page(self.found, self.report, residuals, facts)
-        pq.write_table(residuals, folder / "residuals.parquet", compression="zstd")
+        page = html_page(self.found, self.report, self.residuals, facts)
         (folder / "report.html").write_text(page, encoding="utf-8")
         save_scene(self.scene, folder / "augmented.yaml")
-        (folder / "augmented.xml").write_text(scene_xml(self.scene), encoding="utf-8")
-        forces = forces_file(self.scene)
-        if forces is not None:
-            (folder / "augmented_forces.py").write_text(forces, encoding="utf-8")
-        save_measured(residuals, Path(self.measured).stem, said, folder / "recording.rrd")
-        text = json.dumps(self.report, indent=1, ensure_ascii=False, allow_nan=False)
-        (folder / REPORT).write_text(text + "\n", encoding="utf-8")
-        write_result(
-            folder,
-            "discover",
-            {
-                "measured": self.measured,
-                "scene": self.known,
-                "held_out": self.held_out,
-                "effects": self.effects,
-                "seed": self.seed,
-                "verdict": self.report["verdict"],
-                "versions": {n: version(n) for n in _VERSIONS},
-            },
-            self.seconds,
-        )
+        write_augmented(folder, scene_xml(self.scene), forces_file(self.scene))
+        save_measured(self.residuals, Path(self.measured).stem, self.sentence, folder / "recording.rrd")
 
 
 def discover(
@@ -179,32 +147,49 @@ def discover(
         SceneError: For a scene that cannot be read.
         ParamsError: For another argument that is not valid.
     """
+    said = Said(columns, unit, length, fps, plane)
     if isinstance(scene, str | Path) and Path(scene).suffix == MODEL:
         if not isinstance(measured, str | Path):
             raise ParamsError(f"{scene}: a model needs the file of a log, a Parquet or CSV file")
+        if said != Said():
+            raise ParamsError(
+                f"{measured}: columns, unit, length, fps and plane are for a table of positions; the columns of a log "
+                "are named as in the model, in SI units"
+            )
         return discover_log(measured, scene, held_out=held_out, fit=fit, effects=effects, seed=seed, progress=progress)
     if fit:
         raise ParamsError("fit: it is for a model (.xml); the file of a scene lists its own under `fit:`")
+    return discover_motion(measured, scene, held_out=held_out, effects=effects, seed=seed, said=said, progress=progress)
+
+
+def discover_motion(
+    measured: str | Path | Sequence[Track],
+    scene: str | Path | KnownScene,
+    *,
+    held_out: float,
+    effects: str,
+    seed: int,
+    said: Said,
+    progress: Progress | None = None,
+) -> DiscoveryResult:
+    """`discover` for the scene of free bodies. said: what is known of a table that it does not say itself."""
     progress = progress or Progress()
-    if not 0 <= held_out < 1:
-        raise ParamsError(f"held_out is {held_out:g}; valid: a share of the clips, from 0 to less than 1")
+    check_share(held_out)
     names = names_of(effects)
     known = load_known_scene(Path(scene)) if isinstance(scene, str | Path) else scene
     if isinstance(measured, str | Path):
-        said = Said(columns, unit, length, fps, plane)
-        found_file = read_measured(Path(measured), known, said)
+        read = read_measured(Path(measured), known, said)
     else:
-        found_file = MeasuredFile(list(measured), known)
-    tracks, known = found_file.tracks, found_file.known
-    check_plausible(tracks, known)
+        read = MeasuredFile(list(measured), known)
+    check_plausible(read.tracks, read.known)
     with progress.step("discover"):
         rng = np.random.default_rng(seed)
-        found = find_missing_physics(tracks, known, held_out, names, rng, progress=progress.detail)
-    found = replace(found, notes=(*found_file.notes, *found.notes))
+        found = find_missing_physics(read.tracks, read.known, held_out, names, rng, progress=progress.detail)
+    found = replace(found, notes=(*read.notes, *found.notes))
     return DiscoveryResult(
         measured=str(measured) if isinstance(measured, str | Path) else "tracks",
         known=str(scene) if isinstance(scene, str | Path) else "scene",
-        clips=len({t.clip for t in tracks}),
+        clips=len({t.clip for t in read.tracks}),
         held_out=held_out,
         effects=effects,
         seed=seed,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
-from pipeline.api.discover import DiscoveryResult, discover
+from pipeline.api.discover import DiscoveryResult, discover_motion
 from pipeline.api.overlay import caption
 from pipeline.api.result_folder import FolderResult
 from pipeline.clips.replay import WIDTH
@@ -26,6 +26,7 @@ from pipeline.filmed.shown_effects import discover_shown
 from pipeline.filmed.unfitted import ForecastClip, Unfitted
 from pipeline.inference.progress import Progress
 from pipeline.scene.scene import SIZE_KEYS, Scene
+from pipeline.tables.said import Said
 from pipeline.vision.recordings.video import write_video
 
 VIEWS = {"table": "ground", "side": "upright"}
@@ -115,8 +116,9 @@ def discover_clips(
 
     def find(names: Sequence[str]) -> Discovery:
         listed = ",".join(names)
-        own = discover(motion.tracks, motion.known, held_out=held_out, effects=listed, seed=seed, progress=progress)
-        assert isinstance(own, DiscoveryResult)  # of a scene, not of a model
+        own = discover_motion(
+            motion.tracks, motion.known, held_out=held_out, effects=listed, seed=seed, said=Said(), progress=progress
+        )
         return own.found
 
     shown = discover_shown(motion, names_of(effects), find)

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from pipeline.api.result_folder import FolderResult, write_result
-from pipeline.discrepancy.report.html_page import sentence
-from pipeline.errors import ParamsError
+from pipeline.api.discovery_folder import DiscoveryFolder, check_share, write_augmented
 from pipeline.inference.progress import Progress
 from pipeline.mechanisms.augmented import augmented_document, augmented_forces
 from pipeline.mechanisms.discovery import MechanismDiscovery, discover_mechanism, names_of_mechanism_effects
@@ -26,12 +21,11 @@ from pipeline.mechanisms.mechanism import Mechanism, read_mechanism
 from pipeline.mechanisms.residual_table import residual_table
 from pipeline.viewer.logged import save_logged
 
-REPORT, MODEL = "report.json", ".xml"
-_VERSIONS = ("dynamics-pipeline", "mujoco", "numpy")
+MODEL = ".xml"
 
 
 @dataclass(frozen=True)
-class LogDiscoveryResult(FolderResult):
+class LogDiscoveryResult(DiscoveryFolder):
     """What `discover_log` found.
 
     Attributes:
@@ -59,16 +53,6 @@ class LogDiscoveryResult(FolderResult):
         """The content of report.json (docs/formats.md)."""
         return self.found.report()
 
-    @property
-    def verdict(self) -> tuple[str, ...]:
-        """The effects that the model lacks: none, their names, or "unknown"."""
-        return tuple(self.report["verdict"]["effects"])
-
-    @property
-    def sentence(self) -> str:
-        """The verdict in words."""
-        return sentence(self.report)
-
     @cached_property
     def model_xml(self) -> str:
         """The model with what it lacked, as MJCF."""
@@ -82,13 +66,20 @@ class LogDiscoveryResult(FolderResult):
         """Every measured number, and what the models before and after make of it."""
         return residual_table(self.found.selection.none, self.found.selection.answer)
 
-    def write(self, folder: Path, progress: Progress) -> None:
-        """Write report.html, report.json, augmented.xml, residuals.parquet, recording.rrd, times.json and result.json,
-        and augmented_forces.py where MJCF cannot say an effect."""
-        with progress.step("report"):
-            self._write(folder)
+    @property
+    def asked(self) -> dict[str, Any]:
+        """What was asked, for result.json."""
+        return {
+            "measured": self.log,
+            "model": str(self.mechanism.path),
+            "held_out": self.held_out,
+            "fit": list(self.fit),
+            "effects": self.effects,
+            "seed": self.seed,
+        }
 
-    def _write(self, folder: Path) -> None:
+    def write_pages(self, folder: Path) -> None:
+        """Write report.html, the augmented model and the recording."""
         facts = {
             "log": self.log,
             "model": str(self.mechanism.path),
@@ -98,30 +89,9 @@ class LogDiscoveryResult(FolderResult):
             "seed": str(self.seed),
         }
         page = mechanism_page(self.found, self.report, self.residuals, facts)
-        pq.write_table(self.residuals, folder / "residuals.parquet", compression="zstd")
         (folder / "report.html").write_text(page, encoding="utf-8")
-        (folder / "augmented.xml").write_text(self.model_xml, encoding="utf-8")
-        program = augmented_forces(self.found.selection.answer)
-        if program is not None:
-            (folder / "augmented_forces.py").write_text(program, encoding="utf-8")
+        write_augmented(folder, self.model_xml, augmented_forces(self.found.selection.answer))
         save_logged(self.residuals, Path(self.log).stem, self.sentence, folder / "recording.rrd")
-        text = json.dumps(self.report, indent=1, ensure_ascii=False, allow_nan=False)
-        (folder / REPORT).write_text(text + "\n", encoding="utf-8")
-        write_result(
-            folder,
-            "discover",
-            {
-                "measured": self.log,
-                "model": str(self.mechanism.path),
-                "held_out": self.held_out,
-                "fit": list(self.fit),
-                "effects": self.effects,
-                "seed": self.seed,
-                "verdict": self.report["verdict"],
-                "versions": {n: version(n) for n in _VERSIONS},
-            },
-            self.seconds,
-        )
 
 
 def discover_log(
@@ -154,8 +124,7 @@ def discover_log(
         ParamsError: For another argument that is not valid.
     """
     progress = progress or Progress()
-    if not 0 <= held_out < 1:
-        raise ParamsError(f"held_out is {held_out:g}; valid: a share of the clips, from 0 to less than 1")
+    check_share(held_out)
     names = names_of_mechanism_effects(effects)
     mechanism = read_mechanism(Path(model))
     measured = read_log(Path(log), mechanism)

@@ -74,6 +74,7 @@ def test_from_python_the_model_takes_the_place_of_the_scene(damped: Path) -> Non
         (["log.csv", "pendulum.xml", "--fit", "hing.damping"], "did you mean 'hinge'"),
         (["log.csv", "pendulum.xml", "--effects", "joint_dampin"], "did you mean 'joint_damping'"),
         (["log.csv", "pendulum.xml", "--held-out", "1"], "held_out"),
+        (["log.csv", "pendulum.xml", "--unit", "cm"], "are for a table of positions"),
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(
