@@ -14,7 +14,6 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -246,18 +245,15 @@ def main(argv: Sequence[str]) -> None:
         parser.error(f"--only: {a.only} is no damage; valid: {', '.join(d.__name__ for d in DAMAGES)}")
     scores: list[Score] = []
     with get_context("spawn").Pool(a.workers) as pool, tqdm(total=len(damages) * (a.worlds + a.effect_worlds)) as bar:
-        for damage in damages:
-            for wanted, names in ((a.worlds, (None,)), (a.effect_worlds, EFFECTS)):
-                seed = a.seed if names == (None,) else a.seed + 50
-                stream = partial(jobs, damage, names, seed)
-                got: list[Score] = []
-                some = stream()
-                while len(got) < wanted:
-                    batch = list(itertools.islice(some, wanted - len(got)))
-                    new = [s for s in pool.imap(score, batch) if s is not None]
-                    bar.update(len(new))
-                    got += new
-                scores += got
+        for damage, (wanted, names, seed) in itertools.product(
+            damages, ((a.worlds, (None,), a.seed), (a.effect_worlds, EFFECTS, a.seed + 50))
+        ):
+            waiting, got = jobs(damage, names, seed), 0
+            while got < wanted:
+                new = [s for s in pool.imap(score, itertools.islice(waiting, wanted - got)) if s is not None]
+                bar.update(len(new))
+                got += len(new)
+                scores += new
     command = (
         f"python -m benchmarks.discovery --faults --worlds {a.worlds} --effect-worlds {a.effect_worlds} --seed {a.seed}"
     )

@@ -162,7 +162,9 @@ def _projected(problem: Problem, found: Fit, trials: Sequence[_Trial]) -> tuple[
     numbers of the model can do."""
     mechanism, simulator = problem.mechanism, problem.simulator
     windows = _screened(problem)
-    shared = derivatives(problem, found.model, found.theta, found.states, found.residual)
+    screened, states = problem.cut(tuple(problem.windows[w] for w in windows)), found.states.of(windows)
+    slopes = derivatives(screened, found.model, found.theta, states, [found.residual[w] for w in windows])
+    shared = dict(zip(windows, slopes, strict=True))
     normal, pull = np.eye(found.model.size) * RIDGE, np.zeros(found.model.size)
     bases = {}
     for w in windows:

@@ -1,9 +1,9 @@
 """Breaks of a recording between two samples: frames that were dropped, a camera that was bumped, names that swapped.
 
-A body moves on smoothly where a recording breaks. So around each pair of neighbouring samples the same cubic in time,
-one of each body, is fitted under several hypotheses: as recorded; later samples came a few frames later than stated;
-later positions are shifted, all bodies' alike; two bodies have each other's names later. They compete by BIC with
-those of physics: one body's velocity jumps, or its motion is another one afterwards. No model of the motion is needed.
+A body moves on smoothly where a recording breaks. So around each pair of neighbouring samples a cubic in time is fitted
+to each body under several hypotheses: later samples came a few frames later than stated; later positions are shifted,
+all bodies' alike; two bodies have each other's names later. They compete by BIC with those of physics: the motion is
+smooth, or a body's velocity or force changes at some instant. No model of the motion is needed.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pipeline.discrepancy.tracks.outliers import find_outliers
 from pipeline.discrepancy.tracks.track import Track, frame_rate
 
 BREAKS_PER_SAMPLE = 1e-4  # prior: how often a recording breaks, by each kind
+PRICE = -2 * np.log(BREAKS_PER_SAMPLE)  # of a break, in units of chi squared
 SHIFT_SIGMA = 0.1  # m, prior: by how much a bumped camera shifts positions
 SIDES = (10, 6)  # samples on each side of a break; fewer where an impact is near
 LEAST_SIDE = 4  # a cubic bends to fewer
@@ -100,15 +101,14 @@ def _measured(track: Track) -> tuple[np.ndarray, np.ndarray]:
     return track.time[there], track.position[there]
 
 
-def _clean(time: np.ndarray, position: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """The samples that are no outliers."""
+def _without_outliers(time: np.ndarray, position: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
     kept = ~find_outliers(time, position, sigma)
     return time[kept], position[kept]
 
 
 def _breaks(tracks: tuple[Track, ...], sigma: float) -> Iterator[_Break]:
     """The breaks of a clip that win against all that is not a fault."""
-    measured = [_clean(*_measured(t), sigma) for t in tracks]
+    measured = [_without_outliers(*_measured(t), sigma) for t in tracks]
     times = np.unique(np.concatenate([t for t, _ in measured]))
     rate = frame_rate(tracks)
     middles = [m for m in (times[1:] + times[:-1]) / 2 if any(_leaps(*body, m, sigma) for body in measured)]
@@ -173,8 +173,7 @@ class _Around:
 
     def _chi2(self, time: np.ndarray, position: np.ndarray, degree: int = 3) -> np.ndarray:
         """(...) chi squared of polynomials in times (..., n)."""
-        scaled = time / np.abs(time).max()
-        return _rss(scaled[..., None] ** np.arange(degree + 1), position) / self.sigma**2
+        return _rss(_powers(time, degree), position) / self.sigma**2
 
     def fits(self, chi2: float, numbers: int, sigmas: float = FIT_SIGMAS) -> bool:
         """Whether cubics with so many numbers more leave noise only."""
@@ -198,10 +197,9 @@ class _Around:
         """
         total = 0.0
         for _, t, x, _ in self.bodies:
-            scaled = t / np.abs(t).max()
-            times = np.concatenate([np.linspace(*pair, HINGES, endpoint=False) for pair in itertools.pairwise(scaled)])
-            since = np.maximum(scaled - times[1:, None], 0)[..., None]
-            parabola = np.broadcast_to(scaled[:, None] ** np.arange(3), (len(since), len(t), 3))
+            hinges = np.concatenate([np.linspace(*pair, HINGES, endpoint=False) for pair in itertools.pairwise(t)])
+            since = np.maximum(t - hinges[1:, None], 0)[..., None] / np.abs(t).max()
+            parabola = np.broadcast_to(_powers(t, 2), (len(since), len(t), 3))
             found = [self._bic(float(self._chi2(t, x, d)), 3 * (d - 3)) for d in DEGREES]
             for powers, numbers in (((1,), 1), ((1, 2), 4)):  # numbers: as many more as a cubic has
                 rss = _rss(np.concatenate([parabola, since ** np.array(powers)], 2), x)
@@ -216,8 +214,6 @@ class _Around:
             rate: Frames per second, where they are regular.
             pairs: Whether frames may be missing in two places.
         """
-        price = -2 * np.log(BREAKS_PER_SAMPLE)
-
         for dropped in self._dropped(pairs) if rate else ():
             at, frames = dropped[..., 0], dropped[..., 1]  # (H, places)
             chi2 = np.zeros(len(dropped))
@@ -226,22 +222,31 @@ class _Around:
                 chi2 += self._chi2(t + late, x)
             best = int(chi2.argmin())
             places = tuple((self.middle + a, int(n)) for a, n in dropped[best])
-            bic = self._bic(float(chi2[best]), len(places)) + price * len(places)
+            bic = self._bic(float(chi2[best]), len(places)) + PRICE * len(places)
             yield _Hypothesis(float(chi2[best]), len(places), bic, dropped=places)
-        cubic = [np.vander(t / np.abs(t).max(), 4) for _, t, _, _ in self.bodies]
-        left = [_residual(design, x) for design, (_, _, x, _) in zip(cubic, self.bodies, strict=True)]
-        step = [_residual(design, after[:, None] * 1.0) for design, (*_, after) in zip(cubic, self.bodies, strict=True)]
-        along = sum((s.T @ r)[0] for s, r in zip(step, left, strict=True))
-        size = sum(float((s**2).sum()) for s in step)
-        left_over = self.smooth - float(along @ along) / size / self.sigma**2
+        yield self._shifted()
+        yield from self._swapped()
+
+    def _shifted(self) -> _Hypothesis:
+        """All later positions are off by the same."""
+        along, size = np.zeros(3), 0.0
+        for _, t, x, after in self.bodies:
+            cubic = _powers(t, 3)
+            step = _rest(cubic, after[:, None] * 1.0)
+            along += (step.T @ _rest(cubic, x))[0]
+            size += float((step**2).sum())
+        chi2 = self.smooth - float(along @ along) / size / self.sigma**2
         occam = 6 * np.log(max(SHIFT_SIGMA * np.sqrt(size) / self.sigma, 1.0))
-        yield _Hypothesis(left_over, 3, left_over + occam + price, shift=along / size)
+        return _Hypothesis(chi2, 3, chi2 + occam + PRICE, shift=along / size)
+
+    def _swapped(self) -> Iterator[_Hypothesis]:
+        """Two bodies have each other's names later."""
         for (i, t, x, after), (j, u, y, later) in itertools.combinations(self.bodies, 2):
             if len(t) == len(u) and (after == later).all() and np.allclose(t, u):
                 crossed = [np.where(after[:, None], b, a) for a, b in ((x, y), (y, x))]
                 others = self.smooth - self._chi2(t, x) - self._chi2(u, y)
-                left_over = float(others + sum(self._chi2(t, z) for z in crossed))
-                yield _Hypothesis(left_over, 0, left_over + price, swapped=(i, j))
+                chi2 = float(others + sum(self._chi2(t, z) for z in crossed))
+                yield _Hypothesis(chi2, 0, chi2 + PRICE, swapped=(i, j))
 
     def _dropped(self, pairs: bool) -> Iterator[np.ndarray]:
         """Where frames may be missing, (H, places, 2) times since the instant and numbers of frames: at the instant;
@@ -254,18 +259,23 @@ class _Around:
             yield np.array([[(0.0, n), (t, m)] for t, n, m in itertools.product(later, few, few)])
 
 
-def _rss(designs: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(...) residual sums of squares of linear fits with designs (..., n, k) to positions (n, 3)."""
+def _powers(time: np.ndarray, degree: int) -> np.ndarray:
+    """(..., n, degree + 1) powers of times (..., n), scaled to 1."""
+    return (time / np.abs(time).max())[..., None] ** np.arange(degree + 1)
+
+
+def _rest(designs: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """What linear fits with designs (..., n, k), of which one column is constant, leave of values (n, c)."""
     x = x - x.mean(0)
     across = designs.swapaxes(-1, -2)
     normal = across @ designs
     normal = normal + RIDGE * np.trace(normal, axis1=-1, axis2=-2)[..., None, None] * np.eye(normal.shape[-1])
-    rest = x - designs @ np.linalg.solve(normal, across @ x)
-    return (rest**2).sum((-1, -2))
+    return np.asarray(x - designs @ np.linalg.solve(normal, across @ x))
 
 
-def _residual(design: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return x - design @ np.linalg.lstsq(design, x, rcond=None)[0]
+def _rss(designs: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(...) sums of squares of what linear fits leave."""
+    return np.asarray((_rest(designs, x) ** 2).sum((-1, -2)))
 
 
 def _without(

@@ -68,8 +68,7 @@ def _cut_all(tracks: Sequence[Track], measured: Sequence[np.ndarray], known: Kno
         outliers |= {(track.clip, names.index(track.object), int(r)) for r in rows[bad]}
         rows_of.append(_well_inside(track.time, rows[~bad], reach))
         if len(rows_of[-1]):
-            clean = replace(track, time=track.time[rows_of[-1]], position=track.position[rows_of[-1]])
-            moving[track.clip, track.object] = clean
+            moving[track.clip, track.object] = track.samples(rows_of[-1])
     arcs: list[Arc] = []
     impacts: list[Impact] = []
     for track, rows in zip(tracks, rows_of, strict=True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import lru_cache
 
 import numpy as np
 
@@ -57,10 +58,15 @@ def _is_smooth(time: np.ndarray, position: np.ndarray, sigma: float) -> bool:
 
 def _parabola_weights(t: np.ndarray) -> np.ndarray:
     """(triples, n) weights of n samples at times t (n,): the parabola through each triple, evaluated at time 0."""
-    rows = []
-    for triple in itertools.combinations(range(len(t)), 3):
-        row = np.zeros(len(t))
-        for i in triple:
-            row[i] = np.prod([t[j] / (t[j] - t[i]) for j in triple if j != i])
-        rows.append(row)
-    return np.array(rows)
+    triples = _triples(len(t))
+    rows, at = np.arange(len(triples)), t[triples]
+    out = np.zeros((len(triples), len(t)))
+    for i, j, k in ((0, 1, 2), (1, 0, 2), (2, 0, 1)):
+        out[rows, triples[:, i]] = at[:, j] / (at[:, j] - at[:, i]) * (at[:, k] / (at[:, k] - at[:, i]))
+    return out
+
+
+@lru_cache(maxsize=2 * SIDE)
+def _triples(count: int) -> np.ndarray:
+    """(triples, 3) indices of all triples of so many samples."""
+    return np.array(list(itertools.combinations(range(count), 3)))
