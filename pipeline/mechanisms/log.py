@@ -119,7 +119,7 @@ def read_log(path: Path, mechanism: Mechanism) -> Log:
 
 
 def _channels(path: Path, columns: Sequence[str], mechanism: Mechanism) -> tuple[Channel, ...]:
-    """What each column measures. Raises MeasurementError for a column that is nothing of the model."""
+    """What each column measures. Raises MeasurementError for a column that names nothing in the model."""
     model = mechanism.model
     joints = {j.name: j for j in mechanism.joints}
     sensors = {model.sensor(k).name: k for k in range(model.nsensor)}
@@ -148,7 +148,7 @@ def _channels(path: Path, columns: Sequence[str], mechanism: Mechanism) -> tuple
         if found is None:
             near = did_you_mean(column, valid)
             raise MeasurementError(
-                f"{path}: column {column!r}{near} is nothing of {mechanism.path}; valid: {', '.join(valid)}, "
+                f"{path}: column {column!r}{near} names nothing in {mechanism.path}; valid: {', '.join(valid)}, "
                 "and _x, _y, _z of its sites and bodies"
             )
         out.append(found)

@@ -27,8 +27,8 @@ LEAST_SIDE = 4  # a cubic bends to fewer
 MOST_FRAMES, MOST_NEARBY = 10, 3  # that are dropped at once, in one place and in each of two
 FIT_SIGMAS = 4.0  # by which chi squared of a hypothesis that fits may exceed its mean
 SAME_NOISE = 0.95  # ratio of the noise without breaks to that with them, above which it is the same
-LEAP_SIGMAS = 4.0  # by which the step at a break differs from its neighbours, of which the evidence needs twice as much
-SCREEN_SIGMAS = 3.0  # by which that of the recording as it is has to, for anything else to be tried
+LEAP_SIGMAS = 4.0  # least difference of the step at a break from its neighbours; the evidence needs about twice that
+SCREEN_SIGMAS = 3.0  # by which that of the recording as it is must exceed its mean, before faults are tried
 RIDGE = 1e-12  # relative, of normal equations that may be singular
 HINGES = 5  # instants in each interval at which a velocity may change
 DEGREES = (3, 4, 5, 6)  # of the polynomials that a smooth motion may need
@@ -302,7 +302,7 @@ def _without(
     for a, b in ((i, j), (j, i)):
         mended[a] = _continued(tracks[a], tracks[b], middle)
     names = f"{tracks[i].object}, {tracks[j].object}"
-    return (Fault("swapped_names", 1, "samples", clip, names, middle),), tuple(mended)
+    return (Fault("swapped_names", 1, "-", clip, names, middle),), tuple(mended)
 
 
 def _continued(track: Track, other: Track, middle: float) -> Track:
