@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
-
 import mujoco
 
+from pipeline.discrepancy.report.copied_code import CopiedCode, array_text
 from pipeline.mechanisms.candidate import Candidate
 from pipeline.mechanisms.mechanism import Mechanism
 
@@ -19,14 +18,10 @@ PROGRAM = '''"""Friction that MJCF cannot say: plain MuJoCo with augmented.xml b
 Run by itself it simulates one second from the initial state.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco
 import numpy as np
-
-Values = dict[str, np.ndarray]
 
 {functions}
 
@@ -84,15 +79,14 @@ def augmented_forces(answer: Candidate) -> str | None:
     """The program for the effects that MJCF cannot say; None where there are none."""
     model = answer.fit.model
     spec = model.document(answer.problem.mechanism.spec, answer.fit.theta)
-    functions, laws = {}, []
+    code, laws = CopiedCode(), []
     for a, values in zip(model.acting, model.values(answer.fit.theta), strict=True):
         if a.kind.friction is None:
             continue
-        source = inspect.getsource(a.kind.friction).replace("def friction(", f"def {a.kind.name}(")
-        functions[a.kind.name] = f"\n{source}"
-        numbers = ", ".join(f'"{k}": np.array({[float(x) for x in v]})' for k, v in values.items())
+        law = code.copy(a.kind.friction, a.kind.name)
+        numbers = ", ".join(f"{k!r}: {array_text(v)}" for k, v in values.items())
         stated = float(spec.joint(a.place.name).frictionloss)
-        laws.append(f"    ({a.place.name!r}, {stated!r}, {a.kind.name}, {{{numbers}}}),")
+        laws.append(f"    ({a.place.name!r}, {stated!r}, {law}, {{{numbers}}}),")
     if not laws:
         return None
-    return PROGRAM.replace("{functions}", "\n".join(functions.values())).replace("{laws}", "\n".join(laws))
+    return PROGRAM.replace("{functions}", code.text).replace("{laws}", "\n".join(laws))

@@ -1,22 +1,18 @@
 """`augmented_forces.py`: the effects that MJCF cannot say, as a program that imports mujoco and numpy alone.
 
-The laws in it are the functions of `scene/effects/kinds`, copied from their source without docstrings and annotations,
-with the constants and functions that they use; `forces.py.jinja` has the rest. A test compares its motion with that of
-`pipeline.physics.simulate`.
+The laws in it are the functions of `scene/effects/kinds`, copied from their source; `forces.py.jinja` has the rest. A
+test compares its motion with that of `pipeline.physics.simulate`.
 """
 
 from __future__ import annotations
 
-import ast
-import inspect
-import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
 
+from pipeline.discrepancy.report.copied_code import CopiedCode, array_text
 from pipeline.physics.effect_forces import CHATTER_STEPS
 from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.kind import EffectKind
@@ -38,7 +34,7 @@ def forces_file(scene: Scene) -> str | None:
     recording = [i for i, kind in enumerate(kinds) if kind.recording is not None]
     if not scene.objects or not (outside or recording):
         return None
-    code, entries = _CopiedCode(), []
+    code, entries = CopiedCode(), []
     for i, (effect, kind) in enumerate(zip(scene.effects, kinds, strict=True)):
         laws = {law: code.copy(function, f"{kind.name}_{law}") for law, function in _laws(kind, i in outside).items()}
         if laws:
@@ -55,10 +51,10 @@ def forces_file(scene: Scene) -> str | None:
     text = jinja2.Template(TEMPLATE.read_text(encoding="utf-8"), undefined=jinja2.StrictUndefined).render(
         names=", ".join(dict.fromkeys(scene.effects[i].name for i in sorted((*outside, *recording)))),
         bodies=repr([o.name for o in scene.objects]),
-        mass=_array([o.mass for o in scene.objects]),
-        radius=_array([0.0 if o.shape == "mesh" else half_extents(o)[2] for o in scene.objects]),
-        friction=_array([o.sliding_friction for o in scene.objects]),
-        gravity=_array(scene.gravity),
+        mass=array_text([o.mass for o in scene.objects]),
+        radius=array_text([0.0 if o.shape == "mesh" else half_extents(o)[2] for o in scene.objects]),
+        friction=array_text([o.sliding_friction for o in scene.objects]),
+        gravity=array_text(scene.gravity),
         laws=code.text,
         entries=entries,
         properties=properties,
@@ -93,10 +89,10 @@ def _entry(scene: Scene, effect: Effect, laws: dict[str, str]) -> str:
     if effect.only is not None:
         limits = ", ".join(f"{name!r}: {limit!r}" for name, limit in effect.only.limits.items())
         only, clips = f"{{{limits}}}".replace("inf", "np.inf"), effect.only.clips
-    return f"({{{names}}}, {_values(effect)}, {_array(acts)}, {only}, {clips!r})"
+    return f"({{{names}}}, {_values(effect)}, {array_text(acts)}, {only}, {clips!r})"
 
 
-def _recording(scene: Scene, effects: Sequence[tuple[int, EffectKind]], code: _CopiedCode) -> str:
+def _recording(scene: Scene, effects: Sequence[tuple[int, EffectKind]], code: CopiedCode) -> str:
     """A function that shows true times and positions as a recording does."""
     lines = ["def recording(times, positions):"]
     for i, kind in effects:
@@ -107,50 +103,4 @@ def _recording(scene: Scene, effects: Sequence[tuple[int, EffectKind]], code: _C
 
 
 def _values(effect: Effect) -> str:
-    return f"{{{', '.join(f'{name!r}: {_array(value)}' for name, value in effect.parameters)}}}"
-
-
-def _array(value: Any) -> str:
-    return f"np.array({np.asarray(value).tolist()!r})"
-
-
-class _CopiedCode:
-    """Functions copied from their modules, with the constants and functions of these modules that they use."""
-
-    def __init__(self) -> None:
-        self._parts: dict[str, str] = {}
-
-    @property
-    def text(self) -> str:
-        """The code; what is used stands before what uses it."""
-        return "\n".join(self._parts.values())
-
-    def copy(self, function: Callable[..., Any], name: str) -> str:
-        """Add a function by another name, which is returned."""
-        node = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
-        assert isinstance(node, ast.FunctionDef), f"{name}: a law is a function with a name"
-        node.name, node.returns, node.decorator_list = name, None, []
-        for argument in node.args.args:
-            argument.annotation = None
-        if ast.get_docstring(node) is not None:
-            del node.body[0]
-        names = function.__globals__
-        for used in [n for n in ast.walk(node) if isinstance(n, ast.Name) and n.id in names and n.id != "np"]:
-            value = names[used.id]
-            if callable(value):
-                self.copy(value, used.id)
-            else:
-                used.id = self._constant(used.id, _array(value) if isinstance(value, np.ndarray) else repr(value))
-        self.add(ast.unparse(node), name)
-        return name
-
-    def add(self, text: str, name: str = "") -> None:
-        """Add code; with a name, once."""
-        self._parts.setdefault(name or text, text)
-
-    def _constant(self, name: str, value: str) -> str:
-        """The name by which a constant stands in the code: of two by one name the second gets another."""
-        while self._parts.get(name, f"{name} = {value}") != f"{name} = {value}":
-            name += "_"
-        self.add(f"{name} = {value}", name)
-        return name
+    return f"{{{', '.join(f'{name!r}: {array_text(value)}' for name, value in effect.parameters)}}}"
