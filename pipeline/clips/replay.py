@@ -84,7 +84,7 @@ class Replay:
     def events(self) -> tuple[Event, ...]:
         """What happens, with the default thresholds. Needs the trace."""
         assert self.trace is not None, "contacts are in the trace"
-        areas = event_areas(self.scene, self.trace, self.schedule, self.width // 2, self.height // 2)
+        areas = event_areas(self.scene, self.trace, self.schedule, self.width / self.height)
         steps = self.schedule.frame_steps
         return tuple(find_events(self.trace, self.scene.shapes, areas, steps, DEFAULT_THRESHOLDS))
 

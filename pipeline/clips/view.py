@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,10 +67,18 @@ def _count(masks: np.ndarray, counts: np.ndarray) -> None:
 
 
 def event_areas(
-    scene: Scene, trace: Trace, schedule: Schedule, width: int = EVENT_SIZE[0], height: int = EVENT_SIZE[1]
+    scene: Scene, trace: Trace, schedule: Schedule, aspect: float = EVENT_SIZE[0] / EVENT_SIZE[1]
 ) -> np.ndarray:
-    """(F, N) area of each object in every frame, px of 480x320, by masks of width x height (`find_events`)."""
-    return areas_px(frame_masks(scene, trace, schedule, width, height), len(scene.objects))
+    """(F, N) area of each object in every frame, px of 480x320, by masks of one size (`find_events`).
+
+    Args:
+        scene: With a camera.
+        trace: Its motion.
+        schedule: Which steps are frames.
+        aspect: Width over height of the film. The masks have as many pixels as EVENT_SIZE.
+    """
+    height = math.sqrt(EVENT_SIZE[0] * EVENT_SIZE[1] / aspect)
+    return areas_px(frame_masks(scene, trace, schedule, round(aspect * height), round(height)), len(scene.objects))
 
 
 def pair_view(scene: Scene, position: np.ndarray, quaternion: np.ndarray, width: int, height: int) -> View:
