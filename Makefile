@@ -16,10 +16,9 @@ install: .venv/installed
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test]"
 	@touch $@
 
-# data/samples and data/measured are in git; after `rm -rf data` they are restored from there.
+# data/samples, data/measured and data/films are in git; after `rm -rf data` they are restored from there.
 repro: install
-	@test -d data/samples || git checkout -q -- data/samples
-	@test -d data/measured || git checkout -q -- data/measured
+	@for folder in samples measured films; do test -d data/$$folder || git checkout -q -- data/$$folder || exit 1; done
 	@python -m stages.graph.lock_copy
 	dvc repro
 	@echo "the report: $(CURDIR)/reports/index.html"
@@ -64,6 +63,6 @@ discovery-benchmark-smoke: install-benchmark
 real-motion: install-benchmark
 	python -m benchmarks.real_motion
 
-# Removes what `make repro` makes: all data but data/samples and data/measured, the report's page, and the store.
+# Removes what `make repro` makes: all data that is not in git, the report's page, and the store.
 clean:
-	rm -rf data/[!ms]* data/m[!e]* data/s[!a]* reports/index.html .shards
+	rm -rf data/[!fms]* data/f[!i]* data/fi[!l]* data/m[!e]* data/s[!a]* data/sample reports/index.html .shards

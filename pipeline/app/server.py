@@ -39,7 +39,7 @@ from pipeline.vision.rendering.appearance import PALETTE, object_colour
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-SAMPLES = ROOT / "data" / "samples"
+SAMPLES = (ROOT / "data" / "films", ROOT / "data" / "samples")
 EXAMPLE = ROOT / "data" / "measured" / "thrown_ball"
 COOKIE = "dynamics_visitor"
 OUR_HEADER = "X-Dynamics"
@@ -204,7 +204,7 @@ class Handler(BaseHTTPRequestHandler):
                 name = str(body.get("name"))
                 if name not in samples():
                     raise ParamsError(f"{name!r} is no sample; valid: {', '.join(samples())}")
-                visitor.take_clip(SAMPLES / name, {})
+                visitor.take_clip(samples()[name], {})
             case "/api/bodies":
                 points = [(_number(x, "x"), _number(y, "y")) for x, y in _pairs(body.get("points", []))]
                 visitor.change_bodies(str(body.get("action")), int(_number(body.get("frame", 0), "frame")), points)
@@ -347,21 +347,22 @@ class Handler(BaseHTTPRequestHandler):
 def _state(visitor: Visitor) -> dict[str, Any]:
     """What the page shows, with what is the same for all visitors."""
     return visitor.state() | {
-        "samples": samples(),
+        "samples": list(samples()),
         "palette": [object_colour(i) for i in range(len(PALETTE))],
         "limits": {name: kind.most_bytes for name, kind in KINDS.items()},
     }
 
 
-def samples() -> list[str]:
-    """The names of the clips that ship."""
-    return sorted(p.name for p in SAMPLES.iterdir() if p.is_dir()) if SAMPLES.is_dir() else []
+def samples() -> dict[str, Path]:
+    """The clips that ship, by name: real films, which are files, then rendered ones, folders with their masks."""
+    places = [p for folder in SAMPLES if folder.is_dir() for p in sorted(folder.iterdir())]
+    return {p.stem: p for p in places if p.is_dir() or p.suffix == ".mp4"}
 
 
 @functools.cache
 def _thumbnail(sample: str) -> bytes:
     """A JPEG of a sample's middle."""
-    frames = read_clip(video_of(SAMPLES / sample), 0.3, 0.4, size=THUMBNAIL).frames
+    frames = read_clip(video_of(samples()[sample]), 0.3, 0.4, size=THUMBNAIL).frames
     return cv2.imencode(".jpg", np.ascontiguousarray(frames[len(frames) // 2][..., ::-1]))[1].tobytes()
 
 

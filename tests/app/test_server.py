@@ -44,7 +44,8 @@ def test_the_page_and_its_parts_come_from_this_server_alone(server: AppServer) -
     assert "sandbox" in REPORT_POLICY
     assert guest.send("GET", "/../pyproject.toml")[0] == 404
     assert guest.send("GET", "/files/samples/..%2f..%2fx.jpg")[0] == 404
-    assert guest.send("GET", "/files/samples/cross_engine_17.jpg")[2][:2] == b"\xff\xd8"
+    for sample in guest.get("/api/state")["samples"]:
+        assert guest.send("GET", f"/files/samples/{sample}.jpg")[2][:2] == b"\xff\xd8"
 
 
 def test_requests_of_other_pages_and_other_names_are_refused(server: AppServer) -> None:
@@ -60,7 +61,7 @@ def test_requests_of_other_pages_and_other_names_are_refused(server: AppServer) 
 @pytest.mark.parametrize(
     ("path", "body", "message"),
     [
-        ("/api/sample", {"name": "../../x"}, "is no sample; valid: cross_engine_01"),
+        ("/api/sample", {"name": "../../x"}, "is no sample; valid: tennisball_toss_wall, cross_engine_01"),
         ("/api/bodies", {"action": "drop", "frame": 0, "points": [[1, 2]]}, "there is no clip yet"),
         ("/api/bodies", {"points": "here"}, "a list of places"),
         ("/api/infer", {"search": "usual", "gravity": 9.81}, "there is no clip yet"),
