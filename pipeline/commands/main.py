@@ -30,7 +30,8 @@ three examples:
 where to go on:
   dynamics infer --help       each subcommand explains itself
   out/overlay.png, out/result.json    the picture to look at first, and what was assumed and measured
-  README.md                   the scene language, the experiment as a graph (make repro), training
+  README.md                   a first film, a first discovery, the experiment as a graph (make repro)
+  docs/formats.md             the scene language, and every file that is written
 """
 #: The subcommands: a module each, with SUMMARY (one line for `dynamics --help`), DESCRIPTION (what it does, with
 #: examples), add_arguments(parser) and run(arguments). It imports nothing heavy before `run`.
