@@ -65,4 +65,5 @@ real-motion: install-benchmark
 
 # Removes what `make repro` makes: all data that is not in git, the report's page, and the store.
 clean:
-	rm -rf data/[!fms]* data/f[!i]* data/fi[!l]* data/m[!e]* data/s[!a]* data/sample reports/index.html .shards
+	git clean -fdXq data
+	rm -rf reports/index.html .shards
