@@ -61,7 +61,7 @@ def fit_planar(
         tracks: Times from 0, s.
         plane: In which bodies move.
         parameters: Of `planar_parameters`.
-        impacts: Times, s, at which velocities jump: the fit goes beyond one when it follows the tracks up to it.
+        impacts: Times, s, at which velocities jump: a fit goes beyond one when it follows the tracks up to it.
         threads: For simulations.
     """
     size = max(len(parameters), len(DAMPINGS), POPULATION)
@@ -83,7 +83,7 @@ def fit_planar(
     steps, prior = np.array([p.step for p in parameters]), np.array([p.prior for p in parameters])
     end = max(float(t.times[-1]) for t in tracks)
     parts = [residuals(until) for until in first_ends(impacts, end)]
-    found = robust_descent(residuals(end), steps, prior, parts=parts, rough=len(tracks) > 1)
+    found = robust_descent(residuals(end), steps, prior, parts=parts, rough=len(tracks) > 1 or bool(impacts))
     best = changed(scene, parameters, found.x)
     off = centre_errors(simulator, [best], dict(enumerate(tracks)), plane)
     whole = [np.linalg.norm(off[i][0][t.whole, :2], axis=1) for i, t in enumerate(tracks)]

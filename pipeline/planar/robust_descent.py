@@ -2,21 +2,27 @@
 
 scipy's `least_squares` scales robust residuals by their second derivative (Triggs et al., "Bundle adjustment - a modern
 synthesis", 2000), which fails where most residuals are far beyond their errors, as at the start of a fit here. It also
-asks for one simulation at a time. Where bodies hit each other, a change that moves a contact by one step of the
-simulation makes the cost jump. There CMA-ES goes on (Hansen, "The CMA evolution strategy: a tutorial", 2016).
+asks for one simulation at a time. Where bodies hit something, a change that moves a contact by one step of the
+simulation makes the cost jump, and the descent ends in one of many minima. There CMA-ES goes on (Hansen, "The CMA
+evolution strategy: a tutorial", 2016), from the better of two starts and with the covariance of the descent, which
+then ends the fit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 ROUNDS = 25
 DAMPINGS = np.array([1e-3, 1e-2, 0.1, 1.0, 10.0])  # tried at once in each step
 LEAST_GAIN = 1e-4  # share of the cost: a smaller gain ends the descent
-POPULATION, GENERATIONS, SPREAD = 20, 30, 0.3  # of CMA-ES; the spread in steps
+POPULATION, GENERATIONS, SPREAD = (
+    20,
+    30,
+    0.3,
+)  # of CMA-ES; the spread in standard errors, for the residuals that are left
 FURTHEST = 3.0  # prior standard deviations: no parameter goes beyond
 SOFTNESS = (10.0, 1.0)  # residual from which it counts less, in one descent after another
 Residuals = Callable[[np.ndarray], np.ndarray]
@@ -29,15 +35,20 @@ class Descent:
 
     Attributes:
         x: (P,).
-        sigma: (P,) standard errors.
+        covariance: (P, P) of x.
         cost: Half the sum of the robust squares.
         evaluations: Of the residuals.
     """
 
     x: np.ndarray
-    sigma: np.ndarray
+    covariance: np.ndarray
     cost: float
     evaluations: int
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(P,) standard errors."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 def robust_descent(
@@ -54,28 +65,33 @@ def robust_descent(
         residuals: (B, R) of x (B, P), in units of their standard errors.
         steps: (P,) of finite differences.
         prior: (P,) standard deviations of x about 0.
-        parts: The residuals that count in first descents, one after another, before all do.
-        rough: Go on by CMA-ES.
+        parts: The residuals that count in the first descents of a second start, one after another, before all do.
+        rough: The cost jumps: go on by CMA-ES.
     """
-    x = np.zeros(len(steps))
-    count = 0
-    for part in parts:
-        found = _descend(part, x, steps, prior)
-        x, count = found.x, count + found.evaluations
-    found = _descend(residuals, x, steps, prior)
-    x, cost, count = found.x, found.cost, count + found.evaluations
+    found = _descend(residuals, np.zeros(len(steps)), steps, prior, SOFTNESS)
+    count = found.evaluations
+    if parts:
+        x = np.zeros(len(steps))
+        for part in parts:
+            first = _descend(part, x, steps, prior, SOFTNESS[:1])
+            x, count = first.x, count + first.evaluations
+        other = _descend(residuals, x, steps, prior, SOFTNESS)
+        found, count = min(found, other, key=lambda d: d.cost), count + other.evaluations
     if rough:
-        x, cost, more = _evolve(lambda rows: _costs(residuals(rows), rows, prior, SOFTNESS[-1]), x, cost, steps)
-        count += more
-    return Descent(x, found.sigma, cost, count)
+        x, more = _evolve(lambda rows: _costs(residuals(rows), rows, prior, SOFTNESS[-1]), found)
+        ended = _descend(residuals, x, steps, prior, SOFTNESS[-1:])
+        found, count = min(found, ended, key=lambda d: d.cost), count + more + ended.evaluations
+    return replace(found, evaluations=count)
 
 
-def _descend(residuals: Residuals, x: np.ndarray, steps: np.ndarray, prior: np.ndarray) -> Descent:
-    """Levenberg-Marquardt from x (P,), first with the larger softness."""
+def _descend(
+    residuals: Residuals, x: np.ndarray, steps: np.ndarray, prior: np.ndarray, softness: Sequence[float]
+) -> Descent:
+    """Levenberg-Marquardt from x (P,) with one softness after another."""
     r = residuals(x[None])[0]
     count, cost = 1, 0.0
     curvature = np.diag(prior**-2)
-    for soft in SOFTNESS:
+    for soft in softness:
         cost = float(_costs(r[None], x[None], prior, soft)[0])
         for _ in range(ROUNDS):
             jacobian = ((residuals(x + np.diag(steps)) - r) / steps[:, None]).T
@@ -94,23 +110,22 @@ def _descend(residuals: Residuals, x: np.ndarray, steps: np.ndarray, prior: np.n
                 x, r, cost = trials[best], tried[best], float(costs[best])
             if gain < LEAST_GAIN * cost:
                 break
-    return Descent(x, np.sqrt(np.diag(np.linalg.inv(curvature))), cost, count)
+    return Descent(x, np.linalg.inv(curvature), cost, count)
 
 
-def _evolve(
-    costs: Callable[[np.ndarray], np.ndarray], x: np.ndarray, cost: float, steps: np.ndarray
-) -> tuple[np.ndarray, float, int]:
-    """CMA-ES from x: the best x, its cost, and the evaluations that it took."""
+def _evolve(costs: Callable[[np.ndarray], np.ndarray], found: Descent) -> tuple[np.ndarray, int]:
+    """CMA-ES from where a descent ended: the best x (P,), and the evaluations that it took."""
     import cma  # takes most of a second
 
-    options = {"popsize": POPULATION, "maxiter": GENERATIONS, "seed": 1, "verbose": -9, "CMA_stds": steps}
-    search = cma.CMAEvolutionStrategy(x, SPREAD, options)
+    # The residuals that are left tell how far the descent may be off.
+    spread = SPREAD * max(float(np.sqrt(found.cost / len(found.x))), 1.0)
+    turn = np.linalg.cholesky(found.covariance)
+    options = {"popsize": POPULATION, "maxiter": GENERATIONS, "seed": 1, "verbose": -9}
+    search = cma.CMAEvolutionStrategy(np.zeros(len(found.x)), spread, options)
     while not search.stop():
         rows = np.array(search.ask())
-        search.tell(list(rows), costs(rows).tolist())
-    if search.result.fbest < cost:
-        x, cost = np.asarray(search.result.xbest), float(search.result.fbest)
-    return x, cost, int(search.result.evaluations)
+        search.tell(list(rows), costs(found.x + rows @ turn.T).tolist())
+    return found.x + turn @ search.result.xbest, int(search.result.evaluations)
 
 
 def _costs(r: np.ndarray, x: np.ndarray, prior: np.ndarray, soft: float) -> np.ndarray:
