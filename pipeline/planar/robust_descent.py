@@ -23,6 +23,7 @@ POPULATION, GENERATIONS, SPREAD = (
     30,
     0.3,
 )  # of CMA-ES; the spread in standard errors, for the residuals that are left
+RESTARTS, LEAST_FALL = 3, 0.01  # of CMA-ES, each where the last one ended; share of the cost: a smaller fall ends them
 FURTHEST = 3.0  # prior standard deviations: no parameter goes beyond
 SOFTNESS = (10.0, 1.0)  # residual from which it counts less, in one descent after another
 Residuals = Callable[[np.ndarray], np.ndarray]
@@ -77,10 +78,13 @@ def robust_descent(
             x, count = first.x, count + first.evaluations
         other = _descend(residuals, x, steps, prior, SOFTNESS)
         found, count = min(found, other, key=lambda d: d.cost), count + other.evaluations
-    if rough:
+    for _ in range(RESTARTS if rough else 0):
         x, more = _evolve(lambda rows: _costs(residuals(rows), rows, prior, SOFTNESS[-1]), found)
         ended = _descend(residuals, x, steps, prior, SOFTNESS[-1:])
-        found, count = min(found, ended, key=lambda d: d.cost), count + more + ended.evaluations
+        count += more + ended.evaluations
+        fall, found = found.cost - ended.cost, min(found, ended, key=lambda d: d.cost)
+        if fall < LEAST_FALL * found.cost:
+            break
     return replace(found, evaluations=count)
 
 
