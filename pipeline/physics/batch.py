@@ -21,6 +21,7 @@ import numpy as np
 from mujoco import batch as mjbatch
 from scipy.spatial.transform import Rotation
 
+from pipeline.errors import SimulationError
 from pipeline.physics.simulate import compile_xml
 from pipeline.scene.mjcf import camera_quaternion, pair_name, scene_xml, solref, start_quaternion
 from pipeline.scene.rotation import matrix_from_quaternion
@@ -139,7 +140,12 @@ class SceneBatch:
 
 
 def stack_scenes(scenes: list[Scene]) -> SceneBatch:
-    """The scenes as one batch. They must have the same shapes and fixed bodies, in order, and all or none a ground."""
+    """The scenes as one batch. They must have the same shapes and fixed bodies, in order, and all or none a ground.
+
+    Raises SimulationError for scenes with joints.
+    """
+    if any(s.jointed for s in scenes):
+        raise SimulationError("scenes with joints cannot be simulated in a batch; valid: one at a time, by `simulate`")
     shapes, fixed = scenes[0].shapes, fixed_kinds(scenes[0])
     assert all(s.shapes == shapes for s in scenes), "scenes of one batch share their composition"
     assert all(fixed_kinds(s) == fixed for s in scenes), "scenes of one batch share their kinds of fixed bodies"
