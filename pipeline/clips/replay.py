@@ -5,7 +5,7 @@ What is costly (masks, depth, flow, events, pictures) is computed when it is fir
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from pipeline.physics.batch import BatchSimulator, States, stack_scenes
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
-from pipeline.scene.time_step import STEPS_PER_SECOND, frame_steps
+from pipeline.scene.time_step import frame_steps
 from pipeline.vision.rendering.appearance import plain_appearance
 from pipeline.vision.rendering.camera import pinhole
 from pipeline.vision.rendering.exact_flow import exact_flow
@@ -190,14 +190,9 @@ def masks_at(scene: Scene, times: np.ndarray, width: int, height: int) -> np.nda
 def states_at(scene: Scene, steps: np.ndarray) -> States:
     """The states of a scene without effects, a batch of one, at increasing steps (T,) of 1/240 s.
 
-    A scene with joints is run by `simulate`, since a batch has none.
-
     Raises:
         SimulationError: Where the simulation becomes unstable.
     """
-    if scene.jointed:
-        trace = simulate(replace(scene, effects=()), steps[-1] / STEPS_PER_SECOND)
-        return States(trace.position[None, steps], trace.quaternion[None, steps], np.ones(1, bool))
     batch = stack_scenes([scene])
     simulator = BatchSimulator(scene.shapes, batch.has_ground, 1, 1, batch.fixed_kinds)
     states = simulator.run(batch, steps)
