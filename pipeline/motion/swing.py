@@ -20,7 +20,9 @@ NUMBERS = 8  # of a swing: point, length, rate, angle, speed, damping, vertical
 LEAST_SAMPLES = 8  # of a track: more numbers than it has are not fitted
 RATES = 60  # tried for a start, from a quarter of a swing in the track to one in three samples
 STEP = 1 / 240  # s, of the integration
-MOST_REACH = 30.0  # lengths of the path: a longer pendulum moves along a line
+LENGTHS = 1.0  # standard deviation of the logarithm of a pendulum's length over the extent of its path
+DAMPINGS = 0.3  # of its damping over its angular frequency: most things that swing do so several times
+RATE_BOUNDS = (-20.0, 20.0)  # of the logarithm of the rate, 1/s²: none is near
 
 
 @dataclass(frozen=True)
@@ -93,22 +95,27 @@ def fit_swing(track: ImageTrack, roll_deg: float, roll_error_deg: float) -> Swin
     times, centre, known = track.times[use], track.centre[use], np.radians(roll_deg)
     sigma = floor(track)
     pivot, length = _circle(centre)
-    if not 0 < length < MOST_REACH * float(np.ptp(centre, axis=0).max()):
-        return None
+    length = max(length, 2 * sigma)  # of a body at rest
     start = _start(times, centre, pivot, length, known)
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        off = (_swing(x).places(times) - centre) / sigma
-        return np.append(off.ravel(), (x[7] - known) / np.radians(roll_error_deg))
+        swing = _swing(x)
+        off = (swing.places(times) - centre) / sigma
+        return np.concatenate([off.ravel(), prior(track, swing), [(x[7] - known) / np.radians(roll_error_deg)]])
 
     scale = np.array([length / 20, length / 20, length / 20, 0.05, 0.05, 0.2, 0.05, 0.02])
-    low = np.where(np.arange(NUMBERS) == 6, 0.0, -np.inf)  # of the damping
-    found = least_squares(residuals, start, x_scale=scale, loss="soft_l1", bounds=(low, np.inf))
-    if not np.isfinite(found.cost) or found.x[2] <= 0:
-        return None
-    spread = max(float((found.fun[:-1] ** 2).mean()), 1.0)
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * spread
-    return _swing(found.x, float(np.sqrt(covariance[3, 3])))
+    low, high = np.full(NUMBERS, -np.inf), np.full(NUMBERS, np.inf)
+    low[2], low[6], (low[3], high[3]) = sigma, 0.0, RATE_BOUNDS
+    found = least_squares(residuals, start, x_scale=scale, loss="soft_l1", bounds=(low, high))
+    spread = max(float((found.fun[: 2 * len(times)] ** 2).mean()), 1.0)
+    error = np.linalg.norm(np.linalg.pinv(found.jac * scale)[3]) * scale[3] * np.sqrt(spread)
+    return _swing(found.x, float(error))
+
+
+def prior(track: ImageTrack, swing: Swing) -> np.ndarray:
+    """(2,) how unusual the length and the damping of a track's swing are, in standard deviations."""
+    extent = float(np.ptp(track.centre[track.whole], axis=0).max())
+    return np.array([np.log(swing.length / extent) / LENGTHS, swing.damping / np.sqrt(swing.rate) / DAMPINGS])
 
 
 def _swing(x: np.ndarray, rate_error: float = 0.0) -> Swing:
@@ -156,7 +163,8 @@ def arcs_evidence(track: ImageTrack, arcs: Sequence[Arc]) -> float:
 def swing_evidence(track: ImageTrack, swing: Swing) -> float:
     """The same of a swing."""
     use = track.whole
-    return _evidence(track, swing.places(track.times[use]) - track.centre[use], NUMBERS)
+    unusual = float((prior(track, swing) ** 2).sum())
+    return unusual + _evidence(track, swing.places(track.times[use]) - track.centre[use], NUMBERS)
 
 
 def _evidence(track: ImageTrack, off: np.ndarray, numbers: int) -> float:
