@@ -9,8 +9,8 @@ import pytest
 
 from pipeline.clips.replay import states_at
 from pipeline.editing.edited_motion import scene_at
-from pipeline.errors import SceneError, SimulationError
-from pipeline.physics.batch import stack_scenes
+from pipeline.errors import SceneError
+from pipeline.physics.batch import BatchSimulator, stack_scenes
 from pipeline.physics.simulate import compile_xml, simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.edited import edited
@@ -197,9 +197,14 @@ def test_a_velocity_that_a_hinge_or_slide_does_not_allow_is_an_error() -> None:
             read_scene(write_scene(scene))
 
 
-def test_a_batch_refuses_joints() -> None:
-    with pytest.raises(SimulationError, match="joints"):
-        stack_scenes([load_scene(EXAMPLE)])
+def test_a_batch_of_scenes_with_joints_moves_as_each_of_them_does() -> None:
+    scene = load_scene(EXAMPLE)
+    scenes = [scene, edited(scene, ["gravity=5"]), edited(scene, ["objects[0].mass=3"])]
+    steps = np.array([0, 60, 120])
+    states = BatchSimulator(scene.shapes, True, 4, 1).run(stack_scenes(scenes), steps)
+    assert states.valid.all()
+    for position, own in zip(states.position, scenes, strict=True):
+        np.testing.assert_allclose(position, simulate(own, 0.5).position[steps], atol=1e-9)
 
 
 def test_without_its_joint_a_body_falls_freely() -> None:
