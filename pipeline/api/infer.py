@@ -35,6 +35,7 @@ from pipeline.inference.trust import Grade, grade
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import UserClip
 from pipeline.perception.video_stretch import VideoStretch
+from pipeline.scene.joint import span
 from pipeline.scene.scene import Scene
 from pipeline.search.certainty import Certainty, weakly_identified
 from pipeline.vision.recordings.corrections import Correction
@@ -109,6 +110,16 @@ class Inference(FolderResult):
         answer = self.scenes.filmed.answer
         scale = answer.scale if answer and self.best.name == TRACKS else None
         return "none" if scale is None else scale.by
+
+    @property
+    def joints(self) -> list[str]:
+        """What holds the bodies, a sentence each."""
+        return [
+            f"{o.name} hangs {span(o, o.joint):.3g} m from a point on a {o.joint.kind}; damping of the joint: "
+            f"{o.joint.damping / o.mass:.2g} N m s/rad for each kg"
+            for o in self.scene.objects
+            if o.joint is not None
+        ]
 
     @property
     def doubts(self) -> list[str]:

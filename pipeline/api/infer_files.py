@@ -174,6 +174,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             else [_number(v) for v in motion.view.gravity_px],
             "px_per_m": _number(found.scenes.filmed.answer.scale.px_per_m) if found.scenes.filmed.answer else None,
         },
+        "joints": found.joints,
         "assumed": {
             "start_s": round(float(taken.source_times[0]), 4),
             "start_from": "the motion" if settings.start is None else "--start",

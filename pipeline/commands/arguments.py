@@ -151,10 +151,10 @@ def add_world(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add(
         "--view",
-        choices=("auto", "table", "side", "incline", "flight", "top"),
+        choices=("auto", "table", "side", "incline", "flight", "top", "hanging"),
         default="auto",
         help="how the camera sees the world: a table from above and aside, from the side, an incline from the side, "
-        "a throw or fall, straight from above (auto: what the tracks tell)",
+        "a throw or fall, straight from above, what hangs and swings from the side (auto: what the tracks tell)",
     )
     add("--gravity", type=positive, default=9.81, metavar="G", help="gravity, m/s² (9.81)")
     known = parser.add_mutually_exclusive_group()

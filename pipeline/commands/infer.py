@@ -141,6 +141,8 @@ def run(arguments: argparse.Namespace) -> None:
         if found.scenes.certainties:
             progress.say("note", f"weakly determined by this clip: {uncertain(found.scenes.certainties)}")
         progress.say("scale", f"by {found.metric}" if found.metric != "none" else "not known: lengths are relative")
+        for line in found.joints:
+            progress.say("joint", line)
         for line in found.doubts:
             progress.say("doubt", line)
         found.write(folder, progress)

@@ -15,6 +15,7 @@ from pipeline.physics.overlap import ground_penetration, overlaps
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import FIRST_FIXED, Trace
 from pipeline.scene.edited import edited
+from pipeline.scene.joint import joints_after
 from pipeline.scene.scene import Scene, SceneObject, half_extents
 from pipeline.scene.text import scene_from_dict, write_scene
 from pipeline.scene.time_step import STEPS_PER_SECOND, frame_steps
@@ -169,7 +170,7 @@ def scene_at(scene: Scene, trace: Trace, step: int) -> Scene:
         )
         for i, o in enumerate(scene.objects)
     )
-    return replace(scene, objects=tuple(moved))
+    return joints_after(scene, replace(scene, objects=tuple(moved)))
 
 
 def _applied(scene: Scene, edits: Sequence[Edit], origins: dict[str, int]) -> Scene:
@@ -196,9 +197,10 @@ def _without(scene: Scene, edit: Edit) -> Scene:
         replace(e, objects=None if e.objects is None else tuple(n for n in e.objects if n != edit.remove))
         for e in scene.effects
     )
+    left = (o for o in scene.objects if o.name != edit.remove)
     return replace(
-        scene,
-        objects=tuple(o for o in scene.objects if o.name != edit.remove),
+        scene,  # what was joined to the removed object is free
+        objects=tuple(replace(o, joint=None) if o.joint is not None and o.joint.to == edit.remove else o for o in left),
         effects=tuple(e for e in effects if e.objects is None or e.objects),
     )
 

@@ -295,8 +295,7 @@ def _gravity_doubt(motion: ClipMotion, world: World, fps: float) -> str | None:
     if view.gravity_px is None or scale.by not in KNOWN:
         return None
     found = float(np.linalg.norm(view.gravity_px))
-    errors = [m.arc.acceleration_sigma for m in view.arcs if m.kind == "free"]
-    return gravity_doubt(found / scale.px_per_m, world.gravity, min(errors) / found + scale.error, fps)
+    return gravity_doubt(found / scale.px_per_m, world.gravity, view.gravity_error + scale.error, fps)
 
 
 def filmed_frames(taken: UserClip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

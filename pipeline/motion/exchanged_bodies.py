@@ -32,7 +32,7 @@ def without_exchanges(masks: np.ndarray, frames: np.ndarray, times: np.ndarray) 
     tracks = image_tracks(masks, times)
     for one, other in itertools.combinations(tracks, 2):
         for k in passages(one, other):
-            if _alike(masks, frames, one, other):
+            if alike(masks, frames, one, other):
                 out = out.copy() if out is masks else out
                 a, b = out[k:] == one.body, out[k:] == other.body
                 out[k:][a], out[k:][b] = other.body, one.body
@@ -50,7 +50,8 @@ def passages(one: ImageTrack, other: ImageTrack) -> list[int]:
     return [int(f) for f in frames[1:][turned & use[:-1] & use[1:] & (np.diff(frames) == 1)]]
 
 
-def _alike(masks: np.ndarray, frames: np.ndarray, one: ImageTrack, other: ImageTrack) -> bool:
+def alike(masks: np.ndarray, frames: np.ndarray, one: ImageTrack, other: ImageTrack) -> bool:
+    """Whether two bodies of masks (T, H, W) have about one colour in frames (T, H, W, 3) uint8 RGB."""
     colours = [_colour(masks, frames, t) for t in (one, other)]
     return float(np.linalg.norm(colours[0] - colours[1])) < ALIKE
 

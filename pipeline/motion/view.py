@@ -2,7 +2,8 @@
 
 A camera that looks from the side sees free fall as one acceleration, down the picture, of whatever flies; what rolls or
 slides on a slope speeds up along a straight line. From above, bodies move along straight lines in any direction and
-only slow down. Over a table, bodies that come nearer grow.
+only slow down. Over a table, bodies that come nearer grow. Bodies hang from points where swings explain all tracks
+better than arcs of constant acceleration do, at the price of their numbers.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ import numpy as np
 
 from pipeline.motion.arcs import Arc
 from pipeline.motion.image_track import ImageTrack
+from pipeline.motion.swing import Swing, arcs_evidence, fit_swing, swing_evidence
 
-VIEWS = ("table", "side", "incline", "flight", "top")
+VIEWS = ("table", "side", "incline", "flight", "top", "hanging")
 UPRIGHT = ("side", "incline", "flight")  # views in which bodies move in an upright plane
 SIGNIFICANT = 4.0  # standard errors from which an acceleration counts
 STRAIGHT = 0.012  # of its length: largest sagitta of a straight arc
@@ -59,10 +61,11 @@ class View:
     Attributes:
         kind: Of `VIEWS`.
         arcs: The motion of each arc.
-        gravity_px: (2,) px/s², the acceleration of free fall in the picture; None where nothing falls freely.
+        gravity_px: (2,) px/s², the acceleration of free fall in the picture; None where nothing falls or swings.
         slope_deg: Of the incline to the world's horizontal, positive where it descends to the right; 0 elsewhere.
         roll_deg: By which the world's vertical is turned in the picture, clockwise.
         reason: What told, in words.
+        swings: Of each track, where bodies hang.
     """
 
     kind: str
@@ -71,6 +74,16 @@ class View:
     slope_deg: float
     roll_deg: float
     reason: str
+    swings: tuple[Swing, ...] = ()
+
+    @property
+    def gravity_error(self) -> float:
+        """Standard error of `gravity_px`, as a share, from what falls or swings."""
+        assert self.gravity_px is not None
+        if self.swings:
+            return float(sum(s.rate_error**-2 for s in self.swings) ** -0.5)
+        errors = [m.arc.acceleration_sigma for m in self.arcs if m.kind == "free"]
+        return float(sum(e**-2 for e in errors) ** -0.5 / np.linalg.norm(self.gravity_px))
 
 
 def down(roll_deg: float) -> np.ndarray:
@@ -191,12 +204,19 @@ def find_view(
         ValueError: The tracks show nothing of what a view of this kind needs.
     """
     lines_are_level, roll_deg = roll_deg is None, roll_deg or 0.0
+    edges = roll_deg, UNKNOWN_ROLL_DEG if lines_are_level else EDGES_ROLL_DEG
     motions, gravity, slope = _described(tracks, arcs, roll_deg)
     if gravity is not None:
-        roll_deg = fall_roll(gravity, motions, roll_deg, UNKNOWN_ROLL_DEG if lines_are_level else EDGES_ROLL_DEG)
+        roll_deg = fall_roll(gravity, motions, *edges)
         motions, _, slope = _described(tracks, arcs, roll_deg)
     moving = [m for m in motions if m.kind != "rest"]
     total = sum(m.path for m in moving)
+    if kind in (None, "hanging"):
+        swings = find_swings(tracks, arcs, *edges, certain=kind == "hanging")
+        if swings:
+            return _hanging(motions, swings)
+        if kind == "hanging":
+            raise ValueError("no body swings")
     if kind is None:
         kind, reason = _likely_kind(tracks, motions, gravity, slope, oblique)
     else:
@@ -213,6 +233,41 @@ def find_view(
         roll_deg = level_roll(moving)
         motions, _, _ = _described(tracks, arcs, roll_deg)
     return View(kind, motions, gravity, slope or 0.0 if kind == "incline" else 0.0, roll_deg, reason)
+
+
+def find_swings(
+    tracks: Sequence[ImageTrack],
+    arcs: Sequence[Sequence[Arc]],
+    roll_deg: float,
+    roll_error_deg: float,
+    *,
+    certain: bool = False,
+) -> tuple[Swing, ...]:
+    """The swing of each track; empty where not all have one, or arcs explain the tracks better.
+
+    Args:
+        tracks: Of the bodies.
+        arcs: Of each track.
+        roll_deg: Of the camera, as it is known without them.
+        roll_error_deg: Its standard error.
+        certain: Bodies are known to hang, whatever explains the tracks better.
+    """
+    swings = [s for t in tracks if (s := fit_swing(t, roll_deg, roll_error_deg)) is not None]
+    if not swings or len(swings) < len(tracks):
+        return ()
+    against = sum(arcs_evidence(t, own) for t, own in zip(tracks, arcs, strict=True))
+    wins = sum(swing_evidence(t, s) for t, s in zip(tracks, swings, strict=True)) < against
+    return tuple(swings) if wins or certain else ()
+
+
+def _hanging(motions: tuple[ArcMotion, ...], swings: tuple[Swing, ...]) -> View:
+    """The view of bodies that hang. Their common gravity and vertical are means, weighted by the swings' errors."""
+    weights = np.array([s.rate_error**-2 for s in swings])
+    roll = float(np.average([s.roll for s in swings], weights=weights))
+    size = float(np.average([s.rate * s.length for s in swings], weights=weights))
+    reason = "bodies swing about " + ("a point" if len(swings) == 1 else "points")
+    turned = float(np.degrees(roll))
+    return View("hanging", motions, size * down(turned), 0.0, turned, reason, swings)
 
 
 def _described(

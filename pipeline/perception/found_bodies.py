@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.errors import VideoError
+from pipeline.motion.continued_body import continued_bodies
 from pipeline.motion.exchanged_bodies import without_exchanges
 from pipeline.motion.rigid_pieces import joined_pieces
 from pipeline.perception.clip_faults import clip_faults
@@ -109,6 +111,14 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
         *(["a shadow that moves beside its body was left out; --point on it keeps it"] if shadows else []),
         *(f"{len(g)} pieces that move as one rigid body are body {k}" for k, g in enumerate(groups, 1) if len(g) > 1),
     ]
+    marked = [any(kept[piece - 1].marked for piece in g) for g in groups]
+    masks, same = continued_bodies(masks, clip.frames, clip.times, marked)
+    notes += [
+        f"{len(g)} tracks are one body, {k}, which moves too far between two frames to be followed"
+        for k, g in enumerate(same, 1)
+        if len(g) > 1
+    ]
+    groups = [list(itertools.chain.from_iterable(groups[k] for k in g)) for g in same]
     bodies, doubts = [], []
     for number, group in enumerate(groups, 1):
         first = max((kept[piece - 1] for piece in group), key=lambda c: c.rank)

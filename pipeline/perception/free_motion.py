@@ -130,7 +130,7 @@ def free_stretch(
         raise VideoError(
             f"{path}: no body moves freely in it, as far as {len(times)} of its frames show; give --start and --seconds"
         )
-    return fitted(low - 0.5 * interval, high + 0.5 * interval, end, seconds)
+    return fitted(low, high + interval, end, seconds)
 
 
 def fitted(low: float, high: float, end: float, seconds: float | None) -> Stretch:

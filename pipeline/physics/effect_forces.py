@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from pipeline.physics.object_states import object_bodies, object_velocities
 from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.kind import EffectKind
 from pipeline.scene.effects.text import effect_kind
@@ -144,22 +145,21 @@ def effect_forces(scene: Scene) -> ApplyForces | None:
     constant = resting_body([scene])
     in_contact = any(needs_contacts(e.kind) for e in effects)
     normal, halfway = RecentNormalForce(), HalfwayVelocity()
-    ends = slice(1, 1 + len(scene.objects))
 
     def apply(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         half_step = model.opt.timestep / 2 if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 0.0
-        qvel = data.qvel.reshape(-1, 6)
+        ends = object_bodies(model, len(scene.objects))
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        spin = np.einsum("nij,nj->ni", data.xmat[ends].reshape(-1, 3, 3), qvel[:, 3:])
+        velocity, spin = object_velocities(model, data, ends)
         start = data.xipos[ends]
-        velocity = qvel[:, :3] + np.cross(spin, start - data.xpos[ends])
+        velocity = velocity + np.cross(spin, start - data.xpos[ends])
         if half_step:  # else as MuJoCo's default method takes forces
             velocity = halfway.after(velocity)
         position = start + half_step * velocity
         pressed = constant.normal_force
         if in_contact:
-            pressed = normal.after(ground_forces(model, data, len(scene.objects))[None])
+            pressed = normal.after(ground_forces(model, data, ends)[None])
         body = replace(
             constant,
             time=np.full(constant.time.shape, data.time + half_step),
@@ -207,12 +207,12 @@ class RecentNormalForce:
         return np.mean(self._recent, axis=0)
 
 
-def ground_forces(model: mujoco.MjModel, data: mujoco.MjData, objects: int) -> np.ndarray:
-    """The ground's normal force on each object in the last step, (N,) N."""
-    out, force = np.zeros(objects), np.zeros(6)
+def ground_forces(model: mujoco.MjModel, data: mujoco.MjData, bodies: np.ndarray) -> np.ndarray:
+    """The ground's normal force on each object in the last step, (N,) N. bodies: (N,) ids of the objects' bodies."""
+    out, force = np.zeros(model.nbody), np.zeros(6)
     for i in range(data.ncon):
         first, second = model.geom_bodyid[data.contact.geom[i]]
         if min(first, second) == 0:
             mujoco.mj_contactForce(model, data, i, force)
-            out[max(first, second) - 1] += force[0]
-    return out
+            out[max(first, second)] += force[0]
+    return out[bodies]

@@ -7,9 +7,9 @@ import numpy as np
 
 from pipeline.errors import SimulationError
 from pipeline.physics.effect_forces import ApplyForces, effect_forces
+from pipeline.physics.object_states import object_bodies, object_states
 from pipeline.physics.trace import FIRST_FIXED, GROUND, Contacts, Trace
 from pipeline.scene.mjcf import FIXED_GROUP, scene_xml
-from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import Scene
 from pipeline.scene.time_step import STEPS_PER_SECOND
 
@@ -57,7 +57,8 @@ def simulate_model(model: mujoco.MjModel, seconds: float, forces: ApplyForces | 
     qpos[steps], qvel[steps] = data.qpos, data.qvel
     if not (np.isfinite(qpos).all() and np.isfinite(qvel).all()):
         raise SimulationError("the simulation became unstable (non-finite state)")
-    return _trace(qpos, qvel, _contacts(model, rows))
+    position, quaternion, velocity, spin = object_states(model, qpos, qvel)
+    return Trace(STEPS_PER_SECOND, position, quaternion, velocity, spin, _contacts(model, rows))
 
 
 def _check(data: mujoco.MjData, step: int) -> None:
@@ -103,23 +104,10 @@ def _contacts(model: mujoco.MjModel, rows: list[tuple[np.ndarray, ...]]) -> Cont
 
 def geom_bodies(model: mujoco.MjModel) -> np.ndarray:
     """(G,) the index of each geom's body as `Contacts` has it."""
-    body = model.geom_bodyid - 1  # the world body becomes GROUND
-    assert GROUND == -1
+    number = np.full(model.nbody, GROUND)
+    bodies = object_bodies(model, model.nbody - 1)
+    number[bodies] = np.arange(len(bodies))
+    body = number[model.geom_bodyid]
     fixed = np.flatnonzero((body == GROUND) & (model.geom_group == FIXED_GROUP))
     body[fixed] = FIRST_FIXED - np.arange(len(fixed))
     return body
-
-
-def _trace(qpos: np.ndarray, qvel: np.ndarray, contacts: Contacts) -> Trace:
-    qpos = qpos.reshape(len(qpos), -1, 7)
-    qvel = qvel.reshape(len(qvel), -1, 6)
-    quaternion = qpos[..., 3:]
-    spin = np.einsum("...ij,...j->...i", matrix_from_quaternion(quaternion), qvel[..., 3:])
-    return Trace(
-        rate=STEPS_PER_SECOND,
-        position=qpos[..., :3].copy(),
-        quaternion=quaternion.copy(),
-        velocity=qvel[..., :3].copy(),
-        angular_velocity=spin,
-        contacts=contacts,
-    )

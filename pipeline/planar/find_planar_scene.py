@@ -16,8 +16,9 @@ from pipeline.planar.apparent_size import with_apparent_sizes
 from pipeline.planar.blocks import Block
 from pipeline.planar.bounces import changes_between, meeting_time
 from pipeline.planar.fit import PlanarFit, fit_planar
+from pipeline.planar.hanging import hanging_scene
 from pipeline.planar.parameters import planar_parameters
-from pipeline.planar.planar_scene import planar_scene
+from pipeline.planar.planar_scene import planar_object, planar_scene
 from pipeline.planar.plane import Plane
 from pipeline.planar.scale import GRAVITY, KNOWN, Scale, find_scale
 from pipeline.planar.silhouette import Silhouette, silhouette
@@ -168,6 +169,8 @@ def measure_motion(
     if found.kind == "table":
         balls = bool(tracks) and all(s.shape == "sphere" for s in silhouettes)
         return seen_from_above(motion, table_view(plane, sizes, tracks)) if balls else motion
+    if found.kind == "hanging":
+        return motion
     solids = tuple(
         None if s.disc else tumbling(t, f, masks[: _in_the_air(f, own, found)], times, plane)
         for t, f, own, s in zip(tracks, flat, arcs, silhouettes, strict=True)
@@ -263,6 +266,8 @@ def find_planar_scene(
         threads: For simulations.
         first: Of the clip's first part: the fit goes on from its scene. None: it begins with what the tracks tell.
     """
+    if motion.view.kind == "hanging":
+        return _hanging_answer(motion, gravity)
     if first is not None:
         motion = replace(motion, plane=first.motion.plane, scale=first.motion.scale, table=first.motion.table)
         if motion.table is None:
@@ -279,6 +284,30 @@ def find_planar_scene(
     factor = gravity / float(np.linalg.norm(fit.scene.gravity))
     scale = replace(motion.scale, px_per_m=motion.scale.px_per_m / factor)
     return PlanarAnswer(motion, fit, scaled(fit.scene, factor), scale)
+
+
+def _hanging_answer(motion: ClipMotion, gravity: float) -> PlanarAnswer:
+    """The scene of bodies that hang. Their swings were fitted to the tracks already."""
+
+    def scene_in(plane: Plane) -> Scene:
+        objects = [
+            planar_object(motion.view, t, own, s, plane=plane, gravity=gravity, start=0.0, carried=False)
+            for t, own, s in zip(motion.flat, motion.arcs, motion.silhouettes, strict=True)
+        ]
+        return hanging_scene(objects, motion.view.swings, plane)
+
+    scene, scale = scene_in(motion.plane), motion.scale
+    if scale.by == "gravity":  # what turns with the body makes its pendulum longer, by a share that no scale changes
+        scale = replace(scale, px_per_m=scale.px_per_m * -scene.gravity[2] / gravity)
+        motion = replace(motion, plane=replace(motion.plane, px_per_m=scale.px_per_m), scale=scale)
+        scene = replace(scene_in(motion.plane), gravity=(0.0, 0.0, -gravity))
+    off = [
+        np.linalg.norm(s.places(t.times) - t.centre, axis=1)[t.whole]
+        for s, t in zip(motion.view.swings, motion.flat, strict=True)
+    ]
+    rms = float(np.sqrt((np.concatenate(off) ** 2).mean() / 2))
+    fit = PlanarFit(scene, (), np.zeros(0), np.zeros(0), rms, np.array([np.median(d) for d in off]), 0)
+    return PlanarAnswer(motion, fit, scene, scale)
 
 
 def _start(motion: ClipMotion, gravity: float, rolls: bool) -> Scene:

@@ -31,7 +31,7 @@ NARROW, FRONT, BACK = 0.5, 1.5, 6.0  # from the plane to a support's near and fa
 CYLINDER_LENGTH = 0.5  # of a cylinder that is seen along its axis, in radii: what cannot be seen
 SPRING = 2.36  # -log of the restitution over the damping ratio, of bodies of 10 cm that fall 50 cm (simulated)
 #: Of what is round in all frames: a cylinder in flight is seldom seen along its axis for long, a top view is of pucks.
-ROUND_SHAPES = {"flight": "sphere", "top": "cylinder"}
+ROUND_SHAPES = {"flight": "sphere", "top": "cylinder", "hanging": "sphere"}
 ROLLING_SHARE = (
     7 / 5
 )  # of a ball's deceleration over gravity: rolling friction over its radius, as a ball's inertia rolls, too

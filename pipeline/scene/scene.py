@@ -31,6 +31,14 @@ FIXED_SIZE_KEYS: dict[str, tuple[str, ...]] = {**SIZE_KEYS, "plane": ()}
 HOLLOW_SHAPES = ("sphere", "cylinder")
 #: The numbers of a contact.
 CONTACT_KEYS = ("sliding_friction", "rolling_friction", "damping")
+#: Keys of each kind of joint beside `kind`, `anchor` and `to`. Lengths and forces of a rope are along it.
+JOINT_KEYS: dict[str, tuple[str, ...]] = {
+    "hinge": ("axis", "spring", "damping", "friction"),
+    "slide": ("axis", "spring", "damping", "friction"),
+    "ball": ("damping", "friction"),
+    "rod": ("end", "damping", "friction"),
+    "rope": ("end", "length", "spring", "damping", "friction"),
+}
 #: The three shapes of the paper. The sampler draws them and the model may answer them.
 BASIC_SHAPES = ("sphere", "cylinder", "box")
 
@@ -92,6 +100,61 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Spring:
+    """A linear spring.
+
+    Attributes:
+        stiffness: N/m, or N m/rad of a hinge.
+        rest: Where it is at rest: of a slide the place of the body's centre along the axis, m from the anchor; of a
+            hinge the angle from the initial state, rad; of a rope its length, m, below which it is slack.
+    """
+
+    stiffness: float
+    rest: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stiffness", rounded(self.stiffness))
+        object.__setattr__(self, "rest", rounded(self.rest))
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What holds or guides a body. Vectors are in the world frame, in the initial state.
+
+    A rod is fixed to the body and turns freely about its anchor, as a ball joint does. A rope pulls only.
+
+    Attributes:
+        kind: A key of `JOINT_KEYS`.
+        anchor: (3,) m.
+        axis: (3,) of a hinge or slide, of any length; a hinge's goes through the anchor.
+        end: (3,) m, where a rope or rod ends on the body; None for its centre.
+        length: Of a rope, m; None for its length in the initial state. A rope with a spring has none.
+        spring: Of a hinge, slide or rope.
+        damping: N m s/rad, or N s/m of a slide or rope.
+        friction: Coulomb friction, N m, or N of a slide or rope.
+        to: Name of the object to which it is fixed; None for the world.
+    """
+
+    kind: str
+    anchor: tuple[float, ...]
+    axis: tuple[float, ...] | None = None
+    end: tuple[float, ...] | None = None
+    length: float | None = None
+    spring: Spring | None = None
+    damping: float = 0.0
+    friction: float = 0.0
+    to: str | None = None
+
+    def __post_init__(self) -> None:
+        for key in ("anchor", "axis", "end"):
+            if getattr(self, key) is not None:
+                object.__setattr__(self, key, rounded_vector(getattr(self, key)))
+        for key in ("length", "damping", "friction"):
+            if getattr(self, key) is not None:
+                object.__setattr__(self, key, rounded(getattr(self, key)))
+
+
+@dataclass(frozen=True)
 class SceneObject:
     """One rigid body, in SI units and the world frame.
 
@@ -109,6 +172,7 @@ class SceneObject:
         name: Filled in by `Scene` where it is empty.
         file: Mesh file, for shape `mesh` only.
         hollow: Inner over outer radius, 0 to 1, of a spherical shell or of a pipe with open ends; 0 for a solid.
+        joint: What holds or guides it; None for a free body.
     """
 
     shape: str
@@ -124,6 +188,7 @@ class SceneObject:
     name: str = ""
     file: str | None = None
     hollow: float = 0.0
+    joint: Joint | None = None
 
     def __post_init__(self) -> None:
         assert len(self.size) == len(SIZE_KEYS[self.shape]), f"{self.shape} takes {SIZE_KEYS[self.shape]}"
@@ -236,6 +301,15 @@ class Scene:
     @property
     def shapes(self) -> tuple[str, ...]:
         return tuple(o.shape for o in self.objects)
+
+    @property
+    def jointed(self) -> bool:
+        """Whether any object has a joint."""
+        return any(o.joint is not None for o in self.objects)
+
+    def without_joints(self) -> Scene:
+        """The scene with all objects free."""
+        return replace(self, objects=tuple(replace(o, joint=None) for o in self.objects)) if self.jointed else self
 
     @property
     def composition(self) -> str:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from pipeline.scene.scene import FIXED_SIZE_KEYS, SIZE_KEYS
+from pipeline.scene.scene import FIXED_SIZE_KEYS, JOINT_KEYS, SIZE_KEYS
 
 MOST = 1e7  # of any number, in its unit: larger ones are mistakes, and overflow in the simulation
 MOST_BODIES, MOST_EFFECTS = 500, 100
@@ -54,7 +54,39 @@ class GroundText(_Strict):
     height: Number
 
 
+class SpringText(_Strict):
+    stiffness: Positive
+    rest: Number = 0.0
+
+
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=100)]
+
+
+class JointText(_Strict):
+    kind: Literal["hinge", "slide", "ball", "rod", "rope"]
+    anchor: Vector
+    axis: Vector | None = None
+    end: Vector | None = None
+    length: Positive | None = None
+    spring: SpringText | None = None
+    damping: NonNegative = 0.0
+    friction: NonNegative = 0.0
+    to: Name | None = None
+
+    @model_validator(mode="after")
+    def _keys_of_its_kind(self) -> JointText:
+        valid = JOINT_KEYS[self.kind]
+        own = self.model_fields_set - {"kind", "anchor", "to"}
+        message = None
+        if "axis" in valid and (self.axis is None or math.hypot(*self.axis) == 0):
+            message = f"a {self.kind} needs an axis; valid: a vector that is not 0"
+        elif wrong := sorted(own - set(valid)):
+            message = f"a {self.kind} has no {wrong[0]}; valid keys: kind, anchor, {', '.join(valid)}, to"
+        elif self.length is not None and self.spring is not None:
+            message = "a rope with a spring has no length; valid: the spring's rest"
+        if message:
+            raise PydanticCustomError("joint", "{message}", {"message": message})
+        return self
 
 
 class ObjectText(_Strict):
@@ -67,6 +99,7 @@ class ObjectText(_Strict):
     velocity: Vector
     angular_velocity: Vector
     orientation: Quaternion
+    joint: JointText | None = None
 
     _check = field_validator("orientation")(_nonzero_quaternion)
 
@@ -204,4 +237,11 @@ def _by_shape(union: Any) -> dict[str, type[BaseModel]]:
 SHAPE_MODELS = {"objects": _by_shape(_ObjectOfAnyShape), "fixed": _by_shape(_FixedOfAnyShape)}
 assert SHAPE_MODELS["objects"].keys() == SIZE_KEYS.keys()
 assert SHAPE_MODELS["fixed"].keys() == FIXED_SIZE_KEYS.keys()
-PLACES: dict[str, type[BaseModel]] = {"": SceneText, "camera": CameraText, "ground": GroundText}
+#: The models of the other mappings, by their place in the scene or in a body.
+PLACES: dict[str, type[BaseModel]] = {
+    "": SceneText,
+    "camera": CameraText,
+    "ground": GroundText,
+    "joint": JointText,
+    "joint.spring": SpringText,
+}

@@ -16,8 +16,20 @@ from pydantic import BaseModel, ValidationError
 from pipeline.errors import SceneError, did_you_mean
 from pipeline.scene.effects.region import Region
 from pipeline.scene.effects.text import effect_from_dict
-from pipeline.scene.scene import CONTACT_KEYS, FIXED_SIZE_KEYS, SIZE_KEYS, Camera, Effect, FixedBody, Scene, SceneObject
-from pipeline.scene.schema import PLACES, SHAPE_MODELS, CameraText, FixedText, ObjectText, SceneText
+from pipeline.scene.joint import check_joints
+from pipeline.scene.scene import (
+    CONTACT_KEYS,
+    FIXED_SIZE_KEYS,
+    SIZE_KEYS,
+    Camera,
+    Effect,
+    FixedBody,
+    Joint,
+    Scene,
+    SceneObject,
+    Spring,
+)
+from pipeline.scene.schema import PLACES, SHAPE_MODELS, CameraText, FixedText, JointText, ObjectText, SceneText
 from pipeline.untrusted import parse_yaml, read_text
 
 Body = TypeVar("Body", SceneObject, FixedBody)
@@ -95,7 +107,7 @@ def scene_from_dict(data: dict[str, Any], source: str = "scene") -> Scene:
             raise SceneError(f"{source}: {place}.name: {name!r} is reserved")
         places[name] = place
     gravity = parsed.gravity if isinstance(parsed.gravity, list) else (0.0, 0.0, -parsed.gravity)
-    return Scene(
+    scene = Scene(
         objects=tuple(_object(o) for o in parsed.objects),
         camera=None if parsed.camera is None else _camera(parsed.camera),
         gravity=tuple(gravity),
@@ -103,6 +115,11 @@ def scene_from_dict(data: dict[str, Any], source: str = "scene") -> Scene:
         effects=tuple(effect_from_dict(e, i, names, source) for i, e in enumerate(parsed.effects)),
         fixed=tuple(_fixed_body(b) for b in parsed.fixed),
     )
+    try:
+        check_joints(scene)
+    except SceneError as error:
+        raise SceneError(f"{source}: {error}") from None
+    return scene
 
 
 def _camera(c: CameraText) -> Camera:
@@ -119,8 +136,18 @@ def _object(o: Any) -> SceneObject:
         name=o.name or "",
         file=getattr(o, "file", None),
         hollow=getattr(o, "hollow", 0.0),
+        joint=None if o.joint is None else _joint(o.joint),
         **values,
     )
+
+
+def _joint(j: JointText) -> Joint:
+    values: dict[str, Any] = {
+        key: tuple(v) if isinstance(v := getattr(j, key), list) else v for key in j.model_fields_set
+    }
+    if j.spring is not None:
+        values["spring"] = Spring(j.spring.stiffness, j.spring.rest)
+    return Joint(**values)
 
 
 def _fixed_body(b: Any) -> FixedBody:
@@ -143,6 +170,7 @@ _MESSAGES: dict[str, str] = {
     "less_than_equal": "must be at most {le:g}",
     "finite_number": "must be a finite number",
     "float_type": "must be a number",
+    "literal_error": "valid: {expected}",
     "string_type": "must be a text",
     "string_pattern_mismatch": "must be a letter and then letters, digits, - or _",
     "list_type": "must be a list",
@@ -173,7 +201,8 @@ def _sentence(error: ValidationError, data: dict[str, Any]) -> str:
         if kind == "missing":
             needed = ", ".join(k for k in valid if model.model_fields[k].is_required())
             return f"{place}: missing key; needed: {_CAMERA_KEYS if model is CameraText else needed}"
-        owner = f" of a {data[str(parent[0])][parent[1]]['shape']}" if parent[:1] in (["objects"], ["fixed"]) else ""
+        body = parent[:1] in (["objects"], ["fixed"]) and len(parent) == 2
+        owner = f" of a {data[str(parent[0])][parent[1]]['shape']}" if body else ""
         return f"{place}: unknown key{did_you_mean(key, valid)}; valid keys{owner}: {', '.join(valid)}"
     if kind == "absence_implicit":
         return first["msg"]
@@ -188,7 +217,7 @@ def _sentence(error: ValidationError, data: dict[str, Any]) -> str:
     return f"{place}: {first['msg']}"
 
 
-_LENGTHS = {"position": 3, "velocity": 3, "angular_velocity": 3, "orientation": 4}
+_LENGTHS = {"position": 3, "velocity": 3, "angular_velocity": 3, "orientation": 4, "anchor": 3, "axis": 3, "end": 3}
 
 
 def _shown(value: Any) -> str:
@@ -198,6 +227,8 @@ def _shown(value: Any) -> str:
 
 def _model_at(parent: list[Any], data: dict[str, Any]) -> type[BaseModel]:
     if parent[:1] in (["objects"], ["fixed"]):
+        if parent[2:]:
+            return PLACES[".".join(parent[2:])]
         return SHAPE_MODELS[str(parent[0])][data[str(parent[0])][parent[1]]["shape"]]
     return PLACES[".".join(map(str, parent))]
 
@@ -249,6 +280,21 @@ def _region_text(region: Region) -> str:
     return "{" + ", ".join(parts) + "}"
 
 
+def joint_text(joint: Joint) -> str:
+    """A joint as a mapping on one line: `{kind: rope, anchor: [0.0, 0.0, 1.0], length: 0.5}`."""
+    parts = [f"kind: {joint.kind}", f"anchor: {_vector_text(joint.anchor)}"]
+    parts += [f"{key}: {_vector_text(v)}" for key in ("axis", "end") if (v := getattr(joint, key)) is not None]
+    if joint.length is not None:
+        parts.append(f"length: {number_text(joint.length)}")
+    if joint.spring is not None:
+        stiffness, rest = number_text(joint.spring.stiffness), number_text(joint.spring.rest)
+        parts.append(f"spring: {{stiffness: {stiffness}, rest: {rest}}}")
+    parts += [f"{key}: {number_text(v)}" for key in ("damping", "friction") if (v := getattr(joint, key))]
+    if joint.to is not None:
+        parts.append(f"to: {_name_text(joint.to)}")
+    return "{" + ", ".join(parts) + "}"
+
+
 def _body_text(body: SceneObject | FixedBody, size_keys: Mapping[str, tuple[str, ...]]) -> list[str]:
     """The first lines of a body: its name, shape and sizes."""
     lines = [f"- name: {_name_text(body.name)}", f"  shape: {body.shape}"]
@@ -284,6 +330,8 @@ def write_scene(scene: Scene) -> str:
         for key in OBJECT_KEYS:
             value = getattr(o, key)
             lines.append(f"  {key}: {_vector_text(value) if isinstance(value, tuple) else number_text(value)}")
+        if o.joint is not None:
+            lines.append(f"  joint: {joint_text(o.joint)}")
     lines.append("effects:" if scene.effects else "effects: []")
     lines += [f"- {effect_text(e)}" for e in scene.effects]
     return "\n".join(lines) + "\n"

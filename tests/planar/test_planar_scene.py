@@ -15,7 +15,7 @@ from pipeline.planar.find_planar_scene import PlanarAnswer, find_planar_scene, m
 from pipeline.planar.planar_scene import sliding_friction
 from pipeline.planar.plane import Plane
 from pipeline.planar.scale import Scale
-from pipeline.scene.scene import FixedBody, Scene, SceneObject
+from pipeline.scene.scene import FixedBody, Joint, Scene, SceneObject
 
 SCHEDULE = Schedule()
 TIMES = np.arange(SCHEDULE.frames) / SCHEDULE.fps
@@ -181,3 +181,32 @@ def test_a_scaled_scene_looks_the_same() -> None:
     masks = masks_at(scene, TIMES, 240, 160)
     larger = masks_at(scaled(scene, 2.5), TIMES, 240, 160)
     assert overlap(masks, larger, 1, 1).sequence > 0.97
+
+
+def pendulum(arm: float, angle: float, damping: float) -> Scene:
+    """A ball on a rod that starts at rest, seen from the side; its anchor is above the picture."""
+    anchor = np.array([0.1, 0.0, 0.9])
+    place = anchor + arm * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    hung = ball(position=tuple(place), joint=Joint("rod", tuple(anchor), damping=damping))
+    return Scene((hung,), SIDE.camera(), ground=None)
+
+
+def test_a_ball_on_a_rod_hangs_and_its_length_follows_from_gravity(rng: np.random.Generator) -> None:
+    arm, angle, damping = rng.uniform(0.7, 1.1), rng.uniform(0.5, 0.8), rng.uniform(0.02, 0.2)
+    answer, iou = found(pendulum(arm, angle, damping))
+    assert answer.motion.view.kind == "hanging"
+    (hung,) = answer.scene.objects
+    assert hung.joint is not None
+    assert hung.joint.kind == "rod"
+    assert np.linalg.norm(np.subtract(hung.position, hung.joint.anchor)) == pytest.approx(arm, rel=0.05)
+    assert hung.joint.anchor[:3:2] == pytest.approx((0.1, 0.9), abs=0.06)
+    assert iou > 0.9
+
+
+def test_gravity_follows_from_a_known_length_where_bodies_hang(rng: np.random.Generator) -> None:
+    gravity = rng.uniform(3.0, 12.0)
+    scene = replace(pendulum(0.8, 0.7, 0.05), gravity=(0.0, 0.0, -gravity))
+    answer, iou = found(scene, px_per_m=200.0)
+    assert answer.motion.view.kind == "hanging"
+    assert answer.scene.gravity[2] == pytest.approx(-gravity, rel=0.06)
+    assert iou > 0.9

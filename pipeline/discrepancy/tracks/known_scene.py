@@ -39,7 +39,7 @@ class KnownScene:
         fit: The parameters that are estimated, of `FITTABLE`.
         by_clip: Scenes of the clips that override something.
 
-    Raises SceneError for fixed bodies and hollow objects, whose motion is not modelled.
+    Raises SceneError for fixed bodies, hollow objects and joints, whose motion is not modelled.
     """
 
     scene: Scene
@@ -53,6 +53,11 @@ class KnownScene:
             for i, obj in enumerate(scene.objects):
                 if obj.hollow:
                     raise SceneError(f"objects[{i}].hollow: motion of hollow bodies cannot be explained; valid: 0")
+                if obj.joint is not None:
+                    raise SceneError(
+                        f"objects[{i}].joint: a table of a body with a joint cannot be explained; valid: a log and its "
+                        "MJCF (dynamics discover LOG MODEL.xml)"
+                    )
 
     def of_clip(self, clip: str) -> Scene:
         """The scene with the overrides of a clip."""

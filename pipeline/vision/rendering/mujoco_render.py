@@ -32,7 +32,7 @@ def render_mujoco(
 ) -> np.ndarray:
     """Pictures uint8 (F, H, W, 3) from the camera of a scene; arguments as `render.render_rgb`."""
     assert scene.camera is not None
-    root = scene_mjcf(scene)
+    root = scene_mjcf(scene.without_joints())  # a free body can have any pose
     appearance = clear_view(appearance, scene.camera.position, positions)
     add_appearance(root, appearance, width, height, shadows)
     model = mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
