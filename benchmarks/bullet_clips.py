@@ -22,16 +22,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.mask_clips import data_folder
 from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.discrepancy.tracks.track import Track
 from pipeline.errors import MeasurementError
-from pipeline.evaluation.tables import markdown
+from pipeline.evaluation.markdown import markdown
 from pipeline.hidden.judge import LARGEST_SET
 from pipeline.metrics.intervals import wilson
 from pipeline.scene.effects.registry import effect_kinds
+from training.data_folder import needed
 
 LEAST_FLOORS = 3.0
 LEAST_SAMPLES = 8
@@ -127,9 +127,7 @@ def main() -> None:
     parser.add_argument("--clips", nargs="*", metavar="NAME")
     parser.add_argument("--out", type=Path, default=Path("reports/bullet_clips.md"))
     asked = parser.parse_args()
-    folder = data_folder() / "cross_engine"
-    if not folder.is_dir():
-        parser.error(f"no folder {folder}; set DYNAMICS_DATA to the folder that has cross_engine")
+    folder = needed("cross_engine")
     outcomes = []
     for place in sorted(folder.glob("clip_*")):
         if asked.clips and place.name not in asked.clips:

@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from benchmarks.kept_answers import Answer, answers_of, kept_answers, kept_folder
 from benchmarks.mechanism_worlds import MODELS, STRENGTHS, make_world
-from pipeline.evaluation.tables import markdown
+from pipeline.evaluation.markdown import markdown
 from pipeline.mechanisms.discovery import discover_mechanism
 from pipeline.mechanisms.registry import mechanism_effects
 

@@ -14,10 +14,11 @@ from PIL import Image
 from pipeline.api.infer import Inference
 from pipeline.api.mask_files import SHEET, write_sheet
 from pipeline.api.motion_figure import write_motion_figure
-from pipeline.api.overlay import Row, Sheet, draw, markdown, side_by_side
+from pipeline.api.overlay import Row, Sheet, draw, side_by_side
 from pipeline.api.result_folder import write_result
 from pipeline.clips.replay import Replay
 from pipeline.editing.filmed_clip import CLIP, FilmedClip, write_clip
+from pipeline.evaluation.markdown import markdown
 from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
 from pipeline.inference.method import TRACKS, Method
 from pipeline.inference.progress import Progress
@@ -124,8 +125,7 @@ def _write_pictures(folder: Path, found: Inference, run: Replay, masks: np.ndarr
         [
             f"### {title}",
             "",
-            *markdown(rows),
-            "",
+            markdown(rows[0], rows[1:]),
             *(f"- {n}" for n in (*clip.notes, *found.doubts)),
             "",
             "**In words**",

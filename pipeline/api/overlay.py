@@ -168,9 +168,3 @@ def aligned(rows: Sequence[Row]) -> list[str]:
         cells = [c.ljust(w) if i < 2 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))]
         lines.append("  ".join(cells).rstrip())
     return lines
-
-
-def markdown(rows: Sequence[Row]) -> list[str]:
-    """Rows, the first of them headings, as lines of a Markdown table."""
-    rule = tuple("---" for _ in rows[0])
-    return [f"| {' | '.join(row)} |" for row in (rows[0], rule, *rows[1:])]
