@@ -11,8 +11,8 @@ import numpy as np
 import pyarrow.parquet as pq
 from PIL import Image
 
-from pipeline.api.infer import Inference
-from pipeline.api.mask_files import SHEET, write_sheet
+from pipeline.api.inference import Inference
+from pipeline.api.mask_sheet import SHEET, write_sheet
 from pipeline.api.motion_figure import write_motion_figure
 from pipeline.api.overlay import Row, Sheet, draw, side_by_side
 from pipeline.api.result_folder import write_result

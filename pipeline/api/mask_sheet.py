@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -13,9 +14,15 @@ from pipeline.perception.user_clip import UserClip
 from pipeline.vision.recordings.letterbox import of_area
 from pipeline.vision.rendering.appearance import object_colour
 
+SHEET = "masks.png"
 COLUMNS, MOMENTS = 4, 8
 TILE_PX = 480 * 320  # area of a moment's picture
 LETTERS = 190  # of a line of the heading
+
+
+def write_sheet(folder: Path, name: str, taken: UserClip) -> None:
+    """Write masks.png."""
+    Image.fromarray(mask_sheet(Path(name).name, taken)).save(folder / SHEET)
 
 
 def mask_sheet(name: str, taken: UserClip) -> np.ndarray:
