@@ -12,14 +12,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.api.inference import Inference, Settings
 from pipeline.errors import ParamsError
-from pipeline.inference.asking import (
-    LoadingModel,
-    Question,
-    flow_source,
-    load_in_background,
-    loaded,
-    shipped,
-)
+from pipeline.inference.asking import LoadingModel, Question, flow_source, load_in_background, loaded, shipped
 from pipeline.inference.filmed_world import World
 from pipeline.inference.find_scenes import SearchBudget, find_scenes
 from pipeline.inference.measure_clip import FlowSource, measure_clip

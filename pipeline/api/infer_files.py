@@ -154,7 +154,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
         "clip": found.name,
         "grade": found.grade.name,
         "grade_reason": found.grade.reason,
-        "metric": {"by": found.metric, "error": _metric_error(found)},
+        "metric": {"by": found.metric, "error": _number(np.nan if found.scale is None else found.scale.error)},
         "forecast": None
         if ahead is None
         else {
@@ -279,15 +279,6 @@ def words_of(found: Inference, run: Replay) -> str:
     """What happens, in words: the model's, or of the replay's events where no answer belongs to the scene."""
     answer = found.best.answer
     return think_text(run.scene, list(run.events), run.schedule.seconds) if answer is None else answer.completion.think
-
-
-def _metric_error(found: Inference) -> float | None:
-    """Standard error of the scale, as a share; None where nothing fixes it."""
-    return (
-        None
-        if found.metric == "none" or found.scenes.filmed.answer is None
-        else _number(found.scenes.filmed.answer.scale.error)
-    )
 
 
 def _write_motion(folder: Path, found: Inference, run: Replay) -> None:

@@ -9,11 +9,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.api.result_folder import FolderResult
 from pipeline.clips.replay import Replay, replay
-from pipeline.inference.asking import (
-    Question,
-    estimation_size,
-    input_of,
-)
+from pipeline.inference.asking import Question, estimation_size, input_of
 from pipeline.inference.filmed_world import World
 from pipeline.inference.find_scenes import FoundScenes, SearchBudget
 from pipeline.inference.measure_clip import FlowSource
@@ -22,6 +18,7 @@ from pipeline.inference.method import TRACKS, Method, steady_line_doubt
 from pipeline.inference.progress import Progress
 from pipeline.inference.trust import Grade, grade
 from pipeline.perception.prompts import Prompts
+from pipeline.planar.scale import Scale
 from pipeline.scene.scene import Scene
 from pipeline.vision.recordings.corrections import Correction
 
@@ -92,11 +89,15 @@ class Inference(FolderResult):
         return grade(self.best.overlap.sequence, self.scenes.forecast)
 
     @property
+    def scale(self) -> Scale | None:
+        """The scale of the tracks, where they are the answer."""
+        answer = self.scenes.filmed.answer
+        return answer.scale if answer and self.best.name == TRACKS else None
+
+    @property
     def metric(self) -> str:
         """What fixed the scale: "gravity", "length", "size", "board" or "none"."""
-        answer = self.scenes.filmed.answer
-        scale = answer.scale if answer and self.best.name == TRACKS else None
-        return "none" if scale is None else scale.by
+        return "none" if self.scale is None else self.scale.by
 
     @property
     def doubts(self) -> list[str]:
