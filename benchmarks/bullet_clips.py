@@ -7,7 +7,7 @@ where the gap of the calibrated model exceeds three noise floors. Its verdict is
 is wanted, or stands in a set of at most three that holds a wanted one. Two lists are wanted: `linear_drag` and
 `rolling_resistance`; and, beside them, `air_drag`, since Bullet's damping forces and torques are m d (1 + |v|) v and
 I d (1 + |w|) w (btMultiBody.cpp), so that a ball that rolls fast is slowed by the square of its speed.
-Clips: `cross_engine` in DYNAMICS_DATA or ../shared/data. Writes reports/bullet_clips.md.
+Clips: `cross_engine` in DYNAMICS_DATA or ../shared/data. Writes benchmarks/results/bullet_clips/clips.md.
 Run: python -m benchmarks.bullet_clips [--noise 0.0001] [--clips NAME ...]
 """
 
@@ -22,16 +22,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.mask_clips import data_folder
 from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.discrepancy.tracks.track import Track
 from pipeline.errors import MeasurementError
-from pipeline.evaluation.tables import markdown
+from pipeline.evaluation.markdown import markdown
 from pipeline.hidden.judge import LARGEST_SET
 from pipeline.metrics.intervals import wilson
 from pipeline.scene.effects.registry import effect_kinds
+from training.data_folder import needed
 
 LEAST_FLOORS = 3.0
 LEAST_SAMPLES = 8
@@ -125,11 +125,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--noise", type=float, default=1e-4, help="m, of each coordinate")
     parser.add_argument("--clips", nargs="*", metavar="NAME")
-    parser.add_argument("--out", type=Path, default=Path("reports/bullet_clips.md"))
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results/bullet_clips/clips.md"))
     asked = parser.parse_args()
-    folder = data_folder() / "cross_engine"
-    if not folder.is_dir():
-        parser.error(f"no folder {folder}; set DYNAMICS_DATA to the folder that has cross_engine")
+    folder = needed("cross_engine")
     outcomes = []
     for place in sorted(folder.glob("clip_*")):
         if asked.clips and place.name not in asked.clips:

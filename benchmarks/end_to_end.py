@@ -21,11 +21,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
-from benchmarks.mask_clips import data_folder, moving_in
+from benchmarks.mask_clips import moving_in
 from pipeline.api.infer import infer
 from pipeline.clips.replay import HEIGHT, WIDTH, replay_poses
 from pipeline.errors import SimulationError, VideoError
-from pipeline.evaluation.tables import cell, markdown
+from pipeline.evaluation.markdown import markdown
+from pipeline.evaluation.tables import cell
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.metrics.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.perception.mask_source import MaskSource
@@ -35,6 +36,7 @@ from pipeline.scene.text import write_scene
 from pipeline.search.target import resize_masks
 from pipeline.vision.recordings.clip_folder import find_clips, masks_beside, video_of
 from pipeline.vision.recordings.mask_file import only
+from training.data_folder import needed
 
 METRICS = {
     "composition": "composition",
@@ -111,9 +113,7 @@ def main() -> None:
     parser.add_argument("--kept", type=Path, help="a folder for the answers; default: a temporary one")
     parser.add_argument("--words", default="this tree", help="name of this version in the tables")
     asked = parser.parse_args()
-    folder = data_folder() / "cross_engine"
-    if not folder.is_dir():
-        parser.error(f"no folder {folder}; set DYNAMICS_DATA to the folder that has cross_engine")
+    folder = needed("cross_engine")
     places = [p for p in find_clips(folder) if p.is_dir() and (not asked.clips or p.name in asked.clips)]
     with kept_folder(asked.kept) as kept:
         path = kept / "answers.jsonl"

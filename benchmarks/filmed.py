@@ -23,10 +23,11 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from benchmarks.drawn_outlines import DrawnClip, outline_mask, read_outlines
-from benchmarks.mask_clips import OUTLINES, data_folder
+from benchmarks.mask_clips import OUTLINES
 from pipeline.api.infer import Inference, infer
 from pipeline.clips.replay import masks_at
 from pipeline.errors import DynamicsError
+from pipeline.evaluation.markdown import heading, table_row
 from pipeline.inference.filmed_world import World
 from pipeline.metrics.overlap import overlap
 from pipeline.motion.view import ArcMotion
@@ -34,6 +35,7 @@ from pipeline.perception.prompts import Prompts
 from pipeline.physics.simulate import simulate
 from pipeline.vision.recordings.letterbox import of_area
 from pipeline.vision.recordings.video import frame_times
+from training.data_folder import needed
 
 PX = 480 * 320  # of the pictures that are compared
 
@@ -276,16 +278,17 @@ def clicked_distance(
     return float(np.median(every)), float(every.max())
 
 
-def row(clip: DrawnClip, found: Inference, video: Path, seconds: float) -> tuple[str, float]:
-    """A line of the table, and the IoU with the drawn outlines."""
+def row(clip: DrawnClip, found: Inference, video: Path, seconds: float) -> tuple[list[str], float]:
+    """A row of the table, and the IoU with the drawn outlines."""
     kinds = "+".join(sorted(shape for _, shape in clip.objects))
     iou = drawn_iou(clip, found, video)
     view, true = found.scenes.filmed.motion.view.kind, CLIPS[Path(clip.clip).stem].view
     seen_right = view == true or {view, true} == {"side", "flight"}
     marks = f"{'' if found.scene.composition == kinds else 'not '}{kinds}", f"{'' if seen_right else 'not '}{true}"
-    line = f"| {Path(clip.clip).stem} | {found.scene.composition} ({marks[0]}) | {view} ({marks[1]}) | {iou:.2f} | "
     begin, end = fitted_stretch(found)
-    return line + f"{found.grade.name} | {found.best.name} | {begin:.2f} to {end:.2f} | {seconds:.0f} |", iou
+    seen = [f"{found.scene.composition} ({marks[0]})", f"{view} ({marks[1]})", f"{iou:.2f}"]
+    graded = [found.grade.name, found.best.name, f"{begin:.2f} to {end:.2f}", f"{seconds:.0f}"]
+    return [Path(clip.clip).stem, *seen, *graded], iou
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -295,15 +298,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--only", nargs="*", default=[], choices=sorted(CLIPS), metavar="NAME")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args(argv)
-    folder = data_folder() / "real_video"
-    if not folder.is_dir():
-        raise SystemExit(f"there is no {folder}: set DYNAMICS_DATA to the folder that has real_video")
+    folder = needed("real_video")
     answers: dict[str, Inference] = {}
     ious = []
-    print(
-        "| clip | bodies | view | IoU, drawn outlines | grade | by | stretch, s | time, s |\n"
-        "| --- | --- | --- | --- | --- | --- | --- | --- |"
-    )
+    print(heading(["clip", "bodies", "view", "IoU, drawn outlines", "grade", "by", "stretch, s", "time, s"]))
     clips = {Path(clip.clip).stem: clip for clip in read_outlines(OUTLINES)}
     for name, clip in clips.items():
         if arguments.only and name not in arguments.only:
@@ -313,17 +311,17 @@ def main(argv: Sequence[str] | None = None) -> None:
             stretch = drawn_stretch(clip) if arguments.drawn_stretch else (None, None)
             found = asked(clip, folder / clip.clip, arguments.search, stretch)
         except DynamicsError as error:
-            print(f"| {name} | {error} | | 0 | | | | |", flush=True)
+            print(table_row([name, str(error), "", "0", "", "", "", ""]), flush=True)
             ious.append(0.0)
             continue
-        line, iou = row(clip, found, folder / clip.clip, time.monotonic() - start)
-        print(line, flush=True)
+        cells, iou = row(clip, found, folder / clip.clip, time.monotonic() - start)
+        print(table_row(cells), flush=True)
         ious.append(iou)
         answers[name] = found
         if arguments.out is not None:
             found.save(arguments.out / name, force=True)
     print(f"\nmean IoU {np.mean(ious):.3f} of {len(ious)} clips\n")
-    print("| clip | what | expected | bound | found | |\n| --- | --- | --- | --- | --- | --- |")
+    print(heading(["clip", "what", "expected", "bound", "found", ""]))
     shorter: dict[tuple[str, float], Inference] = {}
     for check in CHECKS:
         if check.clip not in answers:
@@ -341,8 +339,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         except (AssertionError, ValueError, IndexError):
             value = float("nan")
         within = "within" if abs(value - check.expected) <= check.bound else "missed"
-        bounds = f"{check.expected:g} {check.unit} | {check.bound:g}"
-        print(f"| {check.clip} | {check.what} | {bounds} | {value:.3g} | {within} |")
+        bounds = f"{check.expected:g} {check.unit}", f"{check.bound:g}"
+        print(table_row([check.clip, check.what, *bounds, f"{value:.3g}", within]))
     for name, (table, every, offset) in CLICKED.items():
         if name in answers:
             clicks = pd.read_csv(folder / "truth" / f"{table}.csv")
@@ -351,7 +349,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             middle, most = clicked_distance(clips[name], answers[name], stamps, clicks)
             within = "within" if middle <= CLICKED_PX else "missed"
             what = f"clicked centres, median distance (largest {most:.1f} px)"
-            print(f"| {name} | {what} | 0 px | {CLICKED_PX:g} | {middle:.2g} | {within} |")
+            print(table_row([name, what, "0 px", f"{CLICKED_PX:g}", f"{middle:.2g}", within]))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw
 
-from benchmarks.mask_clips import data_folder
 from pipeline.clips.draw_views import draw_view_clips, view_kind
 from pipeline.clips.replay import masks_at, replay_poses
 from pipeline.clips.schedule import Schedule
@@ -25,6 +24,7 @@ from pipeline.scene.text import read_scene
 from pipeline.vision.recordings.video import read_clip
 from pipeline.vision.rendering.appearance import sample_appearance
 from pipeline.vision.rendering.render import render_rgb
+from training.data_folder import data_folder
 
 DOCS = Path("docs")
 REAL, REAL_SIZE = "tennisball_toss_wall.mp4", (720, 480)

@@ -37,6 +37,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
 from pipeline.evaluation.event_scores import EVENT_METRICS, KIND_METRICS, SAID, SIMULATED, score_events
 from pipeline.evaluation.event_table import EVENTS, events_table
+from pipeline.evaluation.markdown import markdown
 from pipeline.evaluation.scene_scores import METRICS, score_with_pairs
 from pipeline.evaluation.suite import Suite, reference
 from pipeline.evaluation.summary import COUNTS, Summary, as_csv, best_of_k_curve, summarise, with_metrics
@@ -45,7 +46,6 @@ from pipeline.evaluation.tables import (
     SAMPLES,
     SCORES,
     differences_table,
-    markdown,
     metrics_table,
     samples_table,
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,11 +44,6 @@ class MaskClip:
     masks: np.ndarray
     labelled: np.ndarray
     moving: tuple[int, ...]
-
-
-def data_folder() -> Path:
-    """The folder of data that the project does not ship: DYNAMICS_DATA, else `shared/data` beside the repository."""
-    return Path(os.environ.get("DYNAMICS_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 
 
 def moving_ids(centre: np.ndarray, quaternion: np.ndarray, width: int, masks: np.ndarray) -> tuple[int, ...]:

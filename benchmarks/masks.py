@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from benchmarks.mask_clips import OUTLINES, MaskClip, another_engine, data_folder, outlined, sampled_by_mujoco
+from benchmarks.mask_clips import OUTLINES, MaskClip, another_engine, outlined, sampled_by_mujoco
 from benchmarks.motion_masks import masks_from_motion
 from pipeline.errors import VideoError
 from pipeline.metrics.overlap import assign, count, pair_iou
@@ -30,6 +30,7 @@ from pipeline.segmentation import load_mask_networks
 from pipeline.segmentation.propagation import body_prompts, segment_with
 from pipeline.segmentation.published_models import FAMILIES, load_published
 from pipeline.vision.flow.dis import DIS
+from training.data_folder import data_folder
 
 Finder = Callable[[MaskClip], np.ndarray]
 RESTING_IOU = 0.3  # with a true body that rests: then a predicted body is not an extra one

@@ -21,7 +21,8 @@ from tqdm import tqdm
 
 from benchmarks.kept_answers import Answer, answers_of, kept_answers, kept_folder
 from benchmarks.mechanism_worlds import MODELS, STRENGTHS, make_world
-from pipeline.evaluation.tables import markdown
+from benchmarks.result_files import write_results
+from pipeline.evaluation.markdown import markdown
 from pipeline.mechanisms.discovery import discover_mechanism
 from pipeline.mechanisms.registry import mechanism_effects
 
@@ -130,9 +131,7 @@ def main() -> None:
         for _ in tqdm(answers_of(answer, left, path, a.workers, a.minutes), total=len(left), unit="world"):
             pass
         text = summary(kept_answers(path))
-        (folder / "summary.md").write_text(
-            f"# What models of mechanisms lack\n\n`python -m benchmarks.mechanisms`\n\n{text}"
-        )
+        write_results(folder, "summary", "What models of mechanisms lack", "python -m benchmarks.mechanisms", text)
         print(text)
 
 

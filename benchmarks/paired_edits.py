@@ -42,7 +42,7 @@ from pipeline.editing.filmed_clip import CLIP, FilmedClip, read_clip, write_clip
 from pipeline.editing.layers import take_apart
 from pipeline.editing.view import BodyMotion, view_of
 from pipeline.errors import SceneError, SimulationError, VideoError
-from pipeline.evaluation.tables import markdown
+from pipeline.evaluation.markdown import markdown
 from pipeline.metrics.overlap import assign, count, pair_iou
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import load_scene, write_scene

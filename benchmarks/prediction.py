@@ -15,7 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.evaluation.tables import cell, markdown
+from pipeline.evaluation.markdown import markdown
+from pipeline.evaluation.tables import cell
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.shards.dataset import open_shards
 from stages.graph.run import folder

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 import time
 import zlib
 from collections.abc import Callable, Sequence
@@ -25,10 +24,10 @@ import numpy as np
 import torch
 from transformers.utils import logging
 
-from benchmarks.published.published_set import ROOT
 from pipeline.clips.schedule import Schedule
+from pipeline.evaluation.markdown import markdown
 from pipeline.evaluation.scene_scores import measured_reference, score
-from pipeline.evaluation.tables import cell, markdown
+from pipeline.evaluation.tables import cell
 from pipeline.inference.asking import input_of
 from pipeline.inference.model_pictures import shown_clip
 from pipeline.language.completion import read_completion
@@ -50,6 +49,7 @@ from pipeline.vision.flow.raft import load_raft
 from pipeline.vision.recordings.clip_folder import find_clips, masks_beside
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
+from training.data_folder import needed
 
 METRICS = {
     "iou": "IoU, sequence",
@@ -167,9 +167,7 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path(".train/prefer"))
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results/prefer.md"))
     a = parser.parse_args()
-    folder = Path(os.environ.get("DYNAMICS_DATA", ROOT.parent / "shared" / "data")) / "cross_engine"
-    if not folder.is_dir():
-        sys.exit("error: no folder cross_engine; set DYNAMICS_DATA to the folder that has it")
+    folder = needed("cross_engine")
     logging.set_verbosity_error()
     torch.set_num_threads(int(os.environ.get("OMP_NUM_THREADS", "2")))
     a.work.mkdir(parents=True, exist_ok=True)

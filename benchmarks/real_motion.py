@@ -8,7 +8,6 @@ Run: python -m benchmarks.real_motion [--tosses 24] [--flights 54] [--write FOLD
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +19,7 @@ from ruamel.yaml import YAML
 
 from benchmarks.published.ball_drops import read_ball_drops, together
 from benchmarks.published.cube_tosses import read_cube_tosses
-from benchmarks.published.published_set import RealSet, real_motion_folder
+from benchmarks.published.published_set import RealSet
 from benchmarks.published.table_tennis import read_table_tennis
 from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.fitting.initial_states import stack_initial_states
@@ -34,10 +33,16 @@ from pipeline.discrepancy.tracks.arc import Arc
 from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.discrepancy.tracks.stack import stack_arcs
 from pipeline.discrepancy.tracks.track import tracks_table
+from pipeline.evaluation.markdown import markdown, table_row
 from pipeline.scene.effects.registry import effect_kinds
+from training.data_folder import needed
 
 SEEN = 0.4  # share of the second drop that is fitted
 FORECASTS = (None, "linear_drag", "air_drag")
+HEAD = (
+    *("set", "verdict", "confidence", "equivalent", "parameters or form", "remains"),
+    *("gap before, mm", "after", "floor", "s"),
+)
 
 
 def forecast_errors(real: RealSet) -> list[float]:
@@ -76,27 +81,25 @@ def forecast_errors(real: RealSet) -> list[float]:
     return out
 
 
-def table_row(name: str, found: Discovery, seconds: float) -> str:
+def verdict_row(name: str, found: Discovery, seconds: float) -> list[str]:
     v, g = found.verdict, found.gap
     numbers = "; ".join(f"{k} {_short(e.value)} ± {_short(e.stderr)} {e.unit}" for k, e in v.parameters.items())
     alike = " / ".join(", ".join(s) for s in v.equivalent)
-    return (
-        f"| {name} | {' + '.join(v.effects) or 'none'} | {v.confidence:.2f} | {alike} | "
-        f"{numbers or (v.form or '')} | {_remaining(v.remainder)} | "
-        f"{1e3 * g.before:.3g} | {1e3 * g.after:.3g} | {1e3 * g.noise_floor:.3g} | {seconds:.1f} |"
-    )
+    said = [" + ".join(v.effects) or "none", f"{v.confidence:.2f}", alike, numbers or (v.form or "")]
+    sizes = [f"{1e3 * size:.3g}" for size in (g.before, g.after, g.noise_floor)]
+    return [name, *said, _remaining(v.remainder), *sizes, f"{seconds:.1f}"]
 
 
-def gaps_by_object(found: Discovery) -> list[str]:
-    """For each object, root mean square residuals before and after over all of its clips, mm; of one object none."""
+def gaps_by_object(found: Discovery) -> str:
+    """A table: root mean square residuals of each object before and after, mm, over all clips; of one object none."""
     names = [o.name for o in found.problem.known.scene.objects]
     if len(names) < 2:
-        return []
-    out = ["", "| object | gap before, mm | after |", "| --- | --- | --- |"]
+        return ""
+    rows = []
     for number, name in enumerate(names):
         before, after = (1e3 * body_gap(model, number) for model in (found.selection.baseline, found.answer))
-        out.append(f"| {name} | {before:.3g} | {after:.3g} |")
-    return out
+        rows.append([name, f"{before:.3g}", f"{after:.3g}"])
+    return "\n" + markdown(["object", "gap before, mm", "after"], rows)
 
 
 def _remaining(left: Remainder | None) -> str:
@@ -129,9 +132,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("reports/real_motion.md"))
     parser.add_argument("--write", type=Path, help="folder for the sets as `dynamics discover` takes them")
     arguments = parser.parse_args()
-    folder = real_motion_folder()
-    if folder is None:
-        sys.exit("error: no folder real_motion; set DYNAMICS_DATA to the folder that has it")
+    folder = needed("real_motion")
     drops = read_ball_drops(folder / "ball_drops")
     sets = [
         *drops,
@@ -142,31 +143,20 @@ def main() -> None:
     if arguments.write:
         write_sets(sets, arguments.write)
         return
-    words = (
-        "set | verdict | confidence | equivalent | parameters or form | remains | gap before, mm | after | floor | s"
-    )
-    lines = [f"| {words} |", f"|{' --- |' * len(words.split('|'))}"]
-    by_object: list[str] = []
+    rows, by_object = [], ""
     for real in sets:
         began = time.perf_counter()
         found = discover(real.tracks, known_scene(real.known), 0.3, tuple(effect_kinds()), np.random.default_rng(0))
-        lines.append(table_row(real.name, found, time.perf_counter() - began))
-        print(lines[-1], flush=True)
+        rows.append(verdict_row(real.name, found, time.perf_counter() - began))
         by_object += gaps_by_object(found)
-        print("\n".join([*(f"    {note}" for note in found.notes), *gaps_by_object(found)]), flush=True)
-    lines += [
-        *by_object,
-        "",
-        "Forecasts of the unseen 60 % of drop 2, RMS error in m, after drop 1 and 40 % of drop 2:",
-        "",
-        "| ball | no drag | linear drag | quadratic drag |",
-        "| --- | --- | --- | --- |",
-    ]
-    for real in drops:
-        lines.append(f"| {real.name} | " + " | ".join(f"{e:.2f}" for e in forecast_errors(real)) + " |")
-        print(lines[-1], flush=True)
+        notes = (f"    {note}" for note in found.notes)
+        print("\n".join([table_row(rows[-1]), *notes, gaps_by_object(found)]), flush=True)
+    words = "Forecasts of the unseen 60 % of drop 2, RMS error in m, after drop 1 and 40 % of drop 2:"
+    forecasts = [[real.name, *(f"{e:.2f}" for e in forecast_errors(real))] for real in drops]
+    forecast_table = markdown(["ball", "no drag", "linear drag", "quadratic drag"], forecasts)
+    print(forecast_table)
     arguments.out.parent.mkdir(exist_ok=True)
-    arguments.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    arguments.out.write_text(f"{markdown(HEAD, rows)}{by_object}\n{words}\n\n{forecast_table}", encoding="utf-8")
 
 
 if __name__ == "__main__":

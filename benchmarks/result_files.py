@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 
 
-def write_results(folder: Path, name: str, title: str, command: str, table: str, rows: Sequence[Any]) -> None:
-    """Write `name`.md and `name`.csv.
+def write_results(folder: Path, name: str, title: str, command: str, table: str, rows: Sequence[Any] = ()) -> None:
+    """Write `name`.md, and `name`.csv where there are rows.
 
     Args:
         folder: Is made where it does not exist.
@@ -22,5 +22,6 @@ def write_results(folder: Path, name: str, title: str, command: str, table: str,
         rows: Data classes, one for each row of the CSV file.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    pd.DataFrame([asdict(r) for r in rows]).to_csv(folder / f"{name}.csv", index=False)
+    if rows:
+        pd.DataFrame([asdict(r) for r in rows]).to_csv(folder / f"{name}.csv", index=False)
     (folder / f"{name}.md").write_text(f"# {title}\n\n`{command}`\n\n{table}", encoding="utf-8")

@@ -32,6 +32,7 @@ import pyarrow as pa
 from ruamel.yaml import YAML
 
 from pipeline.errors import ShardError
+from pipeline.evaluation.markdown import markdown
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.manifest import MANIFEST
 from pipeline.shards.map_shards import map_shards
@@ -284,9 +285,7 @@ def main() -> None:
             rows = score_memory(arguments.data, arguments.clips, arguments.shard_size)
         case _:
             rows = memory(arguments.clips, arguments.shard_size)
-    print("| " + " | ".join(rows[0]) + " |\n|" + " --- |" * len(rows[0]))
-    for row in rows:
-        print("| " + " | ".join(map(str, row.values())) + " |")
+    print(markdown(list(rows[0]), [list(map(str, row.values())) for row in rows]), end="")
 
 
 if __name__ == "__main__":

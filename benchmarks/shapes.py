@@ -23,8 +23,9 @@ from tqdm import tqdm
 
 from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
 from pipeline.clips.replay import replay_poses
+from pipeline.evaluation.markdown import markdown
 from pipeline.evaluation.scene_scores import score, true_reference
-from pipeline.evaluation.tables import cell, markdown
+from pipeline.evaluation.tables import cell
 from pipeline.inference.scene_search import clip_evaluator
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.metrics.overlap import assign, count, pair_iou

@@ -29,9 +29,10 @@ from benchmarks.kept_answers import answers_of, kept_answers
 from benchmarks.motion_masks import masks_from_motion
 from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
+from pipeline.evaluation.markdown import markdown
 from pipeline.evaluation.scene_scores import score
 from pipeline.evaluation.suite import Suite, greedy_row, reference
-from pipeline.evaluation.tables import markdown, starts_table
+from pipeline.evaluation.tables import starts_table
 from pipeline.inference.scene_search import distinct_starts
 from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.scene.scene import Scene

@@ -19,7 +19,6 @@ import cv2
 import numpy as np
 import torch
 
-from benchmarks.mask_clips import data_folder
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import VideoError
 from pipeline.perception.found_bodies import moving_masks
@@ -32,6 +31,7 @@ from pipeline.vision.flow.raft import RAFT, load_raft
 from pipeline.vision.flow.supported_flow import supported_flow
 from pipeline.vision.recordings.clip_folder import find_clips
 from pipeline.vision.recordings.video import read_clip
+from training.data_folder import data_folder
 
 SIZE, ITERATIONS = (240, 160), 4
 FLICKER_PX = 0.5

@@ -31,7 +31,7 @@ from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.errors import DynamicsError, VideoError
-from pipeline.evaluation.tables import markdown
+from pipeline.evaluation.markdown import markdown
 from pipeline.filmed.measured_motion import measure_motion
 from pipeline.filmed.shown_effects import discover_shown
 from pipeline.hidden.filmed_world import FPS

@@ -21,11 +21,12 @@ from pipeline.csv_rows import read_rows, write_rows
 from pipeline.evaluation.determined import determined_table, spreads_by_kind
 from pipeline.evaluation.event_scores import EVENT_METRICS, KIND_METRICS
 from pipeline.evaluation.event_table import EVENTS, events_table
+from pipeline.evaluation.markdown import markdown
 from pipeline.evaluation.scene_scores import METRICS
 from pipeline.evaluation.scores_page import RunScores, scores_page, shown_clips
 from pipeline.evaluation.suite import AnsweredSuite, forecast_rows
 from pipeline.evaluation.summary import COUNTS, as_csv, as_json, summarise, with_metrics
-from pipeline.evaluation.tables import ERRORS, FORECAST, SCORES, markdown, metrics_table, times_table
+from pipeline.evaluation.tables import ERRORS, FORECAST, SCORES, metrics_table, times_table
 from pipeline.language.events import Thresholds
 from pipeline.shards.contents import check_contents
 from pipeline.shards.dataset import open_shards

@@ -7,7 +7,7 @@ Reads data/tracks/views. Writes reports/views.md (a row per kind of view, a row 
 import json
 from pathlib import Path
 
-from pipeline.evaluation.view_tables import CLIP_HEADING, ViewScore, clip_line, figures, kinds_table
+from pipeline.evaluation.view_tables import ViewScore, clips_table, figures, kinds_table
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
 from stages.graph.run import folder, run
@@ -20,7 +20,7 @@ def main() -> None:
     scores = [ViewScore(**row) for row in clips.table().to_pylist()] if len(clips) else []
     metrics, text = figures(scores), "The suite has no clips.\n"
     if scores:
-        text = "\n".join([kinds_table(scores), CLIP_HEADING, *map(clip_line, scores), ""])
+        text = f"{kinds_table(scores)}\n{clips_table(scores)}"
     with writing_to(REPORTS):
         REPORTS.mkdir(exist_ok=True)
         (REPORTS / "views.md").write_text(text, encoding="utf-8")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.csv_rows import write_rows
-from pipeline.evaluation.tables import markdown
+from pipeline.evaluation.markdown import markdown
 from pipeline.hidden.confusion_figure import confusion_figure
 from pipeline.hidden.judge import Judgement, confusion, judge
 from pipeline.metrics.intervals import wilson

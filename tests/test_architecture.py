@@ -55,9 +55,26 @@ def circle(graph: Graph) -> list[str]:
     return []
 
 
+def file_circle(root: Path) -> list[str]:
+    """Files of `pipeline` that import each other in a circle; empty for none. Imports of a package do not count."""
+    inner = {}
+    for file in sorted((root / "pipeline").rglob("*.py")):
+        paths = {root.joinpath(*module.split(".")).with_suffix(".py") for module in imported_modules(file, root)}
+        inner[file] = [path for path in paths if path != file and path.is_file()]
+    try:
+        TopologicalSorter(inner).prepare()
+    except CycleError as error:
+        return [path.relative_to(root).as_posix() for path in error.args[1][::-1]]
+    return []
+
+
 @pytest.fixture(scope="module")
 def graph() -> Graph:
     return import_graph(ROOT)
+
+
+def test_no_file_of_the_pipeline_imports_another_in_a_circle() -> None:
+    assert file_circle(ROOT) == []
 
 
 def test_no_package_of_the_pipeline_imports_another_in_a_circle(graph: Graph) -> None:
@@ -100,3 +117,12 @@ def test_imports_in_functions_and_for_types_close_a_circle(tmp_path: Path) -> No
     (tmp_path / "pipeline/c/three.py").write_text("import stages.score\n")
     graph = import_graph(tmp_path)
     assert circle(graph) == [] and graph["pipeline.c"]["stages"] == ["pipeline/c/three.py"]
+
+
+def test_a_circle_of_files_in_one_package_is_found(tmp_path: Path) -> None:
+    (tmp_path / "pipeline/a").mkdir(parents=True)
+    (tmp_path / "pipeline/a/one.py").write_text("def f():\n    from pipeline.a.two import g\n")
+    (tmp_path / "pipeline/a/two.py").write_text("import numpy\n")
+    assert file_circle(tmp_path) == []
+    (tmp_path / "pipeline/a/two.py").write_text("from pipeline.a.one import f\n")
+    assert set(file_circle(tmp_path)) == {"pipeline/a/one.py", "pipeline/a/two.py"}

@@ -15,7 +15,7 @@ from PIL import Image
 from pipeline import untrusted
 from pipeline.errors import SceneError, VideoError
 from pipeline.scene.text import load_scene, read_scene
-from pipeline.untrusted import open_png, parse_yaml, read_bytes, read_json, read_npz, read_table_bytes
+from pipeline.untrusted import open_png, parse_xml, parse_yaml, read_bytes, read_json, read_npz, read_table_bytes
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]\n" for old, new in zip("abcdefghi", "bcdefghij", strict=True)
@@ -196,3 +196,20 @@ def test_a_mesh_file_outside_of_the_scene_s_folder_is_refused(tmp_path: Path, fi
     (folder / "scene.yaml").write_text(MESH.replace("FILE", file))
     with pytest.raises(SceneError, match=r"objects\[0\].file: .* is outside of the scene's folder"):
         load_scene(folder / "scene.yaml")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_entities_of_xml_are_refused_in_every_encoding_and_words_about_them_are_not(encoding: str) -> None:
+    begin = f'<?xml version="1.0" encoding="{encoding}"?>'
+    entities = f'{begin}<!DOCTYPE x [<!ENTITY a "{1000 * "b"}"><!ENTITY c "{1000 * "&a;"}">]><x>{1000 * "&c;"}</x>'
+    with pytest.raises(SceneError, match=r"robot.xml: .*entities are not allowed"):
+        parse_xml(entities.encode(encoding), "robot.xml", SceneError)
+    text = f"{begin}<x><!-- <!DOCTYPE x> --><y>1</y></x>"
+    assert parse_xml(text.encode(encoding), "robot.xml", SceneError).findtext("y") == "1"
+
+
+@pytest.mark.parametrize("data", [b"", b"<x>", b"\xff\xfe<", b'<?xml version="1.0" encoding="none"?><x/>'])
+def test_what_is_no_xml_is_one_error(data: bytes) -> None:
+    with pytest.raises(SceneError, match=r"^robot.xml: not XML") as error:
+        parse_xml(data, "robot.xml", SceneError)
+    assert "\n" not in str(error.value)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pipeline.discrepancy.tracks.track import Track
-
-ROOT = Path(__file__).resolve().parents[2]
+from training.data_folder import data_folder
 
 
 @dataclass(frozen=True)
@@ -33,6 +31,5 @@ class RealSet:
 
 def real_motion_folder() -> Path | None:
     """The folder that holds ball_drops, cube_tosses and table_tennis; None if there is none."""
-    base = Path(os.environ.get("DYNAMICS_DATA", ROOT.parent / "shared" / "data"))
-    folder = base / "real_motion"
+    folder = data_folder() / "real_motion"
     return folder if folder.is_dir() else None

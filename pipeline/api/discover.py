@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.api.discover_log import MODEL, LogDiscoveryResult, discover_log
-from pipeline.api.discovery_folder import DiscoveryFolder, check_share, write_augmented
+from pipeline.api.discovery_folder import HELD_OUT, DiscoveryFolder, check_share, write_augmented
 from pipeline.discrepancy.discover import discover as find_missing_physics
 from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.report.forces_file import forces_file
@@ -110,7 +110,7 @@ def discover(
     measured: str | Path | Sequence[Track],
     scene: str | Path | KnownScene,
     *,
-    held_out: float = 0.3,
+    held_out: float = HELD_OUT,
     effects: str = "all",
     seed: int = 0,
     columns: str | None = None,
@@ -156,6 +156,7 @@ def discover(
                 f"{measured}: columns, unit, length, fps and plane are for a table of positions; the columns of a log "
                 "are named as in the model, in SI units"
             )
+        progress = progress or Progress()
         return discover_log(measured, scene, held_out=held_out, fit=fit, effects=effects, seed=seed, progress=progress)
     if fit:
         raise ParamsError("fit: it is for a model (.xml); the file of a scene lists its own under `fit:`")

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from pipeline.api.discover import DiscoveryResult, discover_motion
+from pipeline.api.discovery_folder import HELD_OUT
 from pipeline.api.overlay import caption
 from pipeline.api.result_folder import FolderResult
 from pipeline.clips.replay import WIDTH
@@ -76,7 +77,7 @@ def discover_clips(
     start: float | None = None,
     seconds: float | None = None,
     fps: float | None = None,
-    held_out: float = 0.3,
+    held_out: float = HELD_OUT,
     effects: str = "all",
     seed: int = 0,
     progress: Progress | None = None,

@@ -98,11 +98,11 @@ def discover_log(
     log: str | Path,
     model: str | Path,
     *,
-    held_out: float = 0.3,
-    fit: Sequence[str] = (),
-    effects: str = "all",
-    seed: int = 0,
-    progress: Progress | None = None,
+    held_out: float,
+    fit: Sequence[str],
+    effects: str,
+    seed: int,
+    progress: Progress,
 ) -> LogDiscoveryResult:
     """Find out which law a user's own MuJoCo model lacks.
 
@@ -113,7 +113,7 @@ def discover_log(
         fit: Numbers of the model that are not known, such as "elbow.damping" or "joint.damping" of all.
         effects: Which may be named: "all", or names with commas between.
         seed: Chooses the clips that are held out.
-        progress: Told of each step; None: nothing is printed.
+        progress: Told of each step.
 
     Returns:
         The verdict with its reasons, and the model with what it lacked.
@@ -123,7 +123,6 @@ def discover_log(
         SceneError: For a model that cannot be read.
         ParamsError: For another argument that is not valid.
     """
-    progress = progress or Progress()
     check_share(held_out)
     names = names_of_mechanism_effects(effects)
     mechanism = read_mechanism(Path(model))

@@ -19,6 +19,8 @@ from pipeline.inference.progress import Progress
 REPORT = "report.json"
 _VERSIONS = ("dynamics-pipeline", "mujoco", "numpy")
 
+HELD_OUT = 0.3  # share of the recordings that is not fitted
+
 
 class DiscoveryFolder(FolderResult):
     """A discovery that can be saved.

@@ -7,136 +7,26 @@ and a classical guess are refined by the search, and the best scene of all is th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.api.result_folder import FolderResult
-from pipeline.clips.replay import Replay, replay
+from pipeline.api.inference import Inference, Settings
 from pipeline.errors import ParamsError
-from pipeline.inference.asking import (
-    LoadingModel,
-    Question,
-    estimation_size,
-    flow_source,
-    input_of,
-    load_in_background,
-    loaded,
-    shipped,
-)
+from pipeline.inference.asking import LoadingModel, Question, flow_source, load_in_background, loaded, shipped
 from pipeline.inference.filmed_world import World
-from pipeline.inference.find_scenes import FoundScenes, SearchBudget, find_scenes
+from pipeline.inference.find_scenes import SearchBudget, find_scenes
 from pipeline.inference.measure_clip import FlowSource, measure_clip
 from pipeline.inference.measured_clip import MeasuredClip
-from pipeline.inference.method import TRACKS, Method, steady_line_doubt
 from pipeline.inference.progress import Progress
 from pipeline.inference.scene_search import LEAST_SEARCH
-from pipeline.inference.trust import Grade, grade
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import UserClip
 from pipeline.perception.video_stretch import VideoStretch
-from pipeline.scene.joint import span
-from pipeline.scene.scene import Scene
-from pipeline.search.certainty import Certainty, weakly_identified
 from pipeline.vision.recordings.corrections import Correction
 
 if TYPE_CHECKING:
     from pipeline.model.base import Base
     from pipeline.model.words_model import WordsModel
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What `infer` was asked for; see there."""
-
-    start: float | None
-    seconds: float | None
-    fps: float | None
-    prompts: Prompts
-    correction: Correction
-    world: World
-    flow: FlowSource
-    question: Question
-    search: SearchBudget
-
-
-@dataclass(frozen=True)
-class Inference(FolderResult):
-    """What `infer` found.
-
-    Attributes:
-        name: Of the clip.
-        clip: What was measured.
-        settings: What was asked for.
-        base: The model.
-        scenes: The model's answers, and the scene that each method found.
-        seconds: The time that each step took.
-    """
-
-    name: str
-    clip: MeasuredClip
-    settings: Settings
-    base: Base | WordsModel
-    scenes: FoundScenes
-    seconds: dict[str, float]
-
-    @property
-    def best(self) -> Method:
-        """The method with the highest reward."""
-        return self.scenes.best
-
-    @property
-    def methods(self) -> tuple[Method, ...]:
-        """Each way to a scene, in the order in which they were tried."""
-        return self.scenes.methods
-
-    @property
-    def scene(self) -> Scene:
-        return self.best.scene
-
-    @property
-    def flow_size(self) -> tuple[int, int]:
-        """px, width and height, at which the flow was measured."""
-        return estimation_size(self.clip.taken.clip, input_of(self.base))
-
-    @property
-    def grade(self) -> Grade:
-        """How far the answer can be trusted."""
-        return grade(self.best.overlap.sequence, self.scenes.forecast)
-
-    @property
-    def metric(self) -> str:
-        """What fixed the scale: "gravity", "length", "size", "board" or "none"."""
-        answer = self.scenes.filmed.answer
-        scale = answer.scale if answer and self.best.name == TRACKS else None
-        return "none" if scale is None else scale.by
-
-    @property
-    def joints(self) -> list[str]:
-        """What holds the bodies, a sentence each."""
-        return [
-            f"{o.name} hangs {span(o, o.joint):.3g} m from a point on a {o.joint.kind}; damping of the joint: "
-            f"{o.joint.damping / o.mass:.2g} N m s/rad for each kg"
-            for o in self.scene.objects
-            if o.joint is not None
-        ]
-
-    @property
-    def doubts(self) -> list[str]:
-        """Why the answer should not be relied on."""
-        filmed = self.scenes.filmed
-        steady = steady_line_doubt(filmed.motion.view, self.settings.world)
-        return [*self.clip.taken.doubts, *filmed.doubts, *([] if steady is None else [steady])]
-
-    def replay(self) -> Replay:
-        """The scene, run over the clip."""
-        return replay(self.scene, self.clip.schedule, *self.clip.taken.clip.letterbox.size)
-
-    def write(self, folder: Path, progress: Progress) -> None:
-        """Write scene.yaml, scene.xml, replay.mp4, overlay.png, masks.png, recording.rrd and result.json."""
-        from pipeline.api.infer_files import write_files
-
-        write_files(folder, self, progress)
 
 
 def infer(
@@ -243,7 +133,13 @@ def infer(
         progress=progress,
     )
     return Inference(
-        name=name, clip=measured, settings=settings, base=loading.base.result(), scenes=found, seconds=progress.seconds
+        name=name,
+        clip=measured,
+        settings=settings,
+        base=loading.base.result(),
+        scenes=found,
+        seconds=progress.seconds,
+        files=_write_files,
     )
 
 
@@ -254,6 +150,7 @@ def _loading(model: str | Base | WordsModel | LoadingModel) -> LoadingModel:
     return load_in_background(model) if isinstance(model, str) else loaded(model)
 
 
-def uncertain(known: tuple[Certainty, ...]) -> str:
-    """The numbers that the clip says little about, as words."""
-    return ", ".join(weakly_identified(known)) or "nothing"
+def _write_files(folder: Path, found: Inference, progress: Progress) -> None:
+    from pipeline.api.infer_files import write_files
+
+    write_files(folder, found, progress)

@@ -11,13 +11,14 @@ import numpy as np
 import pyarrow.parquet as pq
 from PIL import Image
 
-from pipeline.api.infer import Inference
-from pipeline.api.mask_files import SHEET, write_sheet
+from pipeline.api.inference import Inference
+from pipeline.api.mask_sheet import SHEET, write_sheet
 from pipeline.api.motion_figure import write_motion_figure
-from pipeline.api.overlay import Row, Sheet, draw, markdown, side_by_side
+from pipeline.api.overlay import Row, Sheet, draw, side_by_side
 from pipeline.api.result_folder import write_result
 from pipeline.clips.replay import Replay
 from pipeline.editing.filmed_clip import CLIP, FilmedClip, write_clip
+from pipeline.evaluation.markdown import markdown
 from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
 from pipeline.inference.method import TRACKS, Method
 from pipeline.inference.progress import Progress
@@ -124,8 +125,7 @@ def _write_pictures(folder: Path, found: Inference, run: Replay, masks: np.ndarr
         [
             f"### {title}",
             "",
-            *markdown(rows),
-            "",
+            markdown(rows[0], rows[1:]),
             *(f"- {n}" for n in (*clip.notes, *found.doubts)),
             "",
             "**In words**",
@@ -154,7 +154,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
         "clip": found.name,
         "grade": found.grade.name,
         "grade_reason": found.grade.reason,
-        "metric": {"by": found.metric, "error": _metric_error(found)},
+        "metric": {"by": found.metric, "error": _number(np.nan if found.scale is None else found.scale.error)},
         "forecast": None
         if ahead is None
         else {
@@ -280,15 +280,6 @@ def words_of(found: Inference, run: Replay) -> str:
     """What happens, in words: the model's, or of the replay's events where no answer belongs to the scene."""
     answer = found.best.answer
     return think_text(run.scene, list(run.events), run.schedule.seconds) if answer is None else answer.completion.think
-
-
-def _metric_error(found: Inference) -> float | None:
-    """Standard error of the scale, as a share; None where nothing fixes it."""
-    return (
-        None
-        if found.metric == "none" or found.scenes.filmed.answer is None
-        else _number(found.scenes.filmed.answer.scale.error)
-    )
 
 
 def _write_motion(folder: Path, found: Inference, run: Replay) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -11,11 +12,17 @@ from pipeline.api.overlay import FAINT, GAP, INK, LINE, PAPER, font, outlined
 from pipeline.inference.measure_clip import summary
 from pipeline.perception.user_clip import UserClip
 from pipeline.vision.recordings.letterbox import of_area
+from pipeline.vision.recordings.video import AREA
 from pipeline.vision.rendering.appearance import object_colour
 
+SHEET = "masks.png"
 COLUMNS, MOMENTS = 4, 8
-TILE_PX = 480 * 320  # area of a moment's picture
 LETTERS = 190  # of a line of the heading
+
+
+def write_sheet(folder: Path, name: str, taken: UserClip) -> None:
+    """Write masks.png."""
+    Image.fromarray(mask_sheet(Path(name).name, taken)).save(folder / SHEET)
 
 
 def mask_sheet(name: str, taken: UserClip) -> np.ndarray:
@@ -23,7 +30,7 @@ def mask_sheet(name: str, taken: UserClip) -> np.ndarray:
     clip, masks = (taken.clip, taken.masks) if taken.found is None else (taken.found.clip, taken.found.masks)
     labels = [f" {b.label}" for b in taken.found.bodies] if taken.found else [""] * taken.objects
     chosen = np.unique(np.rint(np.linspace(0, len(masks) - 1, MOMENTS)).astype(int))
-    tile = of_area((masks.shape[2], masks.shape[1]), TILE_PX)
+    tile = of_area((masks.shape[2], masks.shape[1]), AREA)
     heading = [f"{name}: {summary(taken)}", *(taken.found.notes if taken.found else ()), *taken.doubts]
     lines = [line for text in heading for line in textwrap.wrap(text, LETTERS)]
     columns = min(COLUMNS, len(chosen))

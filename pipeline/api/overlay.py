@@ -142,12 +142,12 @@ def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size)
 
 
-def caption(frames: np.ndarray, text: str, size: int = 15) -> np.ndarray:
+def caption(frames: np.ndarray, text: str) -> np.ndarray:
     """Frames (T, H, W, 3) uint8 with a caption in the upper left corner, white on a dark patch."""
-    _, _, right, bottom = font(size).getbbox(text)
+    _, _, right, bottom = font(15).getbbox(text)
     width, height = round(right) + 2 * MARGIN, round(bottom) + MARGIN
     patch = Image.new("RGB", (width, height), INK)
-    ImageDraw.Draw(patch).text((MARGIN, MARGIN // 2), text, font=font(size), fill=PAPER)
+    ImageDraw.Draw(patch).text((MARGIN, MARGIN // 2), text, font=font(15), fill=PAPER)
     out = frames.copy()
     height, width = min(height, frames.shape[1]), min(width, frames.shape[2])
     out[:, :height, :width] = np.asarray(patch)[:height, :width]
@@ -168,9 +168,3 @@ def aligned(rows: Sequence[Row]) -> list[str]:
         cells = [c.ljust(w) if i < 2 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))]
         lines.append("  ".join(cells).rstrip())
     return lines
-
-
-def markdown(rows: Sequence[Row]) -> list[str]:
-    """Rows, the first of them headings, as lines of a Markdown table."""
-    rule = tuple("---" for _ in rows[0])
-    return [f"| {' | '.join(row)} |" for row in (rows[0], rule, *rows[1:])]

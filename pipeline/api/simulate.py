@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.api.overlay import Row, markdown, side_by_side
+from pipeline.api.overlay import Row, side_by_side
 from pipeline.api.result_folder import FolderResult, write_result
 from pipeline.api.scene_source import SCENE_FILE, read_scene_source, with_camera
 from pipeline.clips.replay import HEIGHT, WIDTH, replay_trace
@@ -20,6 +20,7 @@ from pipeline.clips.schedule import Schedule
 from pipeline.editing.edit_list import Edit, in_order
 from pipeline.editing.edited_motion import Run, edited_runs
 from pipeline.errors import SceneError
+from pipeline.evaluation.markdown import markdown
 from pipeline.inference.progress import Progress
 from pipeline.physics.simulate import simulate as run_scene
 from pipeline.physics.trace import Trace
@@ -234,7 +235,8 @@ def _write(folder: Path, run: Simulation) -> list[str]:
     notes = [*([note] if note else []), f"pictures by {reason}"]
     if len(run.runs) > 1:
         notes.append("the 3D view of recording.rrd shows the bodies from the last edit on")
-    text = "\n".join(["### What if", "", *markdown(run.table()), "", *(f"- {n}" for n in notes)])
+    head, *rows = run.table()
+    text = "\n".join(["### What if", "", markdown(head, rows), *(f"- {n}" for n in notes)])
     place = Path(run.name)
     name = f"{place.stem if place.name != SCENE_FILE else place.resolve().parent.name}, edited"
     motions = [

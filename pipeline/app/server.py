@@ -383,7 +383,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _number(value: Any, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not -1e9 < value < 1e9:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
         raise ParamsError(f"{name}: {str(value)[:40]} is not a number")
     return value
 

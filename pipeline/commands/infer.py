@@ -101,8 +101,8 @@ def run(arguments: argparse.Namespace) -> None:
         check_file(video_of(a.clip))
         beside.submit(choose_backend, "auto")  # tries OpenGL in another process
         loading = load_in_background(a.model, "--model")  # imports torch while this thread imports the rest
-        from pipeline.api.infer import infer, uncertain
-        from pipeline.api.mask_files import write_sheet
+        from pipeline.api.infer import infer
+        from pipeline.api.mask_sheet import write_sheet
         from pipeline.perception.user_clip import UserClip
 
         beside.submit(importlib.import_module, "pipeline.api.infer_files")  # while bodies are looked for
@@ -135,11 +135,13 @@ def run(arguments: argparse.Namespace) -> None:
         )
         from pipeline.api.infer_files import method_table
         from pipeline.api.overlay import aligned
+        from pipeline.search.certainty import weakly_identified
 
         for line in aligned(method_table(found.methods)):
             progress.say("", line)
         if found.scenes.certainties:
-            progress.say("note", f"weakly determined by this clip: {uncertain(found.scenes.certainties)}")
+            weak = ", ".join(weakly_identified(found.scenes.certainties))
+            progress.say("note", f"weakly determined by this clip: {weak or 'nothing'}")
         progress.say("scale", f"by {found.metric}" if found.metric != "none" else "not known: lengths are relative")
         for line in found.joints:
             progress.say("joint", line)

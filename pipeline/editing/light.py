@@ -55,7 +55,7 @@ def light_table(azimuth: float, elevation: float, radius: float) -> np.ndarray:
 
 
 def visible_shares(
-    motion: BodyMotion, view: View, corrections: np.ndarray, frame: int, light: np.ndarray, step: int = 1
+    motion: BodyMotion, view: View, corrections: np.ndarray, frame: int, light: np.ndarray, step: int
 ) -> np.ndarray:
     """(L, H / step, W / step) share of each light that the bodies leave on what does not move, in one frame."""
     out = np.ones((len(light), view.height // step, view.width // step))
@@ -68,11 +68,9 @@ def visible_shares(
     return out
 
 
-def ground_light(
-    motion: BodyMotion, view: View, corrections: np.ndarray, frame: int, lights: Lights, step: int = 1
-) -> np.ndarray:
-    """(H / step, W / step) light on what does not move, as a share of that without bodies, in one frame."""
-    visible = visible_shares(motion, view, corrections, frame, lights.light, step)
+def ground_light(motion: BodyMotion, view: View, corrections: np.ndarray, frame: int, lights: Lights) -> np.ndarray:
+    """(H, W) light on what does not move, as a share of that without bodies, in one frame."""
+    visible = visible_shares(motion, view, corrections, frame, lights.light, 1)
     return 1 - np.tensordot(lights.darkness, 1 - visible, axes=1)
 
 

@@ -43,11 +43,11 @@ def painted(frame: np.ndarray, mask: np.ndarray, tint: float = 0.45) -> np.ndarr
     return out.astype(np.uint8)
 
 
-def tiled(rows: Sequence[tuple[str, Sequence[np.ndarray]]], width: int = STILL_WIDTH) -> np.ndarray:
-    """Pictures (H, W, 3) uint8 in rows, each row with its title above, each picture `width` px wide."""
+def tiled(rows: Sequence[tuple[str, Sequence[np.ndarray]]]) -> np.ndarray:
+    """Pictures (H, W, 3) uint8 in rows, each row with its title above, each picture STILL_WIDTH px wide."""
     strips = []
     for title, pictures in rows:
-        sizes = [(width, round(width * p.shape[0] / p.shape[1])) for p in pictures]
+        sizes = [(STILL_WIDTH, round(STILL_WIDTH * p.shape[0] / p.shape[1])) for p in pictures]
         scaled = [cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p, size in zip(pictures, sizes, strict=True)]
         strip = np.concatenate([np.pad(p, ((0, 0), (0, 4), (0, 0)), constant_values=255) for p in scaled], 1)
         head = np.full((18, strip.shape[1], 3), 255, np.uint8)

@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.clips.replay import replay_poses
 from pipeline.clips.schedule import Schedule
 from pipeline.metrics.extrapolation import at_constant_velocity, moved_with_replay
-from pipeline.metrics.overlap import Counts, assign, count, pair_iou, sequence_iou
+from pipeline.metrics.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
 
 
@@ -47,7 +47,7 @@ def forecast_scores(scene: Scene, masks: np.ndarray, seen: int, schedule: Schedu
     instances = int(masks.max(initial=0))
     own = replay_poses(scene, schedule).masks
     counts = count(own, masks, len(scene.objects), instances)
-    early, late = _frames(counts, slice(0, seen)), _frames(counts, slice(seen, None))
+    early, late = counts.frames(slice(0, seen)), counts.frames(slice(seen, None))
     pairs = assign(pair_iou(early))
     same = np.stack([np.arange(instances)] * 2, 1)
 
@@ -61,7 +61,3 @@ def forecast_scores(scene: Scene, masks: np.ndarray, seen: int, schedule: Schedu
         frozen=score(np.repeat(masks[seen - 1 : seen], len(masks) - seen, axis=0)),
         seen=float(sequence_iou(early, pairs)),
     )
-
-
-def _frames(counts: Counts, which: slice) -> Counts:
-    return Counts(counts.shared[which], counts.predicted[which], counts.true[which], counts.foreground[which])

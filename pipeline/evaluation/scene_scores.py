@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.clips.replay import HEIGHT, WIDTH, replay_poses
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
-from pipeline.metrics.overlap import assign, count, first_frame, foreground_iou, pair_iou, sequence_iou
+from pipeline.metrics.overlap import assign, count, foreground_iou, pair_iou, sequence_iou
 from pipeline.physics.overlap import penetration
 from pipeline.scene.rotation import quaternion_conjugate, quaternion_multiply
 from pipeline.scene.scene import Scene
@@ -87,7 +87,7 @@ def score_with_pairs(scene: Scene, reference: Reference, schedule: Schedule) -> 
     difference = np.linalg.norm(flow[reference.pair_frames] - reference.flow, axis=-1)  # (P, H, W)
     front = (masks[reference.pair_frames] > 0) | (reference.masks[reference.pair_frames] > 0)
     out = {
-        "iou_initial": float(sequence_iou(first_frame(counts), pairs)),
+        "iou_initial": float(sequence_iou(counts.frames(slice(1)), pairs)),
         "iou": float(sequence_iou(counts, pairs)),
         "foreground_iou": foreground_iou(counts),
         "epe_first": float(difference[0][front[0]].mean()) if front[0].any() else 0.0,

@@ -41,7 +41,6 @@ ERRORS = {
 }
 #: The same for forecasts of the second half of a clip.
 FORECAST = {"iou": "IoU, unseen half", "seen": "IoU, seen half"}
-#: The same for the checkpoints of a training.
 #: The same for searches, at their largest budget.
 LARGEST_BUDGET = {"epe": "EPE, foreground", "epe_frame": "EPE, whole frame", "composition": "composition"}
 SAMPLES = (1, 2, 4, 8, 16, 32)
@@ -51,12 +50,6 @@ NONE = "–"
 def cell(interval: MeanInterval) -> str:
     """`0.53 (0.47–0.60)`, or a dash."""
     return f"{interval.mean:.3g} ({interval.low:.3g}–{interval.high:.3g})" if interval.n else NONE
-
-
-def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The table in Markdown, with a line break at its end."""
-    lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
 
 
 def metrics_table(summary: Summary, columns: Mapping[str, str], costs: bool = True) -> Table:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.evaluation.markdown import markdown
 from pipeline.inference.trust import GOOD_IOU
 
 
@@ -49,30 +50,25 @@ class ViewScore:
         return self.iou >= GOOD_IOU and self.beats_constant_velocity
 
 
-def clip_line(score: ViewScore) -> str:
-    """A row of the table with this heading."""
-    s = score
-    return (
-        f"| {s.clip} | {s.kind} | {s.shapes} | {s.found} | {s.iou:.2f} | {s.roll_error:.1f} | {s.slope_error:.1f} | "
-        f"{s.by} | {s.grade} |"
-    )
-
-
-CLIP_HEADING = "| clip | kind | shapes | found | IoU | roll error | slope error | by | grade |\n" + "| --- " * 9 + "|"
-KIND_HEADING = "| kind | clips | view right | IoU | roll error, median | slope error, median |\n" + "| --- " * 6 + "|"
+def clips_table(scores: Sequence[ViewScore]) -> str:
+    """Markdown: a row for each clip."""
+    head = ("clip", "kind", "shapes", "found", "IoU", "roll error", "slope error", "by", "grade")
+    numbers = ([f"{s.iou:.2f}", f"{s.roll_error:.1f}", f"{s.slope_error:.1f}"] for s in scores)
+    rows = [[f"{s.clip}", s.kind, s.shapes, s.found, *n, s.by, s.grade] for s, n in zip(scores, numbers, strict=True)]
+    return markdown(head, rows)
 
 
 def kinds_table(scores: Sequence[ViewScore]) -> str:
     """Markdown: a row for each kind of view, and one for all; below, how far grades are right."""
-    lines = [KIND_HEADING]
+    head, rows = ("kind", "clips", "view right", "IoU", "roll error, median", "slope error, median"), []
     for kind in (*sorted({s.kind for s in scores}), "all"):
         own = [s for s in scores if kind in (s.kind, "all")]
         errors = [_median([abs(e) for e in values]) for values in _errors(own)]
         iou, right = float(np.mean([s.iou for s in own])), sum(s.view_right for s in own)
-        lines.append(f"| {kind} | {len(own)} | {right} | {iou:.2f} | {errors[0]:.1f} | {errors[1]:.1f} |")
+        rows.append([kind, f"{len(own)}", f"{right}", f"{iou:.2f}", f"{errors[0]:.1f}", f"{errors[1]:.1f}"])
     good = [s for s in scores if s.grade == "good"]
     told = f"Good: {len(good)} of {len(scores)}, of which {sum(s.trusted_rightly for s in good)} have an IoU of at "
-    return "\n".join([*lines, "", told + f"least {GOOD_IOU} and beat constant velocity.", ""])
+    return f"{markdown(head, rows)}\n{told}least {GOOD_IOU} and beat constant velocity.\n"
 
 
 def figures(scores: Sequence[ViewScore]) -> dict[str, float | None]:

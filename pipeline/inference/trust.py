@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.clips.replay import masks_at
 from pipeline.errors import SimulationError
 from pipeline.metrics.extrapolation import at_constant_velocity, moved_with_replay
-from pipeline.metrics.overlap import Counts, assign, count, pair_iou, sequence_iou
+from pipeline.metrics.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
 
 FITTED_SHARE = 0.7  # of the time in which bodies are in view, from which the rest is forecast
@@ -90,7 +90,7 @@ def forecast(scene: Scene, masks: np.ndarray, times: np.ndarray, seen: int) -> F
         return None
     instances = int(masks.max())
     counts = count(own, masks, len(scene.objects), instances)
-    pairs = assign(pair_iou(_part(counts, slice(0, seen))))
+    pairs = assign(pair_iou(counts.frames(slice(0, seen))))
     rate = (len(times) - 1) / float(times[-1] - times[0])
     moved = at_constant_velocity(masks[:seen], len(masks) - seen, rate)
     same = np.stack([np.arange(instances)] * 2, 1)
@@ -117,10 +117,6 @@ def gravity_doubt(found: float, expected: float, error: float, fps: float) -> st
     if slow > SLOW_MOTION:
         return f"{told}: it would fit if the film was shot at {fps * slow:.0f} frames a second (--fps)"
     return f"{told}: the length may be wrong or not in the plane of motion, or the air brakes what falls"
-
-
-def _part(counts: Counts, which: slice) -> Counts:
-    return Counts(counts.shared[which], counts.predicted[which], counts.true[which], counts.foreground[which])
 
 
 def grade(sequence_iou: float, told: Forecast | None) -> Grade:

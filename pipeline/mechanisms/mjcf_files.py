@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
 from pipeline.errors import SceneError, naming
-from pipeline.untrusted import MOST_MESH_BYTES, open_untrusted, read_bytes
+from pipeline.untrusted import MOST_MESH_BYTES, open_untrusted, parse_xml, read_bytes
 
 MOST_XML_BYTES = 2**24
 MOST_ELEMENTS = 50_000  # of all kinds; the largest models of robots that are published have some 3,000
@@ -57,25 +57,19 @@ def check_mjcf(path: Path) -> None:
                     _check_asset(path, folder, folders[e.tag] / value)
 
 
-def _elements(path: Path, folder: Path, depth: int) -> Iterator[ET.Element]:
+def _elements(path: Path, folder: Path, depth: int) -> Iterator[Element]:
     """The elements of a file and of those that it includes, in order."""
     data = read_bytes(path, SceneError, MOST_XML_BYTES)
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise SceneError(f"{path}: document types and entities are not allowed")
     if depth > MOST_INCLUDES:
         raise SceneError(f"{path}: files include each other more than {MOST_INCLUDES} deep")
-    try:
-        root = ET.fromstring(data)
-    except (ET.ParseError, ValueError, RecursionError) as problem:
-        raise SceneError(f"{path}: not XML: {problem}") from None
-    for e in root.iter():
+    for e in parse_xml(data, str(path), SceneError).iter():
         if e.tag == "include":
             yield from _elements(_inside(path, folder, folder / (e.get("file") or "")), folder, depth + 1)
         else:
             yield e
 
 
-def _count(path: Path, e: ET.Element) -> int:
+def _count(path: Path, e: Element) -> int:
     """How many bodies an element makes."""
     out = 1
     for word in e.get("count", "1").split():

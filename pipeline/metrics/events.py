@@ -51,11 +51,6 @@ class EventCounts:
         return _share(2 * self.matched, self.found + self.true)
 
 
-def count_events(found: Sequence[Event], true: Sequence[Event]) -> EventCounts:
-    """The counts of all compared kinds together; objects of both lists have the same numbers."""
-    return sum(count_by_kind(found, true).values(), EventCounts())
-
-
 def count_by_kind(found: Sequence[Event], true: Sequence[Event]) -> dict[str, EventCounts]:
     """The counts of each of `ANSWERED_KINDS`.
 

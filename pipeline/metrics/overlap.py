@@ -24,6 +24,10 @@ class Counts:
     true: np.ndarray
     foreground: np.ndarray
 
+    def frames(self, which: slice) -> Counts:
+        """The counts of some of the frames."""
+        return Counts(self.shared[which], self.predicted[which], self.true[which], self.foreground[which])
+
 
 @kernel
 def count_frame(
@@ -103,11 +107,6 @@ def sequence_iou(counts: Counts, pairs: np.ndarray) -> np.ndarray:
     return scores.sum(-1) / np.maximum(seen.any(-2).sum(-1) + sum(unmatched), 1)
 
 
-def first_frame(counts: Counts) -> Counts:
-    """The counts of the first frame alone."""
-    return Counts(counts.shared[:1], counts.predicted[:1], counts.true[:1], counts.foreground[:1])
-
-
 def foreground_iou(counts: Counts) -> float:
     """Mean over frames of the IoU of the unions of all objects; frames with neither are left out."""
     both, either = counts.foreground[:, 0], counts.foreground[:, 1]
@@ -138,7 +137,7 @@ def overlap(masks: np.ndarray, targets: np.ndarray, objects: int, target_objects
     pairs = assign(pair_iou(counts))
     return Overlap(
         float(sequence_iou(counts, pairs)),
-        float(sequence_iou(first_frame(counts), pairs)),
+        float(sequence_iou(counts.frames(slice(1)), pairs)),
         foreground_iou(counts),
         pairs,
     )

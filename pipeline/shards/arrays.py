@@ -13,7 +13,8 @@ import numpy as np
 import zarr
 from zarr.codecs import ZstdCodec
 
-_ZSTD_LEVEL = 3
+from pipeline.shards.tables import ZSTD_LEVEL
+
 _OFFSETS = "offsets"
 
 ClipArrays = np.ndarray | Sequence[np.ndarray]
@@ -49,7 +50,7 @@ def _write_array(group: zarr.Group, name: str, value: ClipArrays) -> None:
         dtype=values.dtype,
         chunks=(rows_per_chunk, *row_shape),
         shards=(rows_per_chunk * chunk_count, *row_shape),
-        compressors=[ZstdCodec(level=_ZSTD_LEVEL)],
+        compressors=[ZstdCodec(level=ZSTD_LEVEL)],
         filters=None,
         fill_value=0,
         chunk_key_encoding={"name": "default", "separator": "."},  # one flat file instead of nested folders

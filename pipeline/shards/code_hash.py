@@ -74,11 +74,6 @@ def module_closure(
     return frozenset(found)
 
 
-def has_code(file: Path) -> bool:
-    """Whether a module has more than a docstring and comments."""
-    return bool(_parse(file).body)
-
-
 def _module_file(function: Callable[..., Any]) -> Path:
     file = sys.modules[function.__module__].__file__
     assert file is not None

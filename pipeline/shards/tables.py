@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 CLIP_COLUMN = "clip"  # every table has it: the clip's index in its suite, never decreasing
-_ZSTD_LEVEL = 3
+ZSTD_LEVEL = 3
 _ROWS_PER_GROUP = 1024
 
 
@@ -41,7 +41,7 @@ def write_table(table: pa.Table, path: Path) -> None:
         version="2.6",
         data_page_version="1.0",
         compression="zstd",
-        compression_level=_ZSTD_LEVEL,
+        compression_level=ZSTD_LEVEL,
         use_dictionary=True,
         write_statistics=True,
         write_page_checksum=True,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from pipeline.errors import MeasurementError
 from pipeline.tables.piece import Piece
 from pipeline.tables.units import unit_of
+from pipeline.untrusted import parse_xml
 
 BEGIN = b'<object class="org.opensourcephysics.cabrillo.tracker.TrackerPanel"'
 
@@ -27,10 +27,7 @@ def is_tracker_project(data: bytes) -> bool:
 
 def tracker_pieces(data: bytes, place: str) -> tuple[list[Piece], list[str]]:
     """The point masses of a project, and what was assumed. Raises MeasurementError where there are none."""
-    try:
-        root = ElementTree.fromstring(data)
-    except ElementTree.ParseError as error:
-        raise MeasurementError(f"{place}: it looks like a project of Tracker, but is damaged: {error}") from None
+    root = parse_xml(data, f"{place}: it looks like a project of Tracker, but is damaged", MeasurementError)
     system = next((o for o in _objects(root, "ImageCoordSystem$FrameData")), None)
     if system is None:
         raise MeasurementError(f"{place}: the project has no coordinate system; set axes and scale in Tracker")

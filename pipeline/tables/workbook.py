@@ -5,11 +5,11 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 from pipeline.errors import MeasurementError
 from pipeline.tables.sheet import Sheet
-from pipeline.untrusted import MOST_TABLE_BYTES
+from pipeline.untrusted import MOST_TABLE_BYTES, parse_xml
 
 MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 RELATION = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}id"
@@ -24,19 +24,22 @@ def workbook_sheets(data: bytes, place: str) -> list[Sheet]:
             if sum(member.file_size for member in archive.infolist()) > MOST_TABLE_BYTES:
                 raise MeasurementError(f"{place}: it unpacks to more than is read; save the sheet as CSV")
             texts = _shared_texts(archive)
-            sheets = [_sheet(name, archive.read(member), texts) for name, member in _members(archive)]
-    except (zipfile.BadZipFile, ElementTree.ParseError, KeyError, ValueError, IndexError, NotImplementedError) as error:
+            sheets = [_sheet(name, _root(archive, member), texts) for name, member in _members(archive)]
+    except (zipfile.BadZipFile, KeyError, ValueError, IndexError, NotImplementedError) as error:
         raise MeasurementError(
             f"{place}: it is no workbook of Excel (.xlsx) that can be read ({error}); save the sheet as CSV"
         ) from None
     return [sheet for sheet in sheets if sheet.cells]
 
 
+def _root(archive: zipfile.ZipFile, member: str) -> Element:
+    return parse_xml(archive.read(member), member, ValueError)
+
+
 def _members(archive: zipfile.ZipFile) -> list[tuple[str, str]]:
     """Name and file of each sheet."""
-    links = ElementTree.fromstring(archive.read("xl/_rels/workbook.xml.rels"))
-    targets = {link.get("Id"): link.get("Target", "") for link in links}
-    sheets = ElementTree.fromstring(archive.read("xl/workbook.xml")).iter(f"{MAIN}sheet")
+    targets = {link.get("Id"): link.get("Target", "") for link in _root(archive, "xl/_rels/workbook.xml.rels")}
+    sheets = _root(archive, "xl/workbook.xml").iter(f"{MAIN}sheet")
     found = [(s.get("name", ""), targets[s.get(RELATION)]) for s in sheets]
     return [(name, target.lstrip("/") if target.startswith("/") else f"xl/{target}") for name, target in found]
 
@@ -44,14 +47,14 @@ def _members(archive: zipfile.ZipFile) -> list[tuple[str, str]]:
 def _shared_texts(archive: zipfile.ZipFile) -> list[str]:
     if "xl/sharedStrings.xml" not in archive.namelist():
         return []
-    items = ElementTree.fromstring(archive.read("xl/sharedStrings.xml")).iter(f"{MAIN}si")
+    items = _root(archive, "xl/sharedStrings.xml").iter(f"{MAIN}si")
     return ["".join(t.text or "" for t in item.iter(f"{MAIN}t")) for item in items]
 
 
-def _sheet(name: str, xml: bytes, texts: list[str]) -> Sheet:
+def _sheet(name: str, root: Element, texts: list[str]) -> Sheet:
     rows: list[list[str]] = []
     lines: list[int] = []
-    for row in ElementTree.fromstring(xml).iter(f"{MAIN}row"):
+    for row in root.iter(f"{MAIN}row"):
         cells: list[str] = []
         for cell in row.iter(f"{MAIN}c"):
             column = _column(cell.get("r", "")) if cell.get("r") else len(cells)
@@ -73,7 +76,7 @@ def _column(reference: str) -> int:
     return index - 1
 
 
-def _value(cell: ElementTree.Element, texts: list[str]) -> str:
+def _value(cell: Element, texts: list[str]) -> str:
     value = cell.findtext(f"{MAIN}v") or ""
     if cell.get("t") == "s":
         return texts[int(value)]

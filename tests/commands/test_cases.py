@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.mask_clips import data_folder
 from pipeline.api.infer import Inference, infer
 from pipeline.errors import VideoError
+from training.data_folder import data_folder
 
 CASES = data_folder() / "cases"
 

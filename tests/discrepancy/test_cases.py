@@ -2,11 +2,11 @@
 
 import pytest
 
-from benchmarks.mask_clips import data_folder
 from pipeline.api.discover import discover
 from pipeline.discrepancy.report.discovery import Discovery
 from pipeline.discrepancy.report.report_dict import report_dict
 from pipeline.scene.effects.region import Region
+from training.data_folder import data_folder
 
 CASES = data_folder() / "cases"
 

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from pipeline.evaluation.markdown import markdown
 from pipeline.evaluation.summary import (
     Summary,
     as_csv,
@@ -16,7 +17,7 @@ from pipeline.evaluation.summary import (
     mean_best_so_far,
     summarise,
 )
-from pipeline.evaluation.tables import headline_table, markdown, metrics_table
+from pipeline.evaluation.tables import headline_table, metrics_table
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from pipeline.metrics.overlap import (
     Counts,
     assign,
     count,
-    first_frame,
     foreground_iou,
     pair_iou,
     sequence_iou,
@@ -97,7 +96,7 @@ def test_the_first_frame_is_scored_with_the_clips_assignment() -> None:
     predicted = masks("2211", "1122", "1122")
     counts = counted(predicted, true)
     pairs = assign(pair_iou(counts))
-    assert sequence_iou(first_frame(counts), pairs) == 0
+    assert sequence_iou(counts.frames(slice(1)), pairs) == 0
     assert sequence_iou(counts, pairs) == pytest.approx(2 / 3)
 
 

@@ -33,6 +33,7 @@ SMALLEST = {
     "tracks": {"simulations": 200},
     "hide": {"worlds": 1, "clips": 2},
     "hide_filmed": {"worlds": 1, "clips": 2},
+    "discover": {"effects": "air_drag"},
     "executor": {"workers": 1},
 }
 WITHOUT_DATA = ("score", "score_views", "verify")  # they write reports

@@ -9,7 +9,6 @@ import torch
 
 from pipeline.segmentation.inputs import network_input
 from pipeline.segmentation.network import VOTE_SCALE_PX, SegmentationNetwork
-from training.segmentation.average import averaged
 from training.segmentation.backgrounds import PICTURES, sample_background
 from training.segmentation.clip import BODY_SHADOW, MOVES, RESTS, UNSURE, TrainingClip, faint, state_of
 from training.segmentation.flat_motion import STEPS_PER_SECOND, integrate, sample_motion
@@ -260,13 +259,3 @@ def test_the_network_input_does_not_see_frames_that_look_alike():
 def test_the_learning_rate_rises_and_falls_to_nothing():
     assert learning_rate(0, 0.0) < learning_rate(200, 0.0) == 1.0
     assert learning_rate(10**6, 1.0) == pytest.approx(0, abs=1e-9)
-
-
-def test_the_average_of_a_network_and_its_opposite_has_no_weights():
-    torch.manual_seed(0)
-    one, other = SegmentationNetwork((8, 8, 8, 8)), SegmentationNetwork((8, 8, 8, 8))
-    other.load_state_dict({k: -v for k, v in one.state_dict().items()})
-    for name, value in averaged([one, other]).named_parameters():
-        assert value.abs().max() == 0, name
-    for a, b in zip(averaged([one, one]).parameters(), one.parameters(), strict=True):
-        torch.testing.assert_close(a, b)

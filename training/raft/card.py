@@ -6,6 +6,7 @@ from pathlib import Path
 
 import torch
 
+from pipeline.evaluation.markdown import markdown
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.raft import RAFT
 from pipeline.vision.rendering.render_backend import choose_backend
@@ -21,6 +22,7 @@ WARM_START = (
     "the preset from `config.json`, and `flow` computes DIS first."
 )
 
+COLUMNS = ("pairs", "RAFT", "DIS fast", "DIS medium", "RAFT / DIS medium", "all pixels: RAFT", "DIS medium")
 CARD = """---
 library_name: pytorch
 license: apache-2.0
@@ -47,10 +49,7 @@ no other data set was used. {start}
 Mean end-point error over the pixels of moving bodies in the first frame, px of the size stated; {iterations}
 iterations.
 
-| pairs | RAFT | DIS fast | DIS medium | RAFT / DIS medium | all pixels: RAFT | DIS medium |
-| --- | --- | --- | --- | --- | --- | --- |
-{rows}
-
+{table}
 Measured on pairs of a seed that the training does not use; `python -m benchmarks.flow` measures on fresh pairs. The
 clips of another engine (Blender's Cycles and Bullet) were not used for training.
 
@@ -81,17 +80,16 @@ def write_card(folder: Path, model: RAFT, steps: int, pairs: int) -> None:
         start=COLD_START if model.warm_start is None else WARM_START.format(preset=model.warm_start),
         device=", on one CPU core" if not torch.cuda.is_available() else "",
         iterations=ITERATIONS,
-        rows="\n".join(rows),
+        table=markdown(COLUMNS, rows),
     )
     temporary = folder / "README.md.part"
     temporary.write_text(text)
     temporary.replace(folder / "README.md")
 
 
-def row(name: str, batch: Batch, scores: dict[str, Score]) -> str:
+def row(name: str, batch: Batch, scores: dict[str, Score]) -> list[str]:
     count, height, width = batch.foreground.shape
     raft, fast, medium = scores["raft"], scores["fast"], scores["medium"]
-    return (
-        f"| {name}: {count} of {width}x{height} | {raft.foreground:.3f} | {fast.foreground:.3f} | "
-        f"{medium.foreground:.3f} | {raft.foreground / medium.foreground:.2f} | {raft.frame:.4f} | {medium.frame:.4f} |"
-    )
+    bodies = [f"{s.foreground:.3f}" for s in (raft, fast, medium)]
+    frame = [f"{s.frame:.4f}" for s in (raft, medium)]
+    return [f"{name}: {count} of {width}x{height}", *bodies, f"{raft.foreground / medium.foreground:.2f}", *frame]

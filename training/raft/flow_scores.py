@@ -7,7 +7,6 @@ other engine's).
 
 from __future__ import annotations
 
-import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 
 from pipeline.vision.recordings.video import read_clip
 from training.clip_motions import ClipMotions
+from training.data_folder import data_folder
 from training.frame_pair import FramePair
 from training.raft.pair_stream import RENDER_SIZE, Batch, stack
 from training.raft.rendered_pairs import project_pair
@@ -66,8 +66,7 @@ def score(estimator: Estimator, batch: Batch, iterations: int) -> Score:
 
 def cross_engine_folder() -> Path | None:
     """The folder `cross_engine` of clips by Blender and Bullet, in DYNAMICS_DATA or beside the repository, or None."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("DYNAMICS_DATA", beside)) / "cross_engine"
+    folder = data_folder() / "cross_engine"
     return folder if folder.is_dir() else None
 
 

@@ -4,8 +4,7 @@
 
 Clips that are added to DATA while it runs are used too. The learning rate falls to nothing over --minutes of training;
 a run that was stopped goes on from WORK/checkpoint.safetensors. WORK/weights has the moving average of the weights in
-the shipped form, WORK/steps those of the last SAVED saves, for `training.segmentation.average`, WORK/log.csv the
-losses. --start: a folder of weights to begin from.
+the shipped form, WORK/log.csv the losses. --start: a folder of weights to begin from.
 """
 
 from __future__ import annotations
@@ -13,10 +12,8 @@ from __future__ import annotations
 import argparse
 import csv
 import math
-import shutil
 import time
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -36,7 +33,6 @@ POOL, RENEWED = 500, 1  # clips in memory, and how many are replaced in each ste
 LISTED_EVERY = 20  # clips loaded, after which those that were added to the folder are looked for
 WARM_UP = 100  # steps
 AVERAGE = 0.998  # of the weights' moving average
-SAVED = 24  # of the last saves, whose weights are kept
 
 
 class Clips:
@@ -83,14 +79,6 @@ def average_weights(average: dict[str, torch.Tensor], network: torch.nn.Module, 
         for name, value in network.state_dict().items():
             if value.is_floating_point():
                 average[name].lerp_(value, 1 - keep)
-
-
-def write_weights(
-    folder: Path, average: dict[str, torch.Tensor], channels: tuple[int, ...], config: dict[str, Any]
-) -> None:
-    shadow = SegmentationNetwork(channels)  # type: ignore[arg-type]
-    shadow.load_state_dict(average)
-    save_network(shadow, folder, config)
 
 
 def main() -> None:
@@ -140,10 +128,9 @@ def main() -> None:
         }
         save_checkpoint(checkpoint, state)
         config = {"steps": step, "frames_shown": shown, "clips": len(clips.paths), "minutes": round(spent / 60, 1)}
-        for folder in (arguments.work / "weights", arguments.work / "steps" / f"{step:06d}"):
-            write_weights(folder, average, network.channels, config)  # type: ignore[arg-type]
-        for old in sorted((arguments.work / "steps").iterdir())[:-SAVED]:
-            shutil.rmtree(old)
+        shadow = SegmentationNetwork(network.channels)  # type: ignore[arg-type]
+        shadow.load_state_dict(average)
+        save_network(shadow, arguments.work / "weights", config)
 
     while spent < total:
         for group in optimiser.param_groups:

@@ -22,7 +22,8 @@ from pipeline.model.words_example import motions
 from pipeline.scene.canonical import canonical_object
 from pipeline.scene.rotation import matrix_from_quaternion, quaternion_conjugate, quaternion_multiply
 from pipeline.scene.scene import BASIC_SHAPES, SIZE_KEYS, Camera, Scene, SceneObject, half_extents
-from pipeline.vision.flow.flow_noise import RAFT_RANGES, REFERENCE_WIDTH, add_waver, drop_out
+from pipeline.vision.flow.flow_noise import RAFT_RANGES, add_waver, drop_out
+from pipeline.vision.flow.flow_picture import REFERENCE_WIDTH
 from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
 from pipeline.vision.rendering.camera import Pinhole, pinhole, project
 from pipeline.vision.rendering.exact_flow import exact_flow_frame

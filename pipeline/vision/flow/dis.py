@@ -26,7 +26,6 @@ class DIS:
         frames_b: np.ndarray,
         iterations: int | None = None,
         size: tuple[int, int] | None = None,
-        batch: int = 8,
     ) -> np.ndarray:
         """Flow from each frame of `frames_a` to that of `frames_b`.
 
@@ -35,7 +34,6 @@ class DIS:
             frames_b: (B, H, W, 3) uint8 RGB.
             iterations: Ignored; the preset fixes the iterations.
             size: Working size (width, height), px; None: that of the frames.
-            batch: Ignored.
 
         Returns:
             (B, H, W, 2) float32, px of the given frames, x right and y down.

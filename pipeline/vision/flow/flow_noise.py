@@ -18,9 +18,9 @@ import cv2
 import numpy as np
 
 from pipeline.compiled import kernel
+from pipeline.vision.flow.flow_picture import REFERENCE_WIDTH
 
 NEAR_PX = 6.0  # px at 480 px of width: distance from an object within which its flow leaks
-REFERENCE_WIDTH = 480
 
 
 @dataclass(frozen=True)

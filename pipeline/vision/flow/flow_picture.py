@@ -50,7 +50,7 @@ def flow_picture(flow_px: np.ndarray, kind: str = "channels", max_px: float = MA
     return encode_wheel(np.nan_to_num(flow_px), max_px) if kind == "wheel" else encode_channels(flow_px, max_px)
 
 
-def encode_channels(flow_px: np.ndarray, max_px: float = MAX_PX) -> np.ndarray:
+def encode_channels(flow_px: np.ndarray, max_px: float) -> np.ndarray:
     """u and v as 128 + 127 sign(u) sqrt(|u| / max_px), and the magnitude as 255 sqrt(|flow| / max_px).
 
     The square root resolves slow motion: one of the 127 steps is 0.002 px at rest and 0.5 px at 32 px. NaN counts as
@@ -74,19 +74,13 @@ def _encode_channels(flow_px: np.ndarray, max_px: np.float32, out: np.ndarray) -
         out[i, 2] = np.uint8(np.rint(full * np.sqrt(min(np.sqrt(u * u + v * v), one))))
 
 
-def decode_channels(picture: np.ndarray, max_px: float = MAX_PX) -> np.ndarray:
-    """The flow (..., H, W, 2), px, of a picture of kind `channels`, up to rounding and saturation."""
-    root = (picture[..., :2].astype(np.float32) - 128) / 127
-    return np.sign(root) * root**2 * max_px
-
-
 def wheel() -> np.ndarray:
     """The 55 colours of the wheel, (55, 3) in 0 to 255, clockwise in the image (y down) from motion to the left."""
     arcs = [np.linspace(COLOURS[a], COLOURS[b], length, endpoint=False, dtype=np.float64) for a, b, length in SECTORS]
     return np.floor(np.concatenate(arcs))
 
 
-def encode_wheel(flow_px: np.ndarray, max_px: float = MAX_PX) -> np.ndarray:
+def encode_wheel(flow_px: np.ndarray, max_px: float) -> np.ndarray:
     """Direction as hue and magnitude as saturation; beyond `max_px` the colour is darkened, as in Middlebury's code."""
     out = np.full((*flow_px.shape[:-1], 3), 255, np.uint8)
     moving = flow_px.any(-1)  # most of a picture is at rest

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.errors import VideoError
 from pipeline.untrusted import open_png, read_npz
-from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for
+from pipeline.vision.recordings.letterbox import ALIKE, Letterbox, letterbox_for
 
 MOST_FILES = 10_000
 KEY, TIMES = "masks", "times"
@@ -48,7 +48,7 @@ def read_masks(
         raise VideoError(f"{path} has {len(values)} different ids, at most 255 are possible: is it a picture?")
     ids = np.where(masks == 0, 0, np.searchsorted(values, masks) + 1).astype(np.uint8)
     own = (ids.shape[2], ids.shape[1])
-    if letterbox is not None and abs(own[0] * letterbox.source[1] / (own[1] * letterbox.source[0]) - 1) < 0.01:
+    if letterbox is not None and abs(own[0] * letterbox.source[1] / (own[1] * letterbox.source[0]) - 1) < ALIKE:
         return sized(ids, letterbox.size)
     return np.stack([cv2.resize(m, size, interpolation=cv2.INTER_NEAREST_EXACT) for m in ids])
 

@@ -27,6 +27,7 @@ LEAST_FRAMES = 30  # which of a clip in slow motion are kept even so
 AREA = 480 * 320  # px² of the pictures in which clips are compared
 MOST_BYTES = 2**30  # of the frames of a clip in its own size
 CLOCK = Fraction(1, 90_000)  # s, of the time stamps that are written
+ROUNDING = 0.005  # of ratios that a header states: a smaller difference from 1 is none
 STEADY = 0.02  # intervals between frames that differ by a smaller share are equal
 SEEK_FROM = 2.0  # s; up to there frames are decoded from the beginning
 
@@ -230,7 +231,7 @@ class Decoder:
         rate = self.stream.average_rate or self.stream.guessed_rate
         self.header_fps = float(rate) if rate else FPS
         aspect = float(self.stream.sample_aspect_ratio or 1)
-        self.aspect = aspect if 0.1 < aspect < 10 else 1.0  # others are damage
+        self.aspect = aspect if 0.1 < aspect < 10 and abs(aspect - 1) > ROUNDING else 1.0  # beyond 10: damage
         self.tick = float(self.stream.time_base or 1)
         self.first = (self.stream.start_time or 0) * self.tick
         if start > SEEK_FROM and assume_fps is None:
@@ -274,7 +275,7 @@ class Decoder:
 
     def _upright(self, frame: av.VideoFrame) -> np.ndarray:
         picture: np.ndarray = frame.to_ndarray(format="rgb24")
-        if abs(self.aspect - 1) > 0.005:
+        if self.aspect != 1:
             picture = cv2.resize(picture, (round(picture.shape[1] * self.aspect), picture.shape[0]))
         self.rotation = round(frame.rotation / 90) * 90 % 360
         return np.rot90(picture, self.rotation // 90)  # both count anticlockwise
@@ -282,7 +283,7 @@ class Decoder:
     def notes(self, assume_fps: float | None, every: int) -> list[str]:
         """What the file needed or was assumed to be, a sentence each; every: of so many frames one was kept."""
         out = []
-        if assume_fps is not None and abs(assume_fps / self.header_fps - 1) > 0.005:
+        if assume_fps is not None and abs(assume_fps / self.header_fps - 1) > ROUNDING:
             out.append(f"the header says {self.header_fps:.4g} FPS; {assume_fps:g} FPS is used as given")
         elif assume_fps is None:
             out.append(f"time base: the time stamps of the file, {self.fps:.4g} FPS")
@@ -296,7 +297,7 @@ class Decoder:
             out.append(f"one frame of {every} is used, {self.fps / every:.4g} a second")
         if self.rotation:
             out.append(f"rotated by {self.rotation} degrees anticlockwise, as the file states")
-        if abs(self.aspect - 1) > 0.005:
+        if self.aspect != 1:
             out.append(f"pixels that are {self.aspect:.3g} times as wide as high were made square")
         if self.broken:
             out.append(f"the file breaks off after {self.last:.2f} s")
