@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.where.intervals import find_intervals
-from pipeline.discrepancy.where.region_search import Samples, find_region
+from pipeline.discrepancy.where.region_search import Samples, find_regions
 from pipeline.errors import SceneError
 from pipeline.scene.effects.region import Region
 from pipeline.scene.scene import Scene, SceneObject
@@ -72,14 +72,14 @@ def samples(rng: np.random.Generator, region: Region, clips: int = 40) -> Sample
 )
 def test_the_region_is_of_the_kind_that_was_hidden(region: Region, rng: np.random.Generator) -> None:
     shown = samples(rng, region)
-    found = find_region(shown, tuple(f"clip_{k}" for k in range(40)))
-    assert found is not None and found.agreement > 0.95
+    found = find_regions(shown, tuple(f"clip_{k}" for k in range(40)))[0]
+    assert found.agreement > 0.95
     assert set(found.region.as_dict()) == set(region.as_dict())
 
 
 def test_what_fails_everywhere_has_no_part(rng: np.random.Generator) -> None:
-    found = find_region(samples(rng, Region(after=-1.0)), tuple(f"clip_{k}" for k in range(40)))
-    assert found is not None and found.region == Region()
+    (found,) = find_regions(samples(rng, Region(after=-1.0)), tuple(f"clip_{k}" for k in range(40)))
+    assert found.region == Region()
 
 
 def scene_text(only: str) -> str:

@@ -115,9 +115,9 @@ def _body(stack: ArcStack, shape: tuple[int, int], start_time: np.ndarray) -> Bo
     )
 
 
-def _total(laws: Sequence[tuple[ActingEffect, Law]], body: Body) -> np.ndarray | float:
-    """Sum of what laws of effects give, (P, A, 3) or (P, A); 0 of no laws."""
-    total: np.ndarray | float = 0.0
+def _total(laws: Sequence[tuple[ActingEffect, Law]], body: Body) -> np.ndarray:
+    """Sum of what laws of effects give, (P, A, 3) or (P, A); () of no laws."""
+    total = np.zeros(())
     for effect, law in laws:
         given = law(effect.values, body)
         if not effect.on_all:
@@ -156,7 +156,7 @@ def _after_kicks(
 def _fly(stack: ArcStack, effects: Sequence[ActingEffect], start: np.ndarray, h: np.ndarray) -> Nodes:
     x, v, spin = start[..., :3], start[..., 3:6], start[..., 6:9]
     body = _body(stack, x.shape[:2], stack.start)
-    body.angular_velocity = spin
+    body.angular_velocity, body.step = spin, h
     gravity, mass = body.gravity, stack.mass[:, None]
     kicks, winds, forces = _kicks(stack, effects), _laws(effects, "air_velocity"), _laws(effects, "force")
     step = h[..., None]
@@ -194,7 +194,7 @@ def _slide(
     shape = x.shape[:2]
     body = _body(stack, shape, stack.start)
     sliding = friction.sliding * (1 + start[..., 10])
-    body.sliding_friction = sliding
+    body.sliding_friction, body.step = sliding, h
     rolls = stack.radius > 0
     mass, radius, inertia = stack.mass, stack.radius, stack.inertia
     slip_mass = np.where(rolls, mass / 3.5, mass)  # of a ball's contact point: 1 / (1/m + r²/I)

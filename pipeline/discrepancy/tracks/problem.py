@@ -194,7 +194,7 @@ def _stacked(
     share = cut.noise.smoothing.information
     stacks, polynomials, dropped = [], [], 0
     for grounded in (False, True):
-        stack = stack_arcs(cut.arcs, clips, known, grounded)
+        stack = stack_arcs(cut.arcs, known, grounded)
         if len(stack):
             stack, part, bad = without_outliers(stack, [cut.arcs[i].jumps for i in stack.index], share)
             stacks.append(stack)
@@ -204,7 +204,7 @@ def _stacked(
         floor = _floor_of_filtered(cut) if cut.noise.smoothing.width else noise_floor(polynomials)
     stacks = [replace(s, weight=s.weight / floor.scale) for s in stacks]
     polynomials = [replace(p, chi2=p.chi2 / floor.scale**2) for p in polynomials]
-    chosen = tuple(np.array([clips[c] not in held for c in s.clip]) for s in stacks)
+    chosen = tuple(np.array([c not in held for c in s.clip]) for s in stacks)
     if not any(c.any() for c in chosen):  # all arcs are in held-out clips: fit them after all
         held, chosen = frozenset(), tuple(np.ones(len(s), bool) for s in stacks)
     sigmas = np.concatenate([1 / s.weight[s.weight > 0] for s in stacks])
