@@ -14,6 +14,7 @@ from pipeline.discrepancy.fitting.least_squares import fit_initial_states
 from pipeline.discrepancy.fitting.model import OBJECT, Model, with_effect, with_free_region, without_effect
 from pipeline.discrepancy.fitting.possible import is_possible
 from pipeline.discrepancy.fitting.screening import ScreeningRegression
+from pipeline.discrepancy.selection.comparison import ALIKE
 from pipeline.discrepancy.tracks.problem import Problem
 from pipeline.discrepancy.where.clean_part import CleanPart, find_clean_part
 from pipeline.discrepancy.where.intervals import Interval
@@ -28,8 +29,9 @@ from pipeline.discrepancy.where.region_search import (
 from pipeline.scene.effects.kind import EffectKind, local_kind
 from pipeline.scene.effects.region import Region
 from pipeline.scene.effects.registry import effect_kinds
+from pipeline.scene.scene import half_extents
 
-MOST_REGIONS = 4  # descriptions in which effects are sought
+MOST_REGIONS = 5  # descriptions in which effects are sought
 BLURS = (8.0, 1.0)  # steps of an integration, by which a region's edges are blurred, one after the other
 MOST_LOCAL = 5  # effects that are fitted in a region: the most promising in the screening regression
 Place = tuple[Region, tuple[int, ...] | None]
@@ -48,6 +50,7 @@ class Where:
         regions: Where the intervals may be, the simplest first; none where there are no intervals.
         share: Of the time of motion, that is in intervals.
         blown: Names of the recordings in which something is hit.
+        disagreeing: Names of those that have intervals.
     """
 
     clean: CleanPart
@@ -55,6 +58,7 @@ class Where:
     regions: tuple[FoundRegion, ...]
     share: float
     blown: tuple[str, ...] = ()
+    disagreeing: frozenset[str] = frozenset()
 
     def of_arc(self, index: int) -> tuple[Interval, ...]:
         """The intervals of one arc of the problem."""
@@ -91,13 +95,32 @@ def find_where(none: Candidate) -> Where:
     problem = none.problem
     clean = find_clean_part(problem, none.fit.model, none.fit.theta)
     if none.position_chi2 * problem.floor.information <= clean.chi2:
-        clean = find_clean_part(problem, none.fit.model, none.fit.theta, known=True).without_intervals
+        covariance = none.fit.covariance / problem.floor.information
+        clean = replace(clean.without_intervals, theta=none.fit.theta, covariance=covariance)
     samples = moving_samples(problem.arcs, clean.explained, problem.clips, LEAST_SPEED)
     regions = tuple(find_regions(samples, problem.clips))
     best = next((found for found in regions if found.agreement >= AGREES), None)
     where = Where(clean, best, regions, float(samples.inside.mean()))
     hit = {arc.clip for k, arc in enumerate(problem.arcs) if any(is_blow(v, arc) for v in where.of_arc(k))}
-    return replace(where, blown=tuple(clip for clip in problem.clips if clip in hit))
+    some = frozenset(arc.clip for k, arc in enumerate(problem.arcs) if where.of_arc(k))
+    return replace(where, blown=tuple(clip for clip in problem.clips if clip in hit), disagreeing=some)
+
+
+def where_hit(found: Candidate, problem: Problem, where: Where) -> Where:
+    """Where the known scene fails, of a model of what bodies hit: as far from its centre as theirs come in a hit.
+
+    Args:
+        found: The model, fitted to arcs that are cut at the hits.
+        problem: With arcs that are not.
+        where: As it was found without the model.
+    """
+    assert found.hits is not None
+    place, size = found.hits.values["position"], found.hits.values["size"]
+    assert isinstance(place, list) and isinstance(size, float)
+    way = max(float(np.linalg.norm(np.diff(arc.position, axis=0), axis=1).max()) for arc in problem.arcs)  # of a sample
+    reach = size + max(float(half_extents(o).max()) for o in problem.known.scene.objects) + way / 2
+    samples = moving_samples(problem.arcs, where.clean.explained, problem.clips, LEAST_SPEED)
+    return replace(where, region=region_of_law(samples, problem.clips, Region(centre=tuple(place), radius=reach), None))
 
 
 def where_with(found: Candidate, where: Where) -> Where:
@@ -206,12 +229,21 @@ def _in_best_place(
     if not singles:
         return []
     first, *others = singles
-    best = min([first, *(_placed(calibration, first, place) for place in places)], key=lambda c: c.score)
+    placed = sorted([first, *(_placed(calibration, first, place) for place in places)], key=lambda c: c.score)
+    near = [c for c in placed if c.score < placed[0].score + ALIKE]
+    best = min(near, key=lambda c: _extent(only_of(c, c.name)))  # beyond the least one nothing tells of the law
     while (again := _refitted(calibration, best, best.fit.model, best.fit.theta)).score < best.score - LEAST_BETTER:
         best = again
     (kind,) = best.fit.model.effects
     there = best.fit.model.region(kind, best.fit.theta) or Region(), kind.bodies
     return [best, *(min(c, _placed(calibration, c, there), key=lambda c: c.score) for c in others)]
+
+
+def _extent(region: Region | None) -> tuple[float, float]:
+    """How many numbers a region has, and how wide its ball is, m; no region is the widest."""
+    if region is None:
+        return np.inf, 0.0
+    return region.numbers, float(region.radius)
 
 
 def _in_its_recordings(calibration: Calibration, found: Candidate) -> Candidate:

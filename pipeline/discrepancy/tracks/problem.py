@@ -129,10 +129,12 @@ def _held_out(tracks: Sequence[Track], clips: Sequence[str], count: int) -> froz
     return frozenset(held)
 
 
-def hold_out(problem: Problem, clip: str) -> Problem:
-    """The problem in which one clip is held out and all others are fitted."""
-    chosen = tuple(np.array([problem.arcs[i].clip != clip for i in s.index], bool) for s in problem.stacks)
-    return replace(problem, fitted=tuple(c for c in problem.clips if c != clip), held_out=(clip,), chosen=chosen)
+def hold_out(problem: Problem, clips: Sequence[str]) -> Problem:
+    """The problem in which some clips are held out and all others are fitted."""
+    chosen = tuple(~np.isin(s.clip, clips) for s in problem.stacks)
+    return replace(
+        problem, fitted=tuple(c for c in problem.clips if c not in clips), held_out=tuple(clips), chosen=chosen
+    )
 
 
 def recorded_alone(problem: Problem) -> tuple[int, ...]:

@@ -19,7 +19,7 @@ ALIKE_SAMPLES = 3.0  # samples that count as one
 BLOW_SAMPLES = 2.5  # a shorter interval is a blow, which has no region
 AGREES = 0.75  # F1 of a region and the intervals, below which it is no description of them
 EVERYWHERE = 0.9  # share of the time of motion, from which on a region is no part
-BALLS = 2  # each at most half as wide as the one before: few paths tell how wide a ball is
+BALLS = 3  # each at most half as wide as the one before: few paths tell how wide a ball is
 ANGLES, PLACES = 36, 9  # tried at first: normals of a plane, and places along each axis of a ball's centre
 REFINED = 3  # times that a centre is sought again nearby
 
