@@ -168,7 +168,9 @@ def local_effects(
     pairs = zip(problem.stacks, none.fit.starts, strict=True)
     starts = [fit_initial_states(stack, model, theta, start)[0] for stack, start in pairs]
     base = replace(none, fit=replace(none.fit, theta=theta, starts=starts))
-    places: list[Place] = [(found.region, found.objects) for found in where.regions[:MOST_REGIONS]]
+    # a law of some recordings alone would stand for what is wrong with them
+    regions = [found for found in where.regions if found.region.clips is None]
+    places: list[Place] = [(found.region, found.objects) for found in regions[:MOST_REGIONS]]
     # of one body the law may hold everywhere, though it shows in a part
     places += [(Region(), bodies) for bodies in dict.fromkeys(b for _, b in places if b is not None)]
     forces = [kind for kind in kinds if kind.may_be_local and kind.discovery.gravity_scale is None]
