@@ -231,7 +231,7 @@ def _in_best_place(
     if not singles:
         return []
     first, *others = singles
-    placed = sorted([first, *(_placed(calibration, first, place) for place in places)], key=lambda c: c.score)
+    placed = sorted((_placed(calibration, first, place) for place in places), key=lambda c: c.score)
     near = [c for c in placed if c.score < placed[0].score + ALIKE]
     best = min(near, key=lambda c: _extent(only_of(c, c.name)))  # beyond the least one nothing tells of the law
     while (again := _refitted(calibration, best, best.fit.model, best.fit.theta)).score < best.score - LEAST_BETTER:
