@@ -6,7 +6,7 @@ import pytest
 from pipeline.discrepancy.where.intervals import find_intervals
 from pipeline.discrepancy.where.region_search import Samples, find_regions
 from pipeline.errors import SceneError
-from pipeline.scene.effects.region import Region, within_limits
+from pipeline.scene.effects.region import Region, share_within
 from pipeline.scene.scene import Scene, SceneObject
 from pipeline.scene.text import read_scene, write_scene
 
@@ -134,7 +134,7 @@ def test_the_shares_of_steps_sum_up_to_the_time_inside(region: Region, rng: np.r
         t = (np.arange(count) + 0.5) * step
         path = start + t[:, None] * velocity * (1, 1, 0)
         speeds = velocity * (1, 1, 0) if region.slower is None else velocity + t[:, None] * gravity
-        shares = within_limits(region.limits, t, path, np.broadcast_to(speeds, path.shape), step, gravity)
+        shares = share_within(region.edges, t, path, np.broadcast_to(speeds, path.shape), step, gravity)
         return float(shares.sum() * step)
 
     assert inside(40) == pytest.approx(inside(4000), abs=2e-3)

@@ -87,14 +87,9 @@ def _entry(scene: Scene, effect: Effect, laws: dict[str, str]) -> str:
     acts = [effect.objects is None or o.name in effect.objects for o in scene.objects]
     only, clips = "None", None
     if effect.only is not None:
-        limits = ", ".join(f"{name!r}: {_limit(limit)}" for name, limit in effect.only.limits.items())
-        only, clips = f"{{{limits}}}", effect.only.clips
+        limits = ", ".join(f"{name!r}: {limit!r}" for name, limit in effect.only.limits.items())
+        only, clips = f"{{{limits}}}".replace("inf", "np.inf"), effect.only.clips
     return f"({{{names}}}, {_values(effect)}, {array_text(acts)}, {only}, {clips!r})"
-
-
-def _limit(limit: Any) -> str:
-    """A number, or a place with a distance, as Python."""
-    return f"({array_text(limit[0])}, {limit[1]!r})" if isinstance(limit, tuple) else repr(limit)
 
 
 def _recording(scene: Scene, effects: Sequence[tuple[int, EffectKind]], code: CopiedCode) -> str:

@@ -14,7 +14,7 @@ from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.discovery_rules import DEFAULT, DiscoveryRules
 from pipeline.scene.effects.fluid import Fluid
 from pipeline.scene.effects.hiding import Hiding
-from pipeline.scene.effects.region import Region, within_limits
+from pipeline.scene.effects.region import Region, share_within
 from pipeline.scene.scene import Scene
 
 Values = Mapping[str, np.ndarray]
@@ -159,7 +159,7 @@ def local_kind(
 ) -> EffectKind:
     """The effect as it acts in a region only, on some bodies (None: all). MuJoCo has no such effect, so its force is
     applied. blur: steps of an integration in which it sets in."""
-    limits = region.limits
+    limits = region.edges
     if not limits:
         return replace(kind, edit=None, fluid=None, only=region, bodies=bodies)
     assert kind.may_be_local
@@ -169,7 +169,7 @@ def local_kind(
             return None
 
         def cut(values: Values, body: Body) -> np.ndarray:
-            share = within_limits(limits, body.time, body.position, body.velocity, blur * body.step, body.gravity)
+            share = share_within(limits, body.time, body.position, body.velocity, blur * body.step, body.gravity)
             return (share[..., None] if vector else share) * law(values, body)
 
         return cut

@@ -13,7 +13,7 @@ LIMITS = {"after": "s", "before": "s", "faster": "m/s", "slower": "m/s"}
 """Conditions that are one number each, with their units."""
 
 
-def within_limits(
+def share_within(
     limits: Mapping[str, Any],
     time: np.ndarray,
     position: np.ndarray,
@@ -24,7 +24,7 @@ def within_limits(
     """What share of a step about a moment is inside, (...) from 0 to 1.
 
     Args:
-        limits: As `Region.limits`.
+        limits: As `Region.edges`.
         time: (...) s.
         position: (..., 3) m.
         velocity: (..., 3) m/s.
@@ -49,6 +49,16 @@ def within_limits(
             beyond = -beyond
         inside = inside * np.clip(0.5 + beyond / np.maximum(np.abs(rate) * step, 1e-12), 0.0, 1.0)
     return inside
+
+
+def within_limits(
+    limits: Mapping[str, Any], time: np.ndarray, position: np.ndarray, velocity: np.ndarray
+) -> np.ndarray:
+    """(...) bool at times (...) s, positions (..., 3) m and velocities (..., 3) m/s. limits: as `Region.limits`."""
+    speed, distance = np.linalg.norm(velocity, axis=-1), np.linalg.norm(position - limits["centre"], axis=-1)
+    inside = (time > limits["after"]) & (time < limits["before"]) & (speed > limits["faster"])
+    beyond = position @ np.array(limits["normal"]) > limits["offset"]
+    return inside & (speed < limits["slower"]) & (distance < limits["radius"]) & beyond
 
 
 @dataclass(frozen=True)
@@ -107,8 +117,8 @@ class Region:
         return replace(self, **changed)
 
     @property
-    def limits(self) -> dict[str, Any]:
-        """The conditions that are asked for as numbers, for `within_limits`."""
+    def edges(self) -> dict[str, Any]:
+        """The conditions that are asked for as numbers, for `share_within`."""
         out: dict[str, Any] = {name: getattr(self, name) for name in LIMITS if getattr(self, name) is not None}
         if self.centre is not None:
             out["within"] = (np.stack(np.broadcast_arrays(*self.centre), -1), self.radius)
@@ -116,9 +126,22 @@ class Region:
             out["beyond"] = (np.stack(np.broadcast_arrays(*self.normal), -1), self.offset)
         return out
 
+    @property
+    def limits(self) -> dict[str, Any]:
+        """The conditions as numbers, for `within_limits`; those that are not asked for hold everywhere."""
+        low = {name: -math.inf if getattr(self, name) is None else getattr(self, name) for name in ("after", "faster")}
+        high = {name: math.inf if getattr(self, name) is None else getattr(self, name) for name in ("before", "slower")}
+        ball = {"centre": (0.0, 0.0, 0.0), "radius": math.inf}
+        if self.centre is not None:
+            ball = {"centre": self.centre, "radius": self.radius}
+        plane = {"normal": (0.0, 0.0, 0.0), "offset": -math.inf}
+        if self.normal is not None:
+            plane = {"normal": self.normal, "offset": self.offset}
+        return {**low, **high, **ball, **plane}
+
     def holds(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """(...) bool at times (...) s, positions (..., 3) m and velocities (..., 3) m/s."""
-        return within_limits(self.limits, time, position, velocity) > 0.5
+        return within_limits(self.limits, time, position, velocity)
 
     def as_dict(self) -> dict[str, Any]:
         """As `only` has it in a scene and in a report."""

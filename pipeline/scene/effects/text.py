@@ -42,7 +42,7 @@ def effect_from_dict(entry: Any, index: int, names: Sequence[str], source: str) 
             raise SceneError(f"{place}.{parameter.name}: missing key; needed by {kind.name}: {needed}")
     values = tuple((p.name, _value(entry[p.name], p, f"{place}.{p.name}")) for p in kind.parameters)
     only = None if entry.get("only") is None else _region(entry["only"], f"{place}.only")
-    if only is not None and only.limits and not kind.may_be_local:
+    if only is not None and only.edges and not kind.may_be_local:
         raise SceneError(f"{place}.only: {kind.name} has a time of its own; valid: clips")
     return Effect(kind.name, values, _objects(entry, names, place), only)
 
