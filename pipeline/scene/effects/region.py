@@ -11,6 +11,7 @@ import numpy as np
 
 LIMITS = {"after": "s", "before": "s", "faster": "m/s", "slower": "m/s"}
 """Conditions that are one number each, with their units."""
+LEAST = 1e-300  # so that an instant at an edge is outside
 
 
 def share_within(
@@ -47,7 +48,7 @@ def share_within(
             beyond, rate = distance - limit[1], (velocity * away).sum(-1) / np.maximum(distance, 1e-9)
         if name in ("before", "slower", "within"):
             beyond = -beyond
-        inside = inside * np.clip(0.5 + beyond / np.maximum(np.abs(rate) * step, 1e-12), 0.0, 1.0)
+        inside = inside * np.clip(0.5 + (beyond - LEAST) / np.maximum(np.abs(rate) * step, LEAST), 0.0, 1.0)
     return inside
 
 
