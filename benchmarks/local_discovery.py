@@ -78,7 +78,8 @@ def f1(world: LocalWorld, rows: Sequence[tuple[str, str, float, float]]) -> floa
 
 
 def region_f1(world: LocalWorld, report: dict[str, Any]) -> float:
-    """F1 of the report's region against when something acts, over the samples of moving bodies; 0 without a region."""
+    """F1 of the report's region against when something acts, over the samples of moving bodies, both to a sample; 0
+    without a region."""
     if report["where"] is None:
         return 0.0
     region, objects = Region.of(report["where"]["only"]), report["where"]["objects"]
@@ -89,8 +90,9 @@ def region_f1(world: LocalWorld, report: dict[str, Any]) -> float:
         says = moves & region.holds(track.time, track.position, velocity)
         says &= (objects is None or track.object in objects) and (region.clips is None or track.clip in region.clips)
         acts = world.acts[track.clip, track.object] & moves
-        right, marked, true = right + int((says & acts).sum()), marked + int(says.sum()), true + int(acts.sum())
-    return 2 * right / max(marked + true, 1)
+        right += int((says & binary_dilation(acts)).sum() + (acts & binary_dilation(says)).sum())
+        marked, true = marked + int(says.sum()), true + int(acts.sum())
+    return right / max(marked + true, 1)
 
 
 def named(world: LocalWorld, found: Discovery) -> str:

@@ -64,7 +64,7 @@ def forecast_errors(real: RealSet) -> list[float]:
         )
         for t in real.tracks
     ]
-    stack = stack_arcs(arcs, [a.clip for a in arcs], known, False)
+    stack = stack_arcs(arcs, known, False)
     seen = int(SEEN * len(arcs[1].time))
     weight = stack.weight.copy()
     weight[1, seen:] = 0

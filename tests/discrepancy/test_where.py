@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pipeline.discrepancy.where.intervals import find_intervals
-from pipeline.discrepancy.where.region_search import Samples, find_region
+from pipeline.discrepancy.where.region_search import Samples, find_regions
 from pipeline.errors import SceneError
-from pipeline.scene.effects.region import Region
+from pipeline.scene.effects.region import Region, share_within
 from pipeline.scene.scene import Scene, SceneObject
 from pipeline.scene.text import read_scene, write_scene
 
@@ -72,14 +72,14 @@ def samples(rng: np.random.Generator, region: Region, clips: int = 40) -> Sample
 )
 def test_the_region_is_of_the_kind_that_was_hidden(region: Region, rng: np.random.Generator) -> None:
     shown = samples(rng, region)
-    found = find_region(shown, tuple(f"clip_{k}" for k in range(40)))
-    assert found is not None and found.agreement > 0.95
+    found = find_regions(shown, tuple(f"clip_{k}" for k in range(40)))[0]
+    assert found.agreement > 0.95
     assert set(found.region.as_dict()) == set(region.as_dict())
 
 
 def test_what_fails_everywhere_has_no_part(rng: np.random.Generator) -> None:
-    found = find_region(samples(rng, Region(after=-1.0)), tuple(f"clip_{k}" for k in range(40)))
-    assert found is not None and found.region == Region()
+    (found,) = find_regions(samples(rng, Region(after=-1.0)), tuple(f"clip_{k}" for k in range(40)))
+    assert found.region == Region()
 
 
 def scene_text(only: str) -> str:
@@ -103,6 +103,49 @@ def test_where_an_effect_acts_is_written_as_it_was_read(only: str) -> None:
     assert scene.effects[0].only is not None
     assert read_scene(write_scene(scene)) == scene
     assert Region.of(scene.effects[0].only.as_dict()) == scene.effects[0].only
+
+
+def test_a_blow_acts_in_some_recordings_and_has_no_other_region() -> None:
+    blow = "{name: impulse, time: 0.3, momentum: [0.1, 0.0, 0.0], only: ONLY}"
+    text = scene_text("{after: 0.5}")
+    line = next(row for row in text.splitlines() if "air_drag" in row)
+    scene = read_scene(text.replace(line, "- " + blow.replace("ONLY", '{clips: ["a"]}')))
+    assert scene.effects[0].only == Region(clips=("a",))
+    with pytest.raises(SceneError, match="impulse has a time of its own; valid: clips"):
+        read_scene(text.replace(line, "- " + blow.replace("ONLY", "{after: 0.5}")))
+
+
+REGIONS = [
+    Region(after=0.41),
+    Region(before=0.47, normal=(0.6, 0.8, 0.0), offset=0.1),
+    Region(centre=(0.1, -0.1, 0.0), radius=0.3),
+    Region(slower=2.0),
+]
+
+
+@pytest.mark.parametrize("region", REGIONS, ids=["after", "beyond", "within", "slower"])
+def test_the_shares_of_steps_sum_up_to_the_time_inside(region: Region, rng: np.random.Generator) -> None:
+    gravity = np.array([0.0, 0.0, -9.81])
+    start, velocity = np.array([-0.4, -0.4, 0.0]), np.array([*rng.uniform(0.5, 1.0, 2), rng.uniform(2.5, 3.0)])
+
+    def inside(count: int) -> float:
+        """Time inside during one second, from so many steps."""
+        step = 1 / count
+        t = (np.arange(count) + 0.5) * step
+        path = start + t[:, None] * velocity * (1, 1, 0)
+        speeds = velocity * (1, 1, 0) if region.slower is None else velocity + t[:, None] * gravity
+        shares = share_within(region.edges, t, path, np.broadcast_to(speeds, path.shape), step, gravity)
+        return float(shares.sum() * step)
+
+    assert inside(40) == pytest.approx(inside(4000), abs=2e-3)
+
+
+@pytest.mark.parametrize("region", REGIONS, ids=["after", "beyond", "within", "slower"])
+def test_a_region_with_its_own_numbers_is_itself(region: Region) -> None:
+    again = region.moved({name: value for name, (value, _) in region.free.items()})
+    for name, (value, unit) in region.free.items():
+        assert again.free[name] == (pytest.approx(value), unit)
+    assert len(region.free) <= region.numbers
 
 
 @pytest.mark.parametrize(

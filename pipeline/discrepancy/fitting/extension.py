@@ -74,7 +74,7 @@ def extend(
             promising.setdefault(kind.name, (kind, guesses))
     for kind, guesses in promising.values():
         progress(kind.name)
-        found = _with_arc_effect(calibration, kind, base, guesses)
+        found = with_arc_effect(calibration, kind, base, guesses)
         if found is not None:
             out.append(found)
     return sorted(filter(is_possible, out), key=lambda c: c.score)
@@ -101,7 +101,7 @@ def _special_fit(
     return None if kind.discovery.unmeasured_spin is None or spins_measured else _with_unmeasured_spins
 
 
-def _with_arc_effect(
+def with_arc_effect(
     calibration: Calibration, kind: EffectKind, base: Candidate, guesses: Sequence[Guess]
 ) -> Candidate | None:
     """`base` with an effect fitted to the arcs, the best of the fits from several guesses."""

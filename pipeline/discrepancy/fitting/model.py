@@ -11,8 +11,9 @@ import numpy as np
 from pipeline.discrepancy.fitting.motion import ActingEffect, GroundFriction
 from pipeline.discrepancy.tracks.known_scene import SCENE_FITTABLE, KnownScene
 from pipeline.discrepancy.tracks.stack import ArcStack
-from pipeline.scene.effects.kind import EffectKind, Parameter
-from pipeline.scene.effects.registry import kind_of_scene_parameter
+from pipeline.scene.effects.kind import EffectKind, Parameter, local_kind
+from pipeline.scene.effects.region import Region
+from pipeline.scene.effects.registry import effect_kinds, kind_of_scene_parameter
 from pipeline.scene.effects.text import effect_kind
 from pipeline.scene.mjcf import TORSIONAL_FRICTION
 from pipeline.scene.scene import Effect
@@ -20,6 +21,9 @@ from pipeline.scene.scene import Effect
 LEAST_BALL_FRICTION = 0.05  # with less a ball never stops slipping, which looks like rolling resistance
 OBJECT = "object:"
 """Begins the owner of an unknown that is an object's: `object:<index>`."""
+REGION = "region:"
+"""Begins the owner of an unknown that is of the region in which an effect acts: `region:<effect>`."""
+REGION_STEP, REGION_SIGMA = 2e-3, 10.0  # s, m, m/s or rad, of finite differences, and of the weak prior
 CAMERA = "camera"
 """Owner of the unknowns of the camera, in units of their standard deviations."""
 MOST_SIGMAS = 6.0  # by which a number of the camera may be off
@@ -118,8 +122,26 @@ class Model:
                         else np.broadcast_to(rows[:, None], (*shape, p.length))
                     )
                 acts = np.ones(len(stack), bool) if body is None else stack.object == body
-                out.append(ActingEffect(kind, values, acts))
+                if kind.only is not None and kind.only.clips is not None:
+                    acts &= np.isin(stack.clip, kind.only.clips)
+                out.append(ActingEffect(self._where_it_acts(kind, theta), values, acts))
         return [*out, *self._stated(stack)]
+
+    def region(self, kind: EffectKind, theta: np.ndarray) -> Region | None:
+        """The region in which one of the effects acts, with the numbers of theta (..., G), each (...)."""
+        columns = {u.name: i for i, u in enumerate(self.unknowns) if u.owner == f"{REGION}{kind.name}"}
+        if kind.only is None or not columns:
+            return kind.only
+        return kind.only.moved({name: theta[..., i] for name, i in columns.items()})
+
+    def _where_it_acts(self, kind: EffectKind, theta: np.ndarray) -> EffectKind:
+        """An effect as it acts in the region of theta (P, G)."""
+        region = self.region(kind, theta[:, None])
+        return (
+            kind
+            if region is None or region is kind.only
+            else local_kind(effect_kinds()[kind.name], region, kind.bodies, kind.blur)
+        )
 
     def _stated(self, stack: ArcStack) -> list[ActingEffect]:
         out = []
@@ -201,9 +223,19 @@ def _frictions(known: KnownScene, number: int, spins: bool) -> list[Unknown]:
 
 def without_effect(model: Model, name: str) -> tuple[Model, np.ndarray]:
     """The model without one of its effects, and the indices of the remaining unknowns in the longer vector."""
-    kept = np.array([i for i, u in enumerate(model.unknowns) if u.owner != name], int)
+    kept = np.array([i for i, u in enumerate(model.unknowns) if u.owner not in (name, f"{REGION}{name}")], int)
     effects = tuple(e for e in model.effects if e.name != name)
     return replace(model, effects=effects, unknowns=tuple(model.unknowns[i] for i in kept)), kept
+
+
+def with_free_region(model: Model, region: Region) -> Model:
+    """The model whose last effect acts in a region of which each number is fitted, from where it is."""
+    owner = f"{REGION}{model.names[-1]}"
+    more = [
+        Unknown(owner, name, 0, unit, start=value, low=-np.inf, high=np.inf, step=REGION_STEP, sigma=REGION_SIGMA)
+        for name, (value, unit) in region.free.items()
+    ]
+    return replace(model, unknowns=(*model.unknowns, *more))
 
 
 def with_effect(

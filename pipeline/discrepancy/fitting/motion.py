@@ -8,8 +8,9 @@ Shapes: P parameter sets, A arcs, K steps, n samples.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -25,6 +26,11 @@ class ActingEffect:
     kind: EffectKind
     values: dict[str, np.ndarray]
     acts: np.ndarray
+
+    @cached_property
+    def on_all(self) -> bool:
+        """Whether it acts on all arcs."""
+        return bool(self.acts.all())
 
 
 @dataclass(frozen=True)
@@ -109,21 +115,21 @@ def _body(stack: ArcStack, shape: tuple[int, int], start_time: np.ndarray) -> Bo
     )
 
 
-def _total(laws: Iterable[tuple[ActingEffect, Law | None]], body: Body) -> np.ndarray:
-    """Sum of vectors (P, A, 3) that laws of effects give; None gives nothing."""
-    total = np.zeros(3)
+def _total(laws: Sequence[tuple[ActingEffect, Law]], body: Body) -> np.ndarray:
+    """Sum of what laws of effects give, (P, A, 3) or (P, A); () of no laws."""
+    total = np.zeros(())
     for effect, law in laws:
-        if law is not None:
-            total = total + np.where(effect.acts[:, None], law(effect.values, body), 0.0)
+        given = law(effect.values, body)
+        if not effect.on_all:
+            given = np.where(effect.acts[:, None] if given.ndim > 2 else effect.acts, given, 0.0)
+        total = total + given
     return total
 
 
-def _forces(effects: Sequence[ActingEffect], body: Body) -> np.ndarray:
-    """Forces (P, A, 3) N but for blows, in air that moves as effects say."""
-    if any(e.kind.air_velocity is not None for e in effects):
-        body.air_velocity = _total(((e, e.kind.air_velocity) for e in effects), body)
-    forces = ((e, e.kind.force) for e in effects if e.kind.kick is None)
-    return np.zeros(body.velocity.shape) + _total(forces, body)
+def _laws(effects: Sequence[ActingEffect], name: str) -> list[tuple[ActingEffect, Law]]:
+    """The laws of that name that the effects have, but for the forces of blows."""
+    named = [(e, getattr(e.kind, name)) for e in effects if name != "force" or e.kind.kick is None]
+    return [(e, law) for e, law in named if law is not None]
 
 
 def _kicks(stack: ArcStack, effects: Sequence[ActingEffect]) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -150,9 +156,9 @@ def _after_kicks(
 def _fly(stack: ArcStack, effects: Sequence[ActingEffect], start: np.ndarray, h: np.ndarray) -> Nodes:
     x, v, spin = start[..., :3], start[..., 3:6], start[..., 6:9]
     body = _body(stack, x.shape[:2], stack.start)
-    body.angular_velocity = spin
+    body.angular_velocity, body.step = spin, h
     gravity, mass = body.gravity, stack.mass[:, None]
-    kicks = _kicks(stack, effects)
+    kicks, winds, forces = _kicks(stack, effects), _laws(effects, "air_velocity"), _laws(effects, "force")
     step = h[..., None]
     size = (*x.shape[:2], stack.steps + 1, 3)
     positions, velocities = np.empty(size), np.empty(size)
@@ -161,7 +167,9 @@ def _fly(stack: ArcStack, effects: Sequence[ActingEffect], start: np.ndarray, h:
     def acceleration(x: np.ndarray, v: np.ndarray, half_step: int) -> np.ndarray:
         body.time = stack.start + half_step / 2 * h
         body.position, body.velocity, body.others = x, v, stack.others[:, half_step]
-        return gravity + _forces(effects, body) / mass
+        if winds:
+            body.air_velocity = _total(winds, body)
+        return gravity + _total(forces, body) / mass
 
     for k in range(stack.steps):
         a1 = acceleration(x, v, 2 * k)
@@ -181,63 +189,68 @@ def _fly(stack: ArcStack, effects: Sequence[ActingEffect], start: np.ndarray, h:
 def _slide(
     stack: ArcStack, effects: Sequence[ActingEffect], start: np.ndarray, h: np.ndarray, friction: GroundFriction
 ) -> Nodes:
-    x, v, spin = start[..., :3].copy(), start[..., 3:6].copy(), start[..., 6:9].copy()
-    v[..., 2] = 0.0
+    flat = np.array([1.0, 1.0, 0.0])
+    x, v, spin = start[..., :3], start[..., 3:6] * flat, start[..., 6:9]
     shape = x.shape[:2]
     body = _body(stack, shape, stack.start)
     sliding = friction.sliding * (1 + start[..., 10])
-    body.sliding_friction = sliding
+    body.sliding_friction, body.step = sliding, h
     rolls = stack.radius > 0
-    mass, radius = stack.mass, stack.radius
-    inertia = stack.inertia
+    mass, radius, inertia = stack.mass, stack.radius, stack.inertia
     slip_mass = np.where(rolls, mass / 3.5, mass)  # of a ball's contact point: 1 / (1/m + r²/I)
+    arm = np.where(rolls, radius / inertia, 0.0)
     weight = -mass * stack.gravity[:, 2]
-    body.normal_force = np.maximum(weight, 0) + np.zeros(shape)
-    kicks, step = _kicks(stack, effects), h[..., None]
-    flat = np.array([1.0, 1.0, 0.0])
+    body.normal_force = resting = np.maximum(weight, 0) + np.zeros(shape)
+    kicks, step = [(when, dv * flat) for when, dv in _kicks(stack, effects)], h[..., None]
+    per_mass = flat / mass[:, None]
+    fall, change_per_force = step * stack.gravity * flat, step * per_mass
     acceleration = np.zeros_like(v)
     size = (*shape, stack.steps + 1, 3)
-    positions, velocities, spins = np.empty(size), np.empty(size), np.empty(size)
-    positions[:, :, 0], velocities[:, :, 0], spins[:, :, 0] = x, v, spin
-    belts = [e for e in effects if e.kind.ground_velocity is not None]
-    presses = [e for e in effects if e.kind.normal_force is not None]
-    torques = [e for e in effects if e.kind.torque is not None]
+    positions, velocities = np.empty(size), np.empty(size)
+    spins = np.empty(size) if rolls.any() else np.broadcast_to(spin[:, :, None], size)
+    positions[:, :, 0], velocities[:, :, 0] = x, v
+    names = ("air_velocity", "ground_velocity", "force", "normal_force", "torque")
+    winds, belts, forces, presses, torques = (_laws(effects, name) for name in names)
     for k in range(stack.steps):
         body.time = stack.start + (k + 0.5) * h
         body.position, body.velocity = x + step / 2 * v, v + step / 2 * acceleration
         body.angular_velocity, body.others = spin, stack.others[:, 2 * k + 1]
+        after, normal = v + fall, resting
+        if winds:
+            body.air_velocity = _total(winds, body)
         if belts:
-            body.ground_velocity = _total(((e, e.kind.ground_velocity) for e in belts), body)
-        force = _forces(effects, body)
-        normal = np.maximum(weight - force[..., 2], 0.0)
-        for e in presses:
-            assert e.kind.normal_force is not None
-            normal = normal + np.where(e.acts, e.kind.normal_force(e.values, body), 0.0)
+            body.ground_velocity = _total(belts, body)
+        if forces:
+            force = np.broadcast_to(_total(forces, body), v.shape)
+            after = after + change_per_force * force
+            normal = np.maximum(weight - force[..., 2], 0.0)
+        if presses:
+            normal = normal + _total(presses, body)
         body.normal_force = normal
-        after = v + step * (stack.gravity + force / mass[:, None]) * flat
-        torque = -(friction.rolling * normal)[..., None] * _unit(spin * flat, 0.3)
-        torque[..., 2] -= friction.torsional * normal * _unit(spin * (1 - flat), 0.3)[..., 2]
-        for e in torques:
-            assert e.kind.torque is not None
-            torque = torque + np.where(e.acts[:, None], e.kind.torque(e.values, body), 0.0)
-        turned = np.where(rolls[:, None], _slowed(spin, step * torque / inertia[:, None]), spin)
         slip = after - body.ground_velocity
-        slip[..., 0] -= turned[..., 1] * radius
-        slip[..., 1] += turned[..., 0] * radius
+        if rolls.any():
+            spins[:, :, k] = spin
+            torque = -(friction.rolling * normal)[..., None] * _unit(spin * flat, 0.3)
+            torque[..., 2] -= friction.torsional * normal * _unit(spin * (1 - flat), 0.3)[..., 2]
+            torque = torque + _total(torques, body)
+            spin = np.where(rolls[:, None], _slowed(spin, step * torque / inertia[:, None]), spin)
+            slip[..., 0] -= spin[..., 1] * radius
+            slip[..., 1] += spin[..., 0] * radius
         speed = np.sqrt(slip[..., 0] ** 2 + slip[..., 1] ** 2 + 1e-18)
         blow = np.minimum(sliding * normal * h, slip_mass * speed) / speed
-        push = -blow[..., None] * slip * flat
-        after = after + push / mass[:, None]
-        arm = np.where(rolls, radius / inertia, 0.0)
-        spin = turned.copy()
-        spin[..., 0] += arm * push[..., 1]
-        spin[..., 1] -= arm * push[..., 0]
+        push = blow[..., None] * slip
+        after = after - push * per_mass
+        if rolls.any():
+            spin[..., 0] -= arm * push[..., 1]
+            spin[..., 1] += arm * push[..., 0]
         acceleration = (after - v) / step
         x = x + step / 2 * (v + after)
         v = after
         if kicks:
-            x, v = _after_kicks([(w, dv * flat) for w, dv in kicks], x, v, k * h, h)
-        positions[:, :, k + 1], velocities[:, :, k + 1], spins[:, :, k + 1] = x, v, spin
+            x, v = _after_kicks(kicks, x, v, k * h, h)
+        positions[:, :, k + 1], velocities[:, :, k + 1] = x, v
+    if rolls.any():
+        spins[:, :, stack.steps] = spin
     return Nodes(positions, velocities, spins)
 
 

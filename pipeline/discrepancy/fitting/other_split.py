@@ -22,7 +22,7 @@ def hold_out_instead(
         models: Fitted to it.
         clip: Name of the clip that is held out.
     """
-    problem = hold_out(calibration.problem, clip)
+    problem = hold_out(calibration.problem, (clip,))
     if not any(chosen.any() for chosen in problem.chosen):
         return None
     none = _fitted_again(calibration, calibration.none, clip)
@@ -37,5 +37,5 @@ def hold_out_instead(
 
 def _fitted_again(calibration: Calibration, model: Candidate, clip: str) -> Candidate:
     """A model fitted without a clip; its score has no part of bounces and hits."""
-    problem = hold_out(model.problem, clip)
+    problem = hold_out(model.problem, (clip,))
     return fit_model(calibration, problem, model.fit.model, model.fit.theta, model.fit.starts, effects=model.effects)

@@ -43,7 +43,7 @@ def scene_of(found: Selection, model: Candidate) -> Scene:
         for body, estimates in estimates_by_body(model, name).items():
             values = tuple((k, tuple(e.value) if isinstance(e.value, list) else e.value) for k, e in estimates.items())
             objects_ = None if body is None else (scene.objects[body].name,)
-            effects.append(Effect(name, values, objects_, only_of(model)))
+            effects.append(Effect(name, values, objects_, only_of(model, name)))
     gravity = scene.gravity
     if "gravity" in numbers:
         gravity = tuple(np.array(gravity) / np.linalg.norm(gravity) * numbers["gravity"].value)

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated
+from pipeline.discrepancy.fitting.candidate import Candidate
+from pipeline.discrepancy.fitting.estimates import ParameterEstimate, calibrated, standard_errors
+from pipeline.discrepancy.fitting.model import REGION
 from pipeline.discrepancy.fitting.predictions import run
 from pipeline.discrepancy.report.localisation import Stretch, normal_z, regime_of
-from pipeline.discrepancy.selection.local_effect import Where
+from pipeline.discrepancy.selection.local_effect import Where, only_of
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.tracks.arc import FAR_AWAY
 from pipeline.discrepancy.where.region_search import BLOW_SAMPLES, smooth_velocity
-from pipeline.scene.effects.region import Region
 
 
 def disagreement(found: Selection) -> list[Stretch]:
@@ -82,7 +83,9 @@ def where_dict(found: Selection) -> dict[str, Any] | None:
         return None
     rate = _false_discovery_rate(where)
     local = any(kind.only is not None for kind in found.answer.fit.model.effects)
-    if found.answer.effects and not local:  # a law that holds everywhere explains what disagrees
+    if (
+        found.answer.effects and not local and found.answer.hits is None
+    ):  # a law that holds everywhere explains what disagrees
         return {"only": {}, "objects": None, "share": 1.0, "agreement": 1.0, "false_discovery_rate": rate}
     names = [o.name for o in found.problem.known.scene.objects]
     objects = None if where.region.objects is None else [names[k] for k in where.region.objects]
@@ -95,28 +98,22 @@ def where_dict(found: Selection) -> dict[str, Any] | None:
     }
 
 
-def with_errors(region: Region, found: Selection) -> dict[str, Any]:
-    """A region as `Region.as_dict`, each number with its standard error, by the time between two samples at the ends
-    of the intervals."""
-    arcs, where = found.baseline.problem.arcs, found.where
-    assert where is not None
-    steps, speeds = [], []
-    for k, arc in enumerate(arcs):
-        inner = [t for v in where.of_arc(k) for t in (v.start, v.end) if arc.time[0] < t < arc.time[-1]]
-        if inner:
-            rows = [int(np.argmin(np.abs(arc.time - t))) for t in inner]
-            speed = np.linalg.norm(smooth_velocity(arc.time, arc.position), axis=1)
-            steps += [float(np.median(np.diff(arc.time)))] * len(inner)
-            speeds += speed[rows].tolist()
-    moment = float(np.mean(steps)) / 2 / max(len(steps), 1) ** 0.5 if steps else 0.0
-    length = moment * float(np.mean(speeds)) if speeds else 0.0
-    errors = {"after": moment, "before": moment, "faster": length, "slower": length}
+def only_with_errors(found: Candidate, effect: str) -> dict[str, Any] | None:
+    """The region in which an effect acts as `Region.as_dict`, each number with its standard error, None where it was
+    not fitted; None: everywhere."""
+    region = only_of(found, effect)
+    if region is None:
+        return None
+    unknowns = zip(found.fit.model.unknowns, standard_errors(found), strict=True)
+    error = {u.name: float(e) for u, e in unknowns if u.owner == f"{REGION}{effect}"}
+    parts = {"center": ("centre_x", "centre_y", ""), "normal": ("heading",) * 3}
 
     def entry(key: str, value: Any) -> Any:
         if isinstance(value, dict):
             return {k: entry(k, v) for k, v in value.items()}
-        if isinstance(value, list):
-            return value if key == "clips" else {"value": value, "stderr": [length] * len(value)}
-        return {"value": value, "stderr": errors.get(key, length)}
+        if key == "clips":
+            return value
+        spread = [error.get(part) for part in parts[key]] if key in parts else error.get(key)
+        return {"value": value, "stderr": spread}
 
     return {k: entry(k, v) for k, v in region.as_dict().items()}

@@ -12,7 +12,7 @@ from pipeline.discrepancy.fitting.candidate import Candidate, residuals_m
 from pipeline.discrepancy.fitting.estimates import ParameterEstimate, effect_estimates
 from pipeline.discrepancy.fitting.predictions import FRICTION_PLACE, SCALE_PLACE
 from pipeline.discrepancy.report.augmented_scene import augmented_scene
-from pipeline.discrepancy.report.disagreement import clean_numbers, disagreement, with_errors
+from pipeline.discrepancy.report.disagreement import clean_numbers, disagreement, only_with_errors
 from pipeline.discrepancy.report.formula import residual_formula
 from pipeline.discrepancy.report.localisation import Stretch
 from pipeline.discrepancy.report.remainder import Remainder, remainder_of
@@ -20,7 +20,6 @@ from pipeline.discrepancy.selection.confidence import SMOOTHED, confidence, prob
 from pipeline.discrepancy.selection.equivalence import equivalent_sets, next_experiment
 from pipeline.discrepancy.selection.established import models_without
 from pipeline.discrepancy.selection.gap import Gap, measure_gap
-from pipeline.discrepancy.selection.local_effect import only_of
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.tracks.fault import Fault
 from pipeline.discrepancy.tracks.noise import correlation
@@ -153,8 +152,7 @@ def _verdict(found: Selection, gap: Gap) -> Verdict:
     equivalent = equivalent_sets(found)
     own = {name: effect_estimates(answer, name) for name in answer.effects}
     several = len(own) > 1
-    sure, shares, region = confidence(found, names), _shares(found), only_of(answer)
-    only = None if region is None else with_errors(region, found)
+    sure, shares = confidence(found, names), _shares(found)
     return Verdict(
         effects=names,
         parameters={f"{n}.{k}" if several else k: e for n, numbers in own.items() for k, e in numbers.items()},
@@ -162,7 +160,10 @@ def _verdict(found: Selection, gap: Gap) -> Verdict:
         equivalent=equivalent,
         experiment=next_experiment(names, equivalent),
         form=residual_formula(found.none) if found.unknown else None,
-        named=tuple(NamedEffect(name, sure, shares.get(name), numbers, only) for name, numbers in own.items()),
+        named=tuple(
+            NamedEffect(name, sure, shares.get(name), numbers, only_with_errors(answer, name))
+            for name, numbers in own.items()
+        ),
         remainder=remainder_of(found, gap),
     )
 

@@ -2,25 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from pipeline.discrepancy.fitting.calibration import Calibration, fit_model
+from pipeline.discrepancy.fitting.calibration import LEAST_BETTER, Calibration, fit_model
 from pipeline.discrepancy.fitting.candidate import Candidate
-from pipeline.discrepancy.fitting.extension import Progress, completed, extend
+from pipeline.discrepancy.fitting.extension import Progress, completed, with_arc_effect
 from pipeline.discrepancy.fitting.least_squares import fit_initial_states
+from pipeline.discrepancy.fitting.model import OBJECT, Model, with_effect, with_free_region, without_effect
+from pipeline.discrepancy.fitting.possible import is_possible
+from pipeline.discrepancy.fitting.screening import ScreeningRegression
+from pipeline.discrepancy.selection.comparison import ALIKE
+from pipeline.discrepancy.tracks.problem import Problem
 from pipeline.discrepancy.where.clean_part import CleanPart, find_clean_part
 from pipeline.discrepancy.where.intervals import Interval
-from pipeline.discrepancy.where.region_search import FoundRegion, find_region, moving_samples, region_of_law
+from pipeline.discrepancy.where.region_search import (
+    AGREES,
+    FoundRegion,
+    find_regions,
+    is_blow,
+    moving_samples,
+    region_of_law,
+)
 from pipeline.scene.effects.kind import EffectKind, local_kind
 from pipeline.scene.effects.region import Region
 from pipeline.scene.effects.registry import effect_kinds
+from pipeline.scene.scene import half_extents
 
+MOST_REGIONS = 5  # descriptions in which effects are sought
+BLURS = (8.0, 1.0)  # steps of an integration, by which a region's edges are blurred, one after the other
 MOST_LOCAL = 5  # effects that are fitted in a region: the most promising in the screening regression
-SCALES = (1.0, 0.4)  # of the steps by which a region's numbers are refined, one after the other
+Place = tuple[Region, tuple[int, ...] | None]
+"""A region, and the objects in it; None: all."""
 LEAST_SPEED = 0.05  # m/s: where a slower body is tells nothing of what acts on it
 
 
@@ -30,13 +45,20 @@ class Where:
 
     Attributes:
         clean: The part in which it holds, and the intervals of the rest.
-        region: The simplest description of the intervals; None where there are none, or none that agrees.
+        region: The simplest description of the intervals, or where the law acts that explains them; None where none
+            agrees.
+        regions: Where the intervals may be, the simplest first; none where there are no intervals.
         share: Of the time of motion, that is in intervals.
+        blown: Names of the recordings in which something is hit.
+        disagreeing: Names of those that have intervals.
     """
 
     clean: CleanPart
     region: FoundRegion | None
+    regions: tuple[FoundRegion, ...]
     share: float
+    blown: tuple[str, ...] = ()
+    disagreeing: frozenset[str] = frozenset()
 
     def of_arc(self, index: int) -> tuple[Interval, ...]:
         """The intervals of one arc of the problem."""
@@ -60,7 +82,8 @@ class Where:
     @property
     def local(self) -> bool:
         """Whether the scene fails in a part only."""
-        return self.region is not None and (self.region.region.numbers > 0 or self.region.objects is not None)
+        regions = (*self.regions, *([] if self.region is None else [self.region]))
+        return bool(self.blown) or any(r.region.numbers > 0 or r.objects is not None for r in regions)
 
 
 def find_where(none: Candidate) -> Where:
@@ -72,9 +95,32 @@ def find_where(none: Candidate) -> Where:
     problem = none.problem
     clean = find_clean_part(problem, none.fit.model, none.fit.theta)
     if none.position_chi2 * problem.floor.information <= clean.chi2:
-        clean = find_clean_part(problem, none.fit.model, none.fit.theta, known=True).without_intervals
+        covariance = none.fit.covariance / problem.floor.information
+        clean = replace(clean.without_intervals, theta=none.fit.theta, covariance=covariance)
     samples = moving_samples(problem.arcs, clean.explained, problem.clips, LEAST_SPEED)
-    return Where(clean, find_region(samples, problem.clips), float(samples.inside.mean()))
+    regions = tuple(find_regions(samples, problem.clips))
+    best = next((found for found in regions if found.agreement >= AGREES), None)
+    where = Where(clean, best, regions, float(samples.inside.mean()))
+    hit = {arc.clip for k, arc in enumerate(problem.arcs) if any(is_blow(v, arc) for v in where.of_arc(k))}
+    some = frozenset(arc.clip for k, arc in enumerate(problem.arcs) if where.of_arc(k))
+    return replace(where, blown=tuple(clip for clip in problem.clips if clip in hit), disagreeing=some)
+
+
+def where_hit(found: Candidate, problem: Problem, where: Where) -> Where:
+    """Where the known scene fails, of a model of what bodies hit: as far from its centre as theirs come in a hit.
+
+    Args:
+        found: The model, fitted to arcs that are cut at the hits.
+        problem: With arcs that are not.
+        where: As it was found without the model.
+    """
+    assert found.hits is not None
+    place, size = found.hits.values["position"], found.hits.values["size"]
+    assert isinstance(place, list) and isinstance(size, float)
+    way = max(float(np.linalg.norm(np.diff(arc.position, axis=0), axis=1).max()) for arc in problem.arcs)  # of a sample
+    reach = size + max(float(half_extents(o).max()) for o in problem.known.scene.objects) + way / 2
+    samples = moving_samples(problem.arcs, where.clean.explained, problem.clips, LEAST_SPEED)
+    return replace(where, region=region_of_law(samples, problem.clips, Region(centre=tuple(place), radius=reach), None))
 
 
 def where_with(found: Candidate, where: Where) -> Where:
@@ -88,9 +134,18 @@ def where_with(found: Candidate, where: Where) -> Where:
     clean = find_clean_part(problem, model, found.fit.theta[: model.size], known=True)
     covariance = found.fit.covariance[: model.size, : model.size] / problem.floor.information
     samples = moving_samples(problem.arcs, clean.explained, problem.clips, LEAST_SPEED)
-    bodies = next(kind.bodies for kind in found.fit.model.effects)
-    region = region_of_law(samples, problem.clips, only_of(found) or Region(), bodies)
-    return Where(replace(clean, covariance=covariance), region, float(samples.inside.mean()))
+    region = region_of_law(samples, problem.clips, _first_region(found), found.fit.model.effects[0].bodies)
+    return Where(replace(clean, covariance=covariance), region, (), float(samples.inside.mean()))
+
+
+def _first_region(found: Candidate) -> Region:
+    """The region of a model's first effect, that of a blow with the time of a sample about it."""
+    kind = found.fit.model.effects[0]
+    region, column = only_of(found, kind.name) or Region(), found.fit.model.column(kind.name, "time")
+    if kind.kick is None or column is None:
+        return region
+    time, half = float(found.fit.theta[column]), float(np.median(np.diff(found.problem.arcs[0].time))) / 2
+    return replace(region, after=time - half, before=time + half)
 
 
 def local_effects(
@@ -98,106 +153,173 @@ def local_effects(
 ) -> list[Candidate]:
     """Models of one effect that acts in the region in which the known scene fails, the best first.
 
+    Each effect is screened in each region that describes the intervals, and blows in the recordings that have some;
+    those that promise most are fitted. The best one is fitted in each region with the region's numbers, and the others
+    in the region that wins.
+
     Args:
         calibration: Of the problem.
-        where: With a region.
+        where: With regions.
         kinds: The effects that may be named.
         progress: Called with the name of each effect that is fitted.
     """
-    assert where.region is not None
     none, problem = calibration.none, calibration.problem
     model, theta = none.fit.model, where.clean.theta
     pairs = zip(problem.stacks, none.fit.starts, strict=True)
     starts = [fit_initial_states(stack, model, theta, start)[0] for stack, start in pairs]
     base = replace(none, fit=replace(none.fit, theta=theta, starts=starts))
-    region = where.region.region
-    physical = [kind for kind in kinds if kind.may_be_local and kind.discovery.gravity_scale is None]
-    bodies = where.region.objects
-    parts = [[local_kind(k, region, bodies) for k in physical if k.discovery.local is local] for local in (True, False)]
-    found = [c for part in parts for c in extend(calibration, base, part, progress, MOST_LOCAL)]
-    singles = sorted((_priced(calibration, c, region) for c in found), key=lambda c: c.score)
-    out: list[Candidate] = []
-    for single in singles:
-        begin = region
-        if out:
-            # A region that is somewhat wrong costs each effect about as much.
-            gained = singles[0].score - out[0].score
-            if single.score - 3 * gained >= min(c.score for c in out):
-                out.append(single)
-                continue
-            refined = only_of(out[0]) or region  # it may suit this effect, too
-            there = _in_region(calibration, single, refined)
-            if there.score < single.score:
-                single, begin = there, refined
-        out.append(_refined(calibration, single, begin))
-    if bodies is not None:  # of one body the law may hold everywhere, though it shows in a part
-        out += [_in_region(calibration, c, Region()) for c in sorted(out, key=lambda c: c.score)[:MOST_LOCAL]]
-    return sorted(out, key=lambda c: c.score)
+    # a law of some recordings alone would stand for what is wrong with them
+    regions = [found for found in where.regions if found.region.clips is None]
+    places: list[Place] = [(found.region, found.objects) for found in regions[:MOST_REGIONS]]
+    # of one body the law may hold everywhere, though it shows in a part
+    places += [(Region(), bodies) for bodies in dict.fromkeys(b for _, b in places if b is not None)]
+    forces = [kind for kind in kinds if kind.may_be_local and kind.discovery.gravity_scale is None]
+    local = [local_kind(kind, *place) for place in places for kind in forces]
+    screening = ScreeningRegression(_as_calibrated(problem, model, theta), base.fit)
+    screened = [(kind, screening.guesses(kind)) for kind in [*local, *_blows(where, kinds, problem)]]
+    screened.sort(key=lambda pair: _price(calibration, pair[0]) - pair[1][0].gain * calibration.information)
+    found: dict[str, Candidate] = {}
+    for kind, guesses in screened:
+        if len(found) < MOST_LOCAL and kind.name not in found:
+            progress(kind.name)
+            single = with_arc_effect(calibration, kind, base, guesses)
+            if single is not None and is_possible(single):
+                found[kind.name] = _priced(calibration, single)
+    blows = [_in_its_recordings(calibration, c) for c in found.values() if _is_blow(c)]
+    return sorted(filter(is_possible, [*blows, *_in_best_place(calibration, found, places)]), key=lambda c: c.score)
 
 
-def only_of(found: Candidate) -> Region | None:
-    """Where the effect of a model acts; None: everywhere, on some bodies only, or without an effect."""
-    regions = (kind.only for kind in found.fit.model.effects if kind.only is not None and kind.only.numbers)
-    return next(regions, None)
+def with_blow(
+    calibration: Calibration, where: Where, singles: Sequence[Candidate], kinds: Sequence[EffectKind]
+) -> Candidate | None:
+    """The best model of one effect in a region with a blow beside it; None where there is none, or nothing was hit.
 
-
-def _priced(calibration: Calibration, found: Candidate, region: Region) -> Candidate:
-    """A model with the price of its region's numbers."""
-    price = region.numbers * float(np.log(calibration.problem.effective_rows))
-    return replace(found, score=found.score + price, bic=found.bic + price)
-
-
-def _refined(calibration: Calibration, found: Candidate, region: Region) -> Candidate:
-    """A model with its region's numbers moved to where the model fits best, one after the other."""
-    steps = {"after": 0.02, "before": 0.02, "faster": 0.03, "slower": 0.03}
-    moves: list[Callable[[Region, float], Region]] = [
-        partial(_moved, name=name, step=step) for name, step in steps.items() if getattr(region, name) is not None
+    Args:
+        calibration: Of the problem.
+        where: Where the known scene fails.
+        singles: Models of one effect, the best first.
+        kinds: The effects that may be named.
+    """
+    found = next((c for c in singles if not _is_blow(c)), None)
+    if found is None:
+        return None
+    screening = ScreeningRegression(calibration.problem, found.fit)
+    both = [
+        with_arc_effect(calibration, kind, found, screening.guesses(kind))
+        for kind in _blows(where, kinds, calibration.problem)
     ]
-    if region.centre is not None:
-        moves.append(partial(_moved, name="radius", step=0.02))
-    if region.normal is not None:
-        moves.append(partial(_moved, name="offset", step=0.02))
-    if region.centre is not None:
-        moves += [partial(_moved, name="centre", step=0.02, axis=axis) for axis in (0, 1)]
-    if region.normal is not None and abs(region.normal[2]) < 0.5:  # an upright plane
-        moves.append(partial(_moved, name="normal", step=0.05))
-    best, here = found, region
-    for scale in SCALES:
-        for move in moves:
-            for sign in (scale, -scale):
-                there = move(here, sign)
-                again = _in_region(calibration, best, there)
-                while again.score < best.score:
-                    best, here = again, there
-                    there = move(here, sign)
-                    again = _in_region(calibration, best, there)
-    return best
+    best = min((c for c in both if c is not None), key=lambda c: c.score, default=None)
+    return None if best is None else _in_its_recordings(calibration, best)
 
 
-def _moved(region: Region, by: float, *, name: str, step: float, axis: int = 0) -> Region:
-    """The region with one number changed by so many steps."""
-    if name == "centre":
-        assert region.centre is not None
-        place = [*region.centre]
-        place[axis] += by * step
-        return replace(region, centre=tuple(place))
-    if name == "normal":
-        assert region.normal is not None
-        angle = float(np.arctan2(region.normal[1], region.normal[0])) + by * step
-        return replace(region, normal=(float(np.cos(angle)), float(np.sin(angle)), 0.0))
-    return replace(region, **{name: getattr(region, name) + by * step})
+def _blows(where: Where, kinds: Sequence[EffectKind], problem: Problem) -> list[EffectKind]:
+    """The blows that may be named, in the recordings in which something is hit; none where that is in all."""
+    some = Region(clips=where.blown)
+    return [local_kind(k, some) for k in kinds if k.kick is not None and 0 < len(where.blown) < len(problem.clips)]
 
 
-def _in_region(calibration: Calibration, found: Candidate, region: Region) -> Candidate:
-    """A model fitted again with its effect in another region."""
-    model = found.fit.model
-    effects = tuple(local_kind(effect_kinds()[kind.name], region, kind.bodies) for kind in model.effects)
-    again = fit_model(
-        calibration,
-        found.problem,
-        replace(model, effects=effects),
-        found.fit.theta,
-        found.fit.starts,
-        effects=found.effects,
+def _is_blow(found: Candidate) -> bool:
+    return any(kind.kick is not None for kind in found.fit.model.effects)
+
+
+def _in_best_place(
+    calibration: Calibration, found: Mapping[str, Candidate], places: Sequence[Place]
+) -> list[Candidate]:
+    """The models of one effect that acts in a region, in the region that suits the best one most, whose numbers are
+    fitted, too."""
+    singles = sorted((c for c in found.values() if not _is_blow(c)), key=lambda c: c.score)
+    if not singles:
+        return []
+    first, *others = singles
+    placed = sorted((_placed(calibration, first, place) for place in places), key=lambda c: c.score)
+    near = [c for c in placed if c.score < placed[0].score + ALIKE]
+    best = min(near, key=lambda c: _extent(only_of(c, c.name)))  # beyond the least one nothing tells of the law
+    while (again := _refitted(calibration, best, best.fit.model, best.fit.theta)).score < best.score - LEAST_BETTER:
+        best = again
+    (kind,) = best.fit.model.effects
+    there = best.fit.model.region(kind, best.fit.theta) or Region(), kind.bodies
+    return [best, *(min(c, _placed(calibration, c, there), key=lambda c: c.score) for c in others)]
+
+
+def _extent(region: Region | None) -> tuple[float, float]:
+    """How many numbers a region has, and how wide its ball is, m; no region is the widest."""
+    if region is None:
+        return np.inf, 0.0
+    return region.numbers, float(region.radius)
+
+
+def _in_its_recordings(calibration: Calibration, found: Candidate) -> Candidate:
+    """A model whose last effect is a blow, fitted again with the blow in each recording that it explains."""
+    problem = found.problem
+    for _ in range(len(problem.clips)):
+        model, theta = found.fit.model, found.fit.theta
+        *rest, kind = model.effects
+        assert kind.only is not None
+        without, kept = without_effect(model, kind.name)
+        everywhere = replace(model, effects=(*rest, replace(kind, only=Region())))
+        gains = dict.fromkeys(problem.clips, 0.0)
+        for stack, start in zip(problem.stacks, found.fit.starts, strict=True):
+            gain = fit_initial_states(stack, without, theta[kept], start)[1]
+            gain -= fit_initial_states(stack, everywhere, theta, start)[1]
+            for clip, own in zip(stack.clip, gain, strict=True):
+                gains[clip] += own
+        clips = tuple(clip for clip, gain in gains.items() if gain > 0)
+        if not clips or clips == kind.only.clips:
+            break
+        again = replace(model, effects=(*rest, replace(kind, only=Region(clips=clips))))
+        found = _refitted(calibration, found, again, theta)
+    return found
+
+
+def _as_calibrated(problem: Problem, model: Model, theta: np.ndarray) -> Problem:
+    """The problem whose known scene states the frictions of theta (G,)."""
+    scene = problem.known.scene
+    columns = [model.column(f"{OBJECT}{k}", "sliding_friction") for k in range(len(scene.objects))]
+    objects = tuple(
+        o if column is None else replace(o, sliding_friction=float(theta[column]))
+        for o, column in zip(scene.objects, columns, strict=True)
     )
-    return _priced(calibration, completed(calibration, again, calibration.none), region)
+    return replace(problem, known=replace(problem.known, scene=replace(scene, objects=objects)))
+
+
+def _placed(calibration: Calibration, found: Candidate, place: Place) -> Candidate:
+    """A model of one effect, fitted again in another region, whose numbers are fitted, too.
+
+    Which paths enter a region changes by steps with its numbers, so its edges are blurred at first.
+    """
+    none, (kind,) = calibration.none.fit.model, found.fit.model.effects
+    region, bodies = place
+    theta = found.fit.theta[: none.size + kind.size]
+    for blur in BLURS:
+        acting = local_kind(effect_kinds()[kind.name], region, bodies, blur)
+        model = with_free_region(with_effect(none, acting, calibration.problem.known), region)
+        found = _refitted(calibration, found, model, np.append(theta, model.start[len(theta) :]))
+        theta = found.fit.theta
+    return found
+
+
+def _refitted(calibration: Calibration, found: Candidate, model: Model, theta: np.ndarray) -> Candidate:
+    """A model of an effect in a region, fitted from theta (G,) and the initial states of another one."""
+    again = fit_model(calibration, found.problem, model, theta, found.fit.starts, effects=found.effects)
+    return _priced(calibration, completed(calibration, again, calibration.none))
+
+
+def only_of(found: Candidate, effect: str) -> Region | None:
+    """Where an effect of a model acts; None: everywhere, or on some bodies only."""
+    regions = (found.fit.model.region(k, found.fit.theta) for k in found.fit.model.effects if k.name == effect)
+    return next((region for region in regions if region is not None and region.numbers), None)
+
+
+def _price(calibration: Calibration, kind: EffectKind) -> float:
+    """BIC's price of the numbers of an effect and of its region; of a choice of recordings it is a bit for each."""
+    assert kind.only is not None
+    bits = len(calibration.problem.clips) if kind.only.clips is not None else 0
+    rows = float(np.log(calibration.problem.effective_rows))
+    return (kind.size + len(kind.only.free)) * rows + 2 * bits * float(np.log(2))
+
+
+def _priced(calibration: Calibration, found: Candidate) -> Candidate:
+    """A model with the price of its region, as far as its numbers are not fitted."""
+    paid = (found.fit.model.size - calibration.none.fit.model.size) * float(np.log(calibration.problem.effective_rows))
+    price = sum(_price(calibration, kind) for kind in found.fit.model.effects) - paid
+    return replace(found, score=found.score + price, bic=found.bic + price)

@@ -23,7 +23,14 @@ from pipeline.discrepancy.selection.equivalence import Sets, absorbed_laws, alik
 from pipeline.discrepancy.selection.established import with_established
 from pipeline.discrepancy.selection.forecast import forecast_error
 from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE, ForwardSelection, forward_selection
-from pipeline.discrepancy.selection.local_effect import Where, find_where, local_effects, where_with
+from pipeline.discrepancy.selection.local_effect import (
+    Where,
+    find_where,
+    local_effects,
+    where_hit,
+    where_with,
+    with_blow,
+)
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.testable import testable_kinds
 from pipeline.discrepancy.selection.unexplained import (
@@ -36,6 +43,7 @@ from pipeline.discrepancy.selection.unexplained import (
 )
 from pipeline.discrepancy.tracks.problem import (
     Problem,
+    hold_out,
     inflate_noise,
     with_friction_nuisance,
     with_length_scale_nuisance,
@@ -44,6 +52,7 @@ from pipeline.scene.effects.kind import EffectKind
 
 NEAR = 25.0  # difference of scores within which candidates are fitted again from the best one's initial states
 RESTARTS = 3  # best models of one effect from whose ends the calibrated one is fitted again
+MOST_RIVALS = 1  # laws that act everywhere, beside those that promise as much, to which a local one is compared
 MOST_DROPS = 2  # times that arcs are dropped by the best model
 
 
@@ -60,9 +69,10 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     """
     calibration = _calibrate(problem)
     where = find_where(calibration.none)
-    if problem.one_camera or has_few_clips(
-        problem
-    ):  # slow errors of a camera's tracks, or of one clip, look like a force
+    if where.disagreeing and not where.disagreeing & set(problem.fitted):  # what is held out tells no number
+        calibration = _calibrate(hold_out(problem, problem.fitted[: len(problem.held_out)]))
+        where = find_where(calibration.none)
+    if problem.one_camera or has_few_clips(problem):  # slow errors of a camera, or of one clip, look like a force
         return replace(_select_everywhere(calibration, effects, progress), where=where)
     local = _select_local(calibration, where, effects, progress) if where.local else None
     if local is not None:
@@ -73,6 +83,8 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
         found = _select_everywhere(calibration, effects, progress)
     # What an interval shows is listed, and then something is missing.
     missing = bool(where.intervals) and not found.chosen.effects
+    if found.chosen.hits is not None and not found.unknown:
+        where = where_hit(found.chosen, found.problem, where)
     return replace(found, where=where, unknown=found.unknown or missing)
 
 
@@ -89,15 +101,19 @@ def _select_local(
     """The selection of one effect that acts where the known scene fails; None where that is not the answer."""
     kinds = testable_kinds(effects, calibration.problem, any_spin=False, local=True)
     singles = local_effects(calibration, where, kinds, progress)
-    if not singles or is_unexplained(calibration, singles[0]):
+    if not singles:
         return None
     chosen = singles[0]
+    if is_unexplained(calibration, chosen):
+        chosen = with_blow(calibration, where, singles, kinds) or chosen
+        if is_unexplained(calibration, chosen):
+            return None
     singles = [c for k, c in enumerate(singles) if c.effects not in [other.effects for other in singles[:k]]]
     everywhere = [kind for kind in kinds if not kind.discovery.local]
-    rivals = [c.score for c in extend(calibration, calibration.none, everywhere, progress)]
+    rivals = [c.score for c in extend(calibration, calibration.none, everywhere, progress, MOST_RIVALS)]
     if chosen.score > min([calibration.none.score, *rivals]) - CLAIM_MORE:
         return None
-    alike = alike_single(chosen, singles)
+    alike = alike_single(chosen, singles) if len(chosen.effects) == 1 else ()
     return _outcome(calibration, effects, kinds, singles, ForwardSelection(chosen, ()), alike, unknown=False)
 
 

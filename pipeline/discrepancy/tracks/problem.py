@@ -129,10 +129,12 @@ def _held_out(tracks: Sequence[Track], clips: Sequence[str], count: int) -> froz
     return frozenset(held)
 
 
-def hold_out(problem: Problem, clip: str) -> Problem:
-    """The problem in which one clip is held out and all others are fitted."""
-    chosen = tuple(np.array([problem.arcs[i].clip != clip for i in s.index], bool) for s in problem.stacks)
-    return replace(problem, fitted=tuple(c for c in problem.clips if c != clip), held_out=(clip,), chosen=chosen)
+def hold_out(problem: Problem, clips: Sequence[str]) -> Problem:
+    """The problem in which some clips are held out and all others are fitted."""
+    chosen = tuple(~np.isin(s.clip, clips) for s in problem.stacks)
+    return replace(
+        problem, fitted=tuple(c for c in problem.clips if c not in clips), held_out=tuple(clips), chosen=chosen
+    )
 
 
 def recorded_alone(problem: Problem) -> tuple[int, ...]:
@@ -194,7 +196,7 @@ def _stacked(
     share = cut.noise.smoothing.information
     stacks, polynomials, dropped = [], [], 0
     for grounded in (False, True):
-        stack = stack_arcs(cut.arcs, clips, known, grounded)
+        stack = stack_arcs(cut.arcs, known, grounded)
         if len(stack):
             stack, part, bad = without_outliers(stack, [cut.arcs[i].jumps for i in stack.index], share)
             stacks.append(stack)
@@ -204,7 +206,7 @@ def _stacked(
         floor = _floor_of_filtered(cut) if cut.noise.smoothing.width else noise_floor(polynomials)
     stacks = [replace(s, weight=s.weight / floor.scale) for s in stacks]
     polynomials = [replace(p, chi2=p.chi2 / floor.scale**2) for p in polynomials]
-    chosen = tuple(np.array([clips[c] not in held for c in s.clip]) for s in stacks)
+    chosen = tuple(np.array([c not in held for c in s.clip]) for s in stacks)
     if not any(c.any() for c in chosen):  # all arcs are in held-out clips: fit them after all
         held, chosen = frozenset(), tuple(np.ones(len(s), bool) for s in stacks)
     sigmas = np.concatenate([1 / s.weight[s.weight > 0] for s in stacks])

@@ -26,7 +26,7 @@ class ArcStack:
         grounded: On the ground, else in the air.
         steps: K.
         index: (A,) which arcs they are.
-        clip: (A,) numbers of the clips.
+        clip: (A,) names of the clips.
         object: (A,) indices of the objects.
         time: (A, n) s, since the arc's start.
         start: (A,) s.
@@ -113,8 +113,8 @@ class ArcStack:
         )
 
 
-def stack_arcs(arcs: Sequence[Arc], clips: Sequence[str], known: KnownScene, grounded: bool) -> ArcStack:
-    """The arcs of one kind. clips: names, in the order of their numbers."""
+def stack_arcs(arcs: Sequence[Arc], known: KnownScene, grounded: bool) -> ArcStack:
+    """The arcs of one kind."""
     index = np.array([i for i, a in enumerate(arcs) if a.grounded == grounded], int)
     chosen = [arcs[i] for i in index]
     count, n = len(chosen), max((len(a.time) for a in chosen), default=0)
@@ -156,7 +156,7 @@ def stack_arcs(arcs: Sequence[Arc], clips: Sequence[str], known: KnownScene, gro
         grounded=grounded,
         steps=steps,
         index=index,
-        clip=np.array([clips.index(a.clip) for a in chosen], int),
+        clip=np.array([a.clip for a in chosen], str),
         object=np.array([a.object for a in chosen], int),
         time=time,
         start=np.array([a.time[0] for a in chosen]),

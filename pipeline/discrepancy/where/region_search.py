@@ -12,14 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.discrepancy.tracks.arc import Arc
-from pipeline.discrepancy.where.intervals import Explained
+from pipeline.discrepancy.where.intervals import Explained, Interval
 from pipeline.scene.effects.region import Region
 
 ALIKE_SAMPLES = 3.0  # samples that count as one
 BLOW_SAMPLES = 2.5  # a shorter interval is a blow, which has no region
-AGREES = 0.75  # F1 of a region and the intervals, below which it is none of theirs
+AGREES = 0.75  # F1 of a region and the intervals, below which it is no description of them
 EVERYWHERE = 0.9  # share of the time of motion, from which on a region is no part
-ANGLES, PLACES = 36, 15  # tried at first: normals of a plane, and places along each axis of a ball's centre
+BALLS = 3  # each at most half as wide as the one before: few paths tell how wide a ball is
+ANGLES, PLACES = 36, 9  # tried at first: normals of a plane, and places along each axis of a ball's centre
 REFINED = 3  # times that a centre is sought again nearby
 
 
@@ -69,20 +70,24 @@ class FoundRegion:
     agreement: float
 
 
+def is_blow(interval: Interval, arc: Arc) -> bool:
+    """Whether an interval of an arc is so short that it has no extent."""
+    return bool(interval.end - interval.start < BLOW_SAMPLES * np.median(np.diff(arc.time)))
+
+
 def moving_samples(
     arcs: tuple[Arc, ...], explained: tuple[tuple[Explained, ...], ...], clips: tuple[str, ...], least_speed: float
 ) -> Samples:
     """The samples at which bodies move, with whether they are in an interval; those in blows are left out."""
     rows = []
     for arc, own in zip(arcs, explained, strict=True):
-        step = float(np.median(np.diff(arc.time)))
         used = np.zeros(len(arc.time), bool)
         inside = np.zeros(len(arc.time), bool)
         for part in own:
             used |= np.abs(part.basis).max(1) > 0
             for v in part.intervals:
                 at = (arc.time >= v.start) & (arc.time <= v.end)
-                if v.end - v.start < BLOW_SAMPLES * step:
+                if is_blow(v, arc):
                     used &= ~at
                 inside |= at
         velocity = smooth_velocity(arc.time, arc.position)
@@ -104,25 +109,34 @@ def smooth_velocity(time: np.ndarray, position: np.ndarray) -> np.ndarray:
     return out
 
 
-def find_region(samples: Samples, clips: tuple[str, ...]) -> FoundRegion | None:
-    """The simplest region of the intervals; None where none says most of them. clips: names."""
+def find_regions(samples: Samples, clips: tuple[str, ...]) -> list[FoundRegion]:
+    """Regions that say more of the intervals than they cost, the simplest first: of one condition, or of two where the
+    second one is worth its price. clips: names."""
     inside = samples.inside
-    if not inside.any():
-        return None
-    price = float(np.log(len(inside))) / 2 * ALIKE_SAMPLES
-    best: tuple[float, Region, np.ndarray, tuple[int, ...] | None] | None = None
-    for objects, own in _by_object(samples):
-        for region in [Region(), *_regions(samples.where(own), clips, price)]:
-            says = own & _holds(region, samples, clips)
-            cost = float((says != inside).sum()) + price * (region.numbers + (objects is not None))
-            if best is None or cost < best[0]:
-                best = cost, region, says, objects
-    assert best is not None
-    cost, region, says, objects = best
-    found = _judged(region, objects, says, inside)
-    if found.share > EVERYWHERE:
-        found = _judged(Region(), None, np.ones(len(inside), bool), inside)
-    return found if cost < inside.sum() and found.agreement >= AGREES else None
+    price = float(np.log(max(len(inside), 1))) / 2 * ALIKE_SAMPLES
+    found: list[tuple[float, FoundRegion]] = []
+
+    def add(region: Region, objects: tuple[int, ...] | None, own: np.ndarray, most: float) -> float:
+        """The cost of a region of some objects, whose samples are `own` (S,) bool; it is added if it is below most."""
+        says = own & _holds(region, samples, clips)
+        cost = float((says != inside).sum()) + price * (region.numbers + (objects is not None))
+        if cost < most:
+            found.append((cost, _judged(region, objects, says, inside)))
+        return cost
+
+    nothing = float(inside.sum())
+    for objects, own in _by_object(samples) if nothing else ():
+        mine = samples.where(own)
+        for region in (Region(), *_single(mine, Region(), clips, price)):
+            cost = add(region, objects, own, nothing)
+            left = mine.where(_holds(region, mine, clips))
+            if region.numbers and cost < nothing and left.inside.any() and not left.inside.all():
+                for both in _single(left, region, clips, price):
+                    add(both, objects, own, cost)
+    ranked = [judged for _, judged in sorted(found, key=lambda pair: pair[0])]
+    if ranked and ranked[0].share > EVERYWHERE:
+        return [_judged(Region(), None, np.ones(len(inside), bool), inside)]
+    return ranked
 
 
 def region_of_law(
@@ -157,17 +171,6 @@ def _holds(region: Region, samples: Samples, clips: tuple[str, ...]) -> np.ndarr
     return np.asarray(out)
 
 
-def _regions(samples: Samples, clips: tuple[str, ...], price: float) -> list[Region]:
-    """The best region of each kind, and each with the best second condition."""
-    first = _single(samples, Region(), clips, price)
-    out = list(first)
-    for region in first:
-        left = samples.where(_holds(region, samples, clips))
-        if len(left.time) > 1 and left.inside.any() and not left.inside.all():
-            out += _single(left, region, clips, price)
-    return out
-
-
 def _single(samples: Samples, beside: Region, clips: tuple[str, ...], price: float) -> list[Region]:
     """The region with the best further condition of each kind that it lacks."""
     out, speed = [], samples.speed
@@ -180,8 +183,11 @@ def _single(samples: Samples, beside: Region, clips: tuple[str, ...], price: flo
         if getattr(beside, key) is None:
             out.append(replace(beside, **{key: _threshold(values, samples.inside, above)[0]}))  # type: ignore[arg-type]
     if beside.centre is None:
-        centre, radius = _ball(samples)
-        out.append(replace(beside, centre=centre, radius=radius))
+        widest = np.inf
+        for _ in range(BALLS):
+            centre, radius = _ball(samples, widest)
+            out.append(replace(beside, centre=centre, radius=radius))
+            widest = radius / 2
     if beside.normal is None:
         normal, offset = _plane(samples)
         out.append(replace(beside, normal=normal, offset=offset))
@@ -205,8 +211,9 @@ def _threshold(values: np.ndarray, inside: np.ndarray, above: bool) -> tuple[flo
     return float(edge[k]), int(wrong[k])
 
 
-def _ball(samples: Samples) -> tuple[tuple[float, ...], float]:
-    """Centre and radius of the ball that says best which samples are inside; a disc where heights do not vary."""
+def _ball(samples: Samples, widest: float) -> tuple[tuple[float, ...], float]:
+    """Centre and radius of the ball, at most so wide, that says best which samples are inside; a disc where heights do
+    not vary."""
     x, on = samples.position, samples.position[samples.inside]
     low, high = on.min(0), on.max(0)
     reach = np.maximum(high - low, 1e-3)
@@ -219,7 +226,7 @@ def _ball(samples: Samples) -> tuple[tuple[float, ...], float]:
             axes[2] = np.array([float(np.median(x[:, 2]))])
         for place in np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3):
             radius, wrong = _threshold(np.linalg.norm(x - place, axis=1), samples.inside, above=False)
-            if wrong < best[0]:
+            if wrong < best[0] and radius <= widest:
                 best = wrong, place, radius
         middle, wide, count = np.asarray(best[1]), wide * 2 / count, 7
     return tuple(round(float(v), 4) for v in best[1]), round(best[2], 4)

@@ -24,6 +24,7 @@ class Body:
         sliding_friction: (...).
         air_velocity: (..., 3) m/s.
         ground_velocity: (..., 3) m/s.
+        step: (...) s, of which the laws give the mean; 0: at one moment.
     """
 
     time: np.ndarray
@@ -38,6 +39,7 @@ class Body:
     sliding_friction: np.ndarray
     air_velocity: np.ndarray
     ground_velocity: np.ndarray
+    step: np.ndarray | float = 0.0
 
     @property
     def airspeed(self) -> np.ndarray:

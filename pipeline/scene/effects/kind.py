@@ -14,7 +14,7 @@ from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.discovery_rules import DEFAULT, DiscoveryRules
 from pipeline.scene.effects.fluid import Fluid
 from pipeline.scene.effects.hiding import Hiding
-from pipeline.scene.effects.region import Region
+from pipeline.scene.effects.region import Region, share_within
 from pipeline.scene.scene import Scene
 
 Values = Mapping[str, np.ndarray]
@@ -104,6 +104,7 @@ class EffectKind:
         hiding: How it is hidden in worlds for the blind benchmark; None: it is not.
         only: Where it acts; None: everywhere.
         bodies: Indices of the objects on which it acts; None: all.
+        blur: Steps of an integration in which it sets in at an edge of its region.
     """
 
     name: str
@@ -129,6 +130,7 @@ class EffectKind:
     hiding: Hiding | None = None
     only: Region | None = None
     bodies: tuple[int, ...] | None = None
+    blur: float = 1.0
 
     @property
     def size(self) -> int:
@@ -152,9 +154,14 @@ class EffectKind:
         return self.kick is not None or self.discovery.fit_hits is not None
 
 
-def local_kind(kind: EffectKind, region: Region, bodies: tuple[int, ...] | None = None) -> EffectKind:
+def local_kind(
+    kind: EffectKind, region: Region, bodies: tuple[int, ...] | None = None, blur: float = 1.0
+) -> EffectKind:
     """The effect as it acts in a region only, on some bodies (None: all). MuJoCo has no such effect, so its force is
-    applied."""
+    applied. blur: steps of an integration in which it sets in."""
+    limits = region.edges
+    if not limits:
+        return replace(kind, edit=None, fluid=None, only=region, bodies=bodies)
     assert kind.may_be_local
 
     def within(law: Law | None, vector: bool = True) -> Law | None:
@@ -162,8 +169,8 @@ def local_kind(kind: EffectKind, region: Region, bodies: tuple[int, ...] | None 
             return None
 
         def cut(values: Values, body: Body) -> np.ndarray:
-            inside = region.holds(body.time, body.position, body.velocity)
-            return np.where(inside[..., None] if vector else inside, law(values, body), 0.0)
+            share = share_within(limits, body.time, body.position, body.velocity, blur * body.step, body.gravity)
+            return (share[..., None] if vector else share) * law(values, body)
 
         return cut
 
@@ -179,4 +186,5 @@ def local_kind(kind: EffectKind, region: Region, bodies: tuple[int, ...] | None 
         fluid=None,
         only=region,
         bodies=bodies,
+        blur=blur,
     )

@@ -4,13 +4,52 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 LIMITS = {"after": "s", "before": "s", "faster": "m/s", "slower": "m/s"}
 """Conditions that are one number each, with their units."""
+LEAST = 1e-300  # so that an instant at an edge is outside
+
+
+def share_within(
+    limits: Mapping[str, Any],
+    time: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray,
+    step: Any = 0.0,
+    gravity: Any = 0.0,
+) -> np.ndarray:
+    """What share of a step about a moment is inside, (...) from 0 to 1.
+
+    Args:
+        limits: As `Region.edges`.
+        time: (...) s.
+        position: (..., 3) m.
+        velocity: (..., 3) m/s.
+        step: (...) s; of an instant, 0, the share is 0 or 1.
+        gravity: (..., 3) m/s², by which speeds change.
+    """
+    speed = np.sqrt((velocity * velocity).sum(-1))
+    inside = np.ones(speed.shape)
+    for name, limit in limits.items():
+        if name in ("after", "before"):
+            beyond, rate = time - limit, 1.0
+        elif name in ("faster", "slower"):
+            beyond, rate = speed - limit, (velocity * gravity).sum(-1) / np.maximum(speed, 1e-9)
+        elif name == "beyond":
+            normal, offset = limit
+            beyond, rate = (position * normal).sum(-1) - offset, (velocity * normal).sum(-1)
+        else:
+            away = position - limit[0]
+            distance = np.sqrt((away * away).sum(-1))
+            beyond, rate = distance - limit[1], (velocity * away).sum(-1) / np.maximum(distance, 1e-9)
+        if name in ("before", "slower", "within"):
+            beyond = -beyond
+        inside = inside * np.clip(0.5 + (beyond - LEAST) / np.maximum(np.abs(rate) * step, LEAST), 0.0, 1.0)
+    return inside
 
 
 def within_limits(
@@ -57,6 +96,38 @@ class Region:
         return plain + 3 * (self.centre is not None) + 2 * (self.normal is not None) + 2 * len(self.clips or ())
 
     @property
+    def free(self) -> dict[str, tuple[float, str]]:
+        """Its numbers that may be fitted, with their units: of a ball those along the ground, of an upright plane the
+        heading of its normal."""
+        out = {name: (getattr(self, name), unit) for name, unit in LIMITS.items() if getattr(self, name) is not None}
+        if self.centre is not None:
+            out |= {"centre_x": (self.centre[0], "m"), "centre_y": (self.centre[1], "m"), "radius": (self.radius, "m")}
+        if self.normal is not None:
+            out["offset"] = (self.offset, "m")
+            if self.normal[2] == 0:
+                out["heading"] = (math.atan2(self.normal[1], self.normal[0]), "rad")
+        return out
+
+    def moved(self, numbers: Mapping[str, Any]) -> Region:
+        """The region with these numbers, or arrays (...) of them, in place of the `free` ones."""
+        changed: dict[str, Any] = {k: v for k, v in numbers.items() if k not in ("centre_x", "centre_y", "heading")}
+        if self.centre is not None:
+            changed["centre"] = (numbers["centre_x"], numbers["centre_y"], self.centre[2])
+        if "heading" in numbers:
+            changed["normal"] = (np.cos(numbers["heading"]), np.sin(numbers["heading"]), 0.0)
+        return replace(self, **changed)
+
+    @property
+    def edges(self) -> dict[str, Any]:
+        """The conditions that are asked for as numbers, for `share_within`."""
+        out: dict[str, Any] = {name: getattr(self, name) for name in LIMITS if getattr(self, name) is not None}
+        if self.centre is not None:
+            out["within"] = (np.stack(np.broadcast_arrays(*self.centre), -1), self.radius)
+        if self.normal is not None:
+            out["beyond"] = (np.stack(np.broadcast_arrays(*self.normal), -1), self.offset)
+        return out
+
+    @property
     def limits(self) -> dict[str, Any]:
         """The conditions as numbers, for `within_limits`; those that are not asked for hold everywhere."""
         low = {name: -math.inf if getattr(self, name) is None else getattr(self, name) for name in ("after", "faster")}
@@ -78,9 +149,9 @@ class Region:
         plain = {name: getattr(self, name) for name in LIMITS}
         out: dict[str, Any] = {k: v for k, v in plain.items() if v is not None}
         if self.centre is not None:
-            out["within"] = {"center": list(self.centre), "radius": self.radius}
+            out["within"] = {"center": [float(v) for v in self.centre], "radius": self.radius}
         if self.normal is not None:
-            out["beyond"] = {"normal": list(self.normal), "offset": self.offset}
+            out["beyond"] = {"normal": [float(v) for v in self.normal], "offset": self.offset}
         if self.clips is not None:
             out["clips"] = list(self.clips)
         return out

@@ -31,7 +31,7 @@ def effect_from_dict(entry: Any, index: int, names: Sequence[str], source: str) 
         hint = did_you_mean(name, valid_names)
         raise SceneError(f"{place}.name: unknown effect {name!r}{hint}; valid: {', '.join(valid_names)}")
     valid = ["name", *(p.name for p in kind.parameters), "objects"]
-    valid += ["object"] * (kind.kick is not None) + ["only"] * kind.may_be_local
+    valid += ["object"] * (kind.kick is not None) + ["only"] * (kind.may_be_local or kind.kick is not None)
     for key in entry:
         if key not in valid:
             hint = did_you_mean(key, valid)
@@ -42,6 +42,8 @@ def effect_from_dict(entry: Any, index: int, names: Sequence[str], source: str) 
             raise SceneError(f"{place}.{parameter.name}: missing key; needed by {kind.name}: {needed}")
     values = tuple((p.name, _value(entry[p.name], p, f"{place}.{p.name}")) for p in kind.parameters)
     only = None if entry.get("only") is None else _region(entry["only"], f"{place}.only")
+    if only is not None and only.edges and not kind.may_be_local:
+        raise SceneError(f"{place}.only: {kind.name} has a time of its own; valid: clips")
     return Effect(kind.name, values, _objects(entry, names, place), only)
 
 
