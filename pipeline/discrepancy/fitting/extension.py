@@ -129,7 +129,7 @@ def with_arc_effect(
         found = fit_model(calibration, base.problem, model, theta, base.fit.starts, effects=effects)
         ends.append(completed(calibration, found, base))
     best = min((end for end in ends if np.isfinite(end.score)), key=lambda c: c.score, default=None)
-    if best is not None and kind.discovery.of_a_body:
+    if best is not None and kind.discovery.of_a_body and kind.bodies is None:
         best = _with_own_numbers(calibration, kind, base, best)
     if best is not None and kind.discovery.must_beat_shuffled_spins and not _beats_shuffled(calibration, base, best):
         return None
