@@ -36,20 +36,20 @@ class Descent:
 
     Attributes:
         x: (P,).
-        covariance: (P, P) of x.
+        root: (P, P), whose product with its transpose is the covariance of x.
         cost: Half the sum of the robust squares.
         evaluations: Of the residuals.
     """
 
     x: np.ndarray
-    covariance: np.ndarray
+    root: np.ndarray
     cost: float
     evaluations: int
 
     @property
     def sigma(self) -> np.ndarray:
         """(P,) standard errors."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.asarray(np.linalg.norm(self.root, axis=1))
 
 
 def robust_descent(
@@ -114,7 +114,9 @@ def _descend(
                 x, r, cost = trials[best], tried[best], float(costs[best])
             if gain < LEAST_GAIN * cost:
                 break
-    return Descent(x, np.linalg.inv(curvature), cost, count)
+    # in units of the prior no curvature is below 1
+    root = prior[:, None] * np.linalg.inv(np.linalg.cholesky(prior[:, None] * curvature * prior)).T
+    return Descent(x, root, cost, count)
 
 
 def _evolve(costs: Callable[[np.ndarray], np.ndarray], found: Descent) -> tuple[np.ndarray, int]:
@@ -123,13 +125,12 @@ def _evolve(costs: Callable[[np.ndarray], np.ndarray], found: Descent) -> tuple[
 
     # The residuals that are left tell how far the descent may be off.
     spread = SPREAD * max(float(np.sqrt(found.cost / len(found.x))), 1.0)
-    turn = np.linalg.cholesky(found.covariance)
     options = {"popsize": POPULATION, "maxiter": GENERATIONS, "seed": 1, "verbose": -9}
     search = cma.CMAEvolutionStrategy(np.zeros(len(found.x)), spread, options)
     while not search.stop():
         rows = np.array(search.ask())
-        search.tell(list(rows), costs(found.x + rows @ turn.T).tolist())
-    return found.x + turn @ search.result.xbest, int(search.result.evaluations)
+        search.tell(list(rows), costs(found.x + rows @ found.root.T).tolist())
+    return found.x + found.root @ search.result.xbest, int(search.result.evaluations)
 
 
 def _costs(r: np.ndarray, x: np.ndarray, prior: np.ndarray, soft: float) -> np.ndarray:
