@@ -18,7 +18,7 @@ from pipeline.motion.image_track import MAD, ImageTrack
 
 NUMBERS = 8  # of a swing: point, length, rate, angle, speed, damping, vertical
 LEAST_SAMPLES = 8  # of a track: more numbers than it has are not fitted
-RATES = 60  # tried for a start, from a quarter of a swing in the track to one in three samples
+RATES = 60  # tried for a start, from half a swing in the track to one in three samples
 STEP = 1 / 240  # s, of the integration
 LENGTHS = 1.0  # standard deviation of the logarithm of a pendulum's length over the extent of its path
 DAMPINGS = 0.3  # of its damping over its angular frequency: most things that swing do so several times
@@ -82,7 +82,9 @@ def _angles(times: np.ndarray, rate: float, damping: float, angle: float, speed:
 
 
 def fit_swing(track: ImageTrack, roll_deg: float, roll_error_deg: float) -> Swing | None:
-    """The swing that fits a track best; None where no pendulum does.
+    """The swing that fits a track best; None where no pendulum does, or less than half of a swing is seen.
+
+    Less than that cannot be told from a slide: a body that speeds up along nearly a line.
 
     Args:
         track: Times from 0, s.
@@ -109,12 +111,13 @@ def fit_swing(track: ImageTrack, roll_deg: float, roll_error_deg: float) -> Swin
     found = least_squares(residuals, start, x_scale=scale, loss="soft_l1", bounds=(low, high))
     spread = max(float((found.fun[: 2 * len(times)] ** 2).mean()), 1.0)
     error = np.linalg.norm(np.linalg.pinv(found.jac * scale)[3]) * scale[3] * np.sqrt(spread)
-    return _swing(found.x, float(error))
+    swing = _swing(found.x, float(error))
+    return swing if np.sqrt(swing.rate) * np.ptp(times) > np.pi else None
 
 
 def prior(track: ImageTrack, swing: Swing) -> np.ndarray:
     """(2,) how unusual the length and the damping of a track's swing are, in standard deviations."""
-    extent = float(np.ptp(track.centre[track.whole], axis=0).max())
+    extent = max(float(np.ptp(track.centre[track.whole], axis=0).max()), floor(track))
     return np.array([np.log(swing.length / extent) / LENGTHS, swing.damping / np.sqrt(swing.rate) / DAMPINGS])
 
 
@@ -135,7 +138,7 @@ def _start(times: np.ndarray, centre: np.ndarray, pivot: np.ndarray, length: flo
     off = centre - pivot
     angle = np.unwrap(np.arctan2(off[:, 0], off[:, 1])) + roll
     best, out = np.inf, np.zeros(3)
-    for w in np.geomspace(0.5 * np.pi / np.ptp(times), 2 * np.pi / (3 * np.median(np.diff(times))), RATES):
+    for w in np.geomspace(np.pi / np.ptp(times), 2 * np.pi / (3 * np.median(np.diff(times))), RATES):
         matrix = np.stack([np.cos(w * times), np.sin(w * times)], 1)
         parts = np.linalg.lstsq(matrix, angle, rcond=None)[0]
         misfit = float(((matrix @ parts - angle) ** 2).sum())

@@ -257,7 +257,8 @@ def find_planar_scene(
 ) -> PlanarAnswer:
     """The planar scene whose simulation follows the tracks.
 
-    Where gravity fixes the scale, the fit's gravity, in the metres that were assumed first, tells how long a metre is.
+    Where gravity fixes the scale, the fit's gravity, in the metres that were assumed first, tells how long a metre is;
+    where bodies hit something, the scene is fitted again in these metres.
     Where a length is known, gravity is what the fit finds.
 
     Args:
@@ -276,14 +277,23 @@ def find_planar_scene(
     start = _start(motion, gravity, rolls) if first is None else first.fit.scene
     gravity_shows = not motion.plane.level and not rolls
     parameters = planar_parameters(start, motion.plane, gravity=gravity_shows, hollow=rolls)
-    fit = fit_planar(start, motion.flat, motion.plane, parameters, impacts(motion), threads)
+    jumps = impacts(motion)
+    fit = fit_planar(start, motion.flat, motion.plane, parameters, jumps, threads)
     if motion.table is not None:
         return PlanarAnswer(motion, fit, replace(fit.scene, camera=motion.table.camera()), motion.scale)
     if motion.scale.by != "gravity":
         return PlanarAnswer(motion, fit, fit.scene, motion.scale)
     factor = gravity / float(np.linalg.norm(fit.scene.gravity))
     scale = replace(motion.scale, px_per_m=motion.scale.px_per_m / factor)
-    return PlanarAnswer(motion, fit, scaled(fit.scene, factor), scale)
+    scene = scaled(fit.scene, factor)
+    if not jumps:
+        return PlanarAnswer(motion, fit, scene, scale)
+    # A contact is not the same in other units, and each bounce multiplies the difference.
+    motion = replace(motion, scale=scale, plane=replace(motion.plane, px_per_m=scale.px_per_m))
+    parameters = planar_parameters(scene, motion.plane, gravity=False, hollow=rolls)
+    again = fit_planar(scene, motion.flat, motion.plane, parameters, jumps, threads)
+    again = replace(again, simulations=fit.simulations + again.simulations)
+    return PlanarAnswer(motion, again, again.scene, scale)
 
 
 def _hanging_answer(motion: ClipMotion, gravity: float) -> PlanarAnswer:

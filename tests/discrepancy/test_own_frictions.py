@@ -45,7 +45,9 @@ def test_each_slide_has_the_friction_that_it_moved_with(rng: np.random.Generator
     found = calibrate(problem).none.fit
     (stack,), (start,) = problem.stacks, found.starts
     assert stack.friction_sigma == FRICTION_SIGMA
-    np.testing.assert_allclose(found.theta[0] * (1 + start[:, 10]), frictions[[int(c.split('_')[1]) for c in stack.clip]], rtol=0.01)
+    np.testing.assert_allclose(
+        found.theta[0] * (1 + start[:, 10]), frictions[[int(c.split("_")[1]) for c in stack.clip]], rtol=0.01
+    )
 
 
 def test_a_ball_that_rolls_has_no_friction_of_its_own(rng: np.random.Generator) -> None:
