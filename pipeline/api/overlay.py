@@ -20,7 +20,7 @@ from pipeline.vision.rendering.appearance import object_colour
 Row = tuple[str, ...]
 
 INK, FAINT, PAPER = (25, 28, 33), (120, 125, 135), (255, 255, 255)
-MARGIN = 8  # px
+MARGIN, CAPTION_PX = 8, 15
 TILE_AREA = 384 * 256  # px² of a picture
 GAP, SIDE, HEADER, LINE = 6, 128, 30, 21  # px
 MOMENTS = 5
@@ -144,10 +144,11 @@ def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
 
 def caption(frames: np.ndarray, text: str) -> np.ndarray:
     """Frames (T, H, W, 3) uint8 with a caption in the upper left corner, white on a dark patch."""
-    _, _, right, bottom = font(15).getbbox(text)
+    own = font(CAPTION_PX)
+    _, _, right, bottom = own.getbbox(text)
     width, height = round(right) + 2 * MARGIN, round(bottom) + MARGIN
     patch = Image.new("RGB", (width, height), INK)
-    ImageDraw.Draw(patch).text((MARGIN, MARGIN // 2), text, font=font(15), fill=PAPER)
+    ImageDraw.Draw(patch).text((MARGIN, MARGIN // 2), text, font=own, fill=PAPER)
     out = frames.copy()
     height, width = min(height, frames.shape[1]), min(width, frames.shape[2])
     out[:, :height, :width] = np.asarray(patch)[:height, :width]

@@ -252,9 +252,12 @@ def find_swings(
         roll_error_deg: Its standard error.
         certain: Bodies are known to hang, whatever explains the tracks better.
     """
-    swings = [s for t in tracks if (s := fit_swing(t, roll_deg, roll_error_deg)) is not None]
-    if not swings or len(swings) < len(tracks):
-        return ()
+    swings: list[Swing] = []
+    for track in tracks:
+        swing = fit_swing(track, roll_deg, roll_error_deg)
+        if swing is None:
+            return ()
+        swings.append(swing)
     against = sum(arcs_evidence(t, own) for t, own in zip(tracks, arcs, strict=True))
     wins = sum(swing_evidence(t, s) for t, s in zip(tracks, swings, strict=True)) < against
     return tuple(swings) if wins or certain else ()

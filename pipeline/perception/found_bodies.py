@@ -106,18 +106,17 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
     if networks.outlines is not None:
         hulls = [k for k, g in enumerate(groups, 1) if len(g) > 1 or stiff[g[0] - 1]]
         masks = sharpen(clip.frames, masks, networks.outlines, hulls)
+    marked = [any(kept[piece - 1].marked for piece in g) for g in groups]
+    masks, same = continued_bodies(masks, clip.frames, clip.times, marked)
     notes = [
         *choice.notes,
         *(["a shadow that moves beside its body was left out; --point on it keeps it"] if shadows else []),
-        *(f"{len(g)} pieces that move as one rigid body are body {k}" for k, g in enumerate(groups, 1) if len(g) > 1),
     ]
-    marked = [any(kept[piece - 1].marked for piece in g) for g in groups]
-    masks, same = continued_bodies(masks, clip.frames, clip.times, marked)
-    notes += [
-        f"{len(g)} tracks are one body, {k}, which moves too far between two frames to be followed"
-        for k, g in enumerate(same, 1)
-        if len(g) > 1
-    ]
+    for k, tracks in enumerate(same, 1):
+        pieces = [len(groups[t]) for t in tracks]
+        notes += [f"{count} pieces that move as one rigid body are body {k}" for count in pieces if count > 1]
+        if len(tracks) > 1:
+            notes.append(f"{len(tracks)} tracks are body {k}, which moves too far between two frames to be followed")
     groups = [list(itertools.chain.from_iterable(groups[k] for k in g)) for g in same]
     bodies, doubts = [], []
     for number, group in enumerate(groups, 1):

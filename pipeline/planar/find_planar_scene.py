@@ -258,8 +258,8 @@ def find_planar_scene(
     """The planar scene whose simulation follows the tracks.
 
     Where gravity fixes the scale, the fit's gravity, in the metres that were assumed first, tells how long a metre is;
-    where bodies hit something, the scene is fitted again in these metres.
-    Where a length is known, gravity is what the fit finds.
+    where bodies hit something, the scene is fitted again in these metres. Where a length is known, gravity is what
+    the fit finds.
 
     Args:
         motion: What the tracks tell.
@@ -316,8 +316,7 @@ def _hanging_answer(motion: ClipMotion, gravity: float) -> PlanarAnswer:
         for s, t in zip(motion.view.swings, motion.flat, strict=True)
     ]
     rms = float(np.sqrt((np.concatenate(off) ** 2).mean() / 2))
-    fit = PlanarFit(scene, (), np.zeros(0), np.zeros(0), rms, np.array([np.median(d) for d in off]), 0)
-    return PlanarAnswer(motion, fit, scene, scale)
+    return PlanarAnswer(motion, PlanarFit(scene, rms, simulations=0), scene, scale)
 
 
 def _start(motion: ClipMotion, gravity: float, rolls: bool) -> Scene:

@@ -29,20 +29,12 @@ class PlanarFit:
 
     Attributes:
         scene: The best.
-        names: Of the parameters.
-        values: Their differences from the start.
-        sigma: Their standard errors.
         rms_px: Of the centres, px.
-        residual_px: (N,) median distance of each body's centre from its track, px.
         simulations: That the fit took.
     """
 
     scene: Scene
-    names: tuple[str, ...]
-    values: np.ndarray
-    sigma: np.ndarray
     rms_px: float
-    residual_px: np.ndarray
     simulations: int
 
 
@@ -89,11 +81,7 @@ def fit_planar(
     whole = [np.linalg.norm(off[i][0][t.whole, :2], axis=1) for i, t in enumerate(tracks)]
     return PlanarFit(
         scene=best,
-        names=tuple(p.name for p in parameters),
-        values=found.x,
-        sigma=found.sigma,
         rms_px=float(np.sqrt((np.concatenate(whole) ** 2).mean() / 2)),
-        residual_px=np.array([np.median(w) for w in whole]),
         simulations=found.evaluations,
     )
 

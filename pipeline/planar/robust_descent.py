@@ -18,11 +18,8 @@ import numpy as np
 ROUNDS = 25
 DAMPINGS = np.array([1e-3, 1e-2, 0.1, 1.0, 10.0])  # tried at once in each step
 LEAST_GAIN = 1e-4  # share of the cost: a smaller gain ends the descent
-POPULATION, GENERATIONS, SPREAD = (
-    20,
-    30,
-    0.3,
-)  # of CMA-ES; the spread in standard errors, for the residuals that are left
+POPULATION, GENERATIONS = 20, 30  # of CMA-ES
+SPREAD = 0.3  # of its first population, in standard errors of the descent
 RESTARTS, LEAST_FALL = 3, 0.01  # of CMA-ES, each where the last one ended; share of the cost: a smaller fall ends them
 FURTHEST = 3.0  # prior standard deviations: no parameter goes beyond
 SOFTNESS = (10.0, 1.0)  # residual from which it counts less, in one descent after another
@@ -45,11 +42,6 @@ class Descent:
     root: np.ndarray
     cost: float
     evaluations: int
-
-    @property
-    def sigma(self) -> np.ndarray:
-        """(P,) standard errors."""
-        return np.asarray(np.linalg.norm(self.root, axis=1))
 
 
 def robust_descent(

@@ -92,12 +92,10 @@ def _absent(at: dict[str, Any], place: str) -> tuple[str, ...]:
     """Keys that may be missing at a place of a scene's text and may be set all the same."""
     if place.startswith("fixed["):
         return CONTACT_KEYS
-    if place.startswith("objects[") and at.get("shape") in HOLLOW_SHAPES:
-        return ("hollow", "joint")
-    if place.startswith("objects["):
-        return (
-            (*JOINT_KEYS[at["kind"]], "to") if place.endswith(".joint") and at.get("kind") in JOINT_KEYS else ("joint",)
-        )
+    if place.endswith(".joint"):
+        return (*JOINT_KEYS.get(at.get("kind", ""), ()), "to")
+    if "shape" in at:
+        return ("hollow", "joint") if at["shape"] in HOLLOW_SHAPES else ("joint",)
     return ABSENT.get(place, ())
 
 

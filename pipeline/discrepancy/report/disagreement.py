@@ -83,9 +83,8 @@ def where_dict(found: Selection) -> dict[str, Any] | None:
         return None
     rate = _false_discovery_rate(where)
     local = any(kind.only is not None for kind in found.answer.fit.model.effects)
-    if (
-        found.answer.effects and not local and found.answer.hits is None
-    ):  # a law that holds everywhere explains what disagrees
+    # a law that holds everywhere explains what disagrees
+    if found.answer.effects and not local and found.answer.hits is None:
         return {"only": {}, "objects": None, "share": 1.0, "agreement": 1.0, "false_discovery_rate": rate}
     names = [o.name for o in found.problem.known.scene.objects]
     objects = None if where.region.objects is None else [names[k] for k in where.region.objects]

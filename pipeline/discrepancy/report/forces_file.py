@@ -16,7 +16,7 @@ from pipeline.discrepancy.report.copied_code import CopiedCode, array_text
 from pipeline.physics.effect_forces import CHATTER_STEPS
 from pipeline.scene.effects.body import Body
 from pipeline.scene.effects.kind import EffectKind
-from pipeline.scene.effects.region import within_limits
+from pipeline.scene.effects.region import is_inside
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.mjcf_effects import effects_outside_mjcf, needs_contacts
 from pipeline.scene.scene import Effect, Scene, half_extents
@@ -44,7 +44,7 @@ def forces_file(scene: Scene) -> str | None:
         code.copy(getattr(Body, name).fget, name)
     local = any(effect.only is not None for effect in scene.effects)
     if local:
-        code.copy(within_limits, "within_limits")
+        code.copy(is_inside, "is_inside")
     clips = any(effect.only is not None and effect.only.clips for effect in scene.effects)
     if recording:
         code.add(_recording(scene, [(i, kinds[i]) for i in recording], code))
@@ -87,9 +87,13 @@ def _entry(scene: Scene, effect: Effect, laws: dict[str, str]) -> str:
     acts = [effect.objects is None or o.name in effect.objects for o in scene.objects]
     only, clips = "None", None
     if effect.only is not None:
-        limits = ", ".join(f"{name!r}: {limit!r}" for name, limit in effect.only.limits.items())
-        only, clips = f"{{{limits}}}".replace("inf", "np.inf"), effect.only.clips
+        only, clips = f"{{{', '.join(map(_edge, effect.only.edges.items()))}}}", effect.only.clips
     return f"({{{names}}}, {_values(effect)}, {array_text(acts)}, {only}, {clips!r})"
+
+
+def _edge(named: tuple[str, Any]) -> str:
+    name, edge = named
+    return f"{name!r}: " + (f"({array_text(edge[0])}, {edge[1]!r})" if isinstance(edge, tuple) else repr(edge))
 
 
 def _recording(scene: Scene, effects: Sequence[tuple[int, EffectKind]], code: CopiedCode) -> str:

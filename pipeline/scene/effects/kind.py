@@ -159,8 +159,8 @@ def local_kind(
 ) -> EffectKind:
     """The effect as it acts in a region only, on some bodies (None: all). MuJoCo has no such effect, so its force is
     applied. blur: steps of an integration in which it sets in."""
-    limits = region.edges
-    if not limits:
+    edges = region.edges
+    if not edges:
         return replace(kind, edit=None, fluid=None, only=region, bodies=bodies)
     assert kind.may_be_local
 
@@ -169,7 +169,7 @@ def local_kind(
             return None
 
         def cut(values: Values, body: Body) -> np.ndarray:
-            share = share_within(limits, body.time, body.position, body.velocity, blur * body.step, body.gravity)
+            share = share_within(edges, body.time, body.position, body.velocity, blur * body.step, body.gravity)
             return (share[..., None] if vector else share) * law(values, body)
 
         return cut

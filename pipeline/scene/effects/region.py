@@ -14,8 +14,37 @@ LIMITS = {"after": "s", "before": "s", "faster": "m/s", "slower": "m/s"}
 LEAST = 1e-300  # so that an instant at an edge is outside
 
 
+def depths(
+    edges: Mapping[str, Any], time: np.ndarray, position: np.ndarray, velocity: np.ndarray
+) -> dict[str, np.ndarray]:
+    """How far inside of each edge a body is, (...) in the edge's unit; not positive outside.
+
+    Args:
+        edges: As `Region.edges`.
+        time: (...) s.
+        position: (..., 3) m.
+        velocity: (..., 3) m/s.
+    """
+    inside = {
+        "after": lambda limit: time - limit,
+        "before": lambda limit: limit - time,
+        "faster": lambda limit: np.sqrt((velocity * velocity).sum(-1)) - limit,
+        "slower": lambda limit: limit - np.sqrt((velocity * velocity).sum(-1)),
+        "within": lambda ball: ball[1] - np.sqrt(((position - ball[0]) ** 2).sum(-1)),
+        "beyond": lambda plane: (position * plane[0]).sum(-1) - plane[1],
+    }
+    return {name: inside[name](edge) for name, edge in edges.items()}
+
+
+def is_inside(edges: Mapping[str, Any], time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """(...) bool; arguments as those of `depths`."""
+    return np.all(
+        [np.ones(position.shape[:-1], bool), *(d > 0 for d in depths(edges, time, position, velocity).values())], axis=0
+    )
+
+
 def share_within(
-    limits: Mapping[str, Any],
+    edges: Mapping[str, Any],
     time: np.ndarray,
     position: np.ndarray,
     velocity: np.ndarray,
@@ -25,41 +54,29 @@ def share_within(
     """What share of a step about a moment is inside, (...) from 0 to 1.
 
     Args:
-        limits: As `Region.edges`.
+        edges: As `Region.edges`.
         time: (...) s.
         position: (..., 3) m.
         velocity: (..., 3) m/s.
         step: (...) s; of an instant, 0, the share is 0 or 1.
         gravity: (..., 3) m/s², by which speeds change.
     """
-    speed = np.sqrt((velocity * velocity).sum(-1))
-    inside = np.ones(speed.shape)
-    for name, limit in limits.items():
-        if name in ("after", "before"):
-            beyond, rate = time - limit, 1.0
-        elif name in ("faster", "slower"):
-            beyond, rate = speed - limit, (velocity * gravity).sum(-1) / np.maximum(speed, 1e-9)
+    inside = np.ones(position.shape[:-1])
+    for name, depth in depths(edges, time, position, velocity).items():
+        rate: Any = 1.0
+        if name in ("faster", "slower"):
+            rate = _along(gravity, velocity)
         elif name == "beyond":
-            normal, offset = limit
-            beyond, rate = (position * normal).sum(-1) - offset, (velocity * normal).sum(-1)
-        else:
-            away = position - limit[0]
-            distance = np.sqrt((away * away).sum(-1))
-            beyond, rate = distance - limit[1], (velocity * away).sum(-1) / np.maximum(distance, 1e-9)
-        if name in ("before", "slower", "within"):
-            beyond = -beyond
-        inside = inside * np.clip(0.5 + (beyond - LEAST) / np.maximum(np.abs(rate) * step, LEAST), 0.0, 1.0)
+            rate = (velocity * edges[name][0]).sum(-1)
+        elif name == "within":
+            rate = _along(velocity, position - edges[name][0])
+        inside = inside * np.clip(0.5 + (depth - LEAST) / np.maximum(np.abs(rate) * step, LEAST), 0.0, 1.0)
     return inside
 
 
-def within_limits(
-    limits: Mapping[str, Any], time: np.ndarray, position: np.ndarray, velocity: np.ndarray
-) -> np.ndarray:
-    """(...) bool at times (...) s, positions (..., 3) m and velocities (..., 3) m/s. limits: as `Region.limits`."""
-    speed, distance = np.linalg.norm(velocity, axis=-1), np.linalg.norm(position - limits["centre"], axis=-1)
-    inside = (time > limits["after"]) & (time < limits["before"]) & (speed > limits["faster"])
-    beyond = position @ np.array(limits["normal"]) > limits["offset"]
-    return inside & (speed < limits["slower"]) & (distance < limits["radius"]) & beyond
+def _along(vector: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """(...) the component of vectors (..., 3) along others."""
+    return (vector * way).sum(-1) / np.maximum(np.sqrt((way * way).sum(-1)), 1e-9)
 
 
 @dataclass(frozen=True)
@@ -119,7 +136,8 @@ class Region:
 
     @property
     def edges(self) -> dict[str, Any]:
-        """The conditions that are asked for as numbers, for `share_within`."""
+        """The conditions that are asked for: a number each; of `within` centre and radius, of `beyond` normal and
+        offset."""
         out: dict[str, Any] = {name: getattr(self, name) for name in LIMITS if getattr(self, name) is not None}
         if self.centre is not None:
             out["within"] = (np.stack(np.broadcast_arrays(*self.centre), -1), self.radius)
@@ -127,22 +145,9 @@ class Region:
             out["beyond"] = (np.stack(np.broadcast_arrays(*self.normal), -1), self.offset)
         return out
 
-    @property
-    def limits(self) -> dict[str, Any]:
-        """The conditions as numbers, for `within_limits`; those that are not asked for hold everywhere."""
-        low = {name: -math.inf if getattr(self, name) is None else getattr(self, name) for name in ("after", "faster")}
-        high = {name: math.inf if getattr(self, name) is None else getattr(self, name) for name in ("before", "slower")}
-        ball = {"centre": (0.0, 0.0, 0.0), "radius": math.inf}
-        if self.centre is not None:
-            ball = {"centre": self.centre, "radius": self.radius}
-        plane = {"normal": (0.0, 0.0, 0.0), "offset": -math.inf}
-        if self.normal is not None:
-            plane = {"normal": self.normal, "offset": self.offset}
-        return {**low, **high, **ball, **plane}
-
     def holds(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """(...) bool at times (...) s, positions (..., 3) m and velocities (..., 3) m/s."""
-        return within_limits(self.limits, time, position, velocity)
+        return is_inside(self.edges, time, position, velocity)
 
     def as_dict(self) -> dict[str, Any]:
         """As `only` has it in a scene and in a report."""
