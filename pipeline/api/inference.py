@@ -104,7 +104,7 @@ class Inference(FolderResult):
     def joints(self) -> list[str]:
         """What holds the bodies, a sentence each."""
         return [
-            f"{o.name} hangs {span(o, o.joint):.3g} m from a point on a {o.joint.kind}; damping of the joint: "
+            f"{o.name} hangs on a {o.joint.kind} of {span(o, o.joint):.3g} m; damping of the joint: "
             f"{o.joint.damping / o.mass:.2g} N m s/rad for each kg"
             for o in self.scene.objects
             if o.joint is not None

@@ -307,7 +307,7 @@ def _hanging_answer(motion: ClipMotion, gravity: float) -> PlanarAnswer:
         return hanging_scene(objects, motion.view.swings, plane)
 
     scene, scale = scene_in(motion.plane), motion.scale
-    if scale.by == "gravity":  # what turns with the body makes its pendulum longer, by a share that no scale changes
+    if scale.by == "gravity":  # the body's own inertia slows the swing by a share that does not depend on the scale
         scale = replace(scale, px_per_m=scale.px_per_m * -scene.gravity[2] / gravity)
         motion = replace(motion, plane=replace(motion.plane, px_per_m=scale.px_per_m), scale=scale)
         scene = replace(scene_in(motion.plane), gravity=(0.0, 0.0, -gravity))

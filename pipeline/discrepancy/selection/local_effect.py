@@ -107,7 +107,7 @@ def find_where(none: Candidate) -> Where:
 
 
 def where_hit(found: Candidate, problem: Problem, where: Where) -> Where:
-    """Where the known scene fails, of a model of what bodies hit: as far from its centre as theirs come in a hit.
+    """Where the known scene fails because of a hidden obstacle: as near to its centre as those of bodies come in a hit.
 
     Args:
         found: The model, fitted to arcs that are cut at the hits.
@@ -168,10 +168,10 @@ def local_effects(
     pairs = zip(problem.stacks, none.fit.starts, strict=True)
     starts = [fit_initial_states(stack, model, theta, start)[0] for stack, start in pairs]
     base = replace(none, fit=replace(none.fit, theta=theta, starts=starts))
-    # a law of some recordings alone would stand for what is wrong with them
+    # a law that acts in some recordings only could explain a fault of these recordings
     regions = [found for found in where.regions if found.region.clips is None]
     places: list[Place] = [(found.region, found.objects) for found in regions[:MOST_REGIONS]]
-    # of one body the law may hold everywhere, though it shows in a part
+    # a law of one body may act everywhere, though it shows in a part only
     places += [(Region(), bodies) for bodies in dict.fromkeys(b for _, b in places if b is not None)]
     forces = [kind for kind in kinds if kind.may_be_local and kind.discovery.gravity_scale is None]
     local = [local_kind(kind, *place) for place in places for kind in forces]
@@ -225,15 +225,16 @@ def _is_blow(found: Candidate) -> bool:
 def _in_best_place(
     calibration: Calibration, found: Mapping[str, Candidate], places: Sequence[Place]
 ) -> list[Candidate]:
-    """The models of one effect that acts in a region, in the region that suits the best one most, whose numbers are
-    fitted, too."""
+    """Each model of one effect, in the region in which the best of them fits best; the region's numbers are fitted,
+    too."""
     singles = sorted((c for c in found.values() if not _is_blow(c)), key=lambda c: c.score)
     if not singles:
         return []
     first, *others = singles
     placed = sorted((_placed(calibration, first, place) for place in places), key=lambda c: c.score)
     near = [c for c in placed if c.score < placed[0].score + ALIKE]
-    best = min(near, key=lambda c: _extent(only_of(c, c.name)))  # beyond the least one nothing tells of the law
+    # of regions that fit alike the smallest: the data do not show the law beyond it
+    best = min(near, key=lambda c: _extent(only_of(c, c.name)))
     while (again := _refitted(calibration, best, best.fit.model, best.fit.theta)).score < best.score - LEAST_BETTER:
         best = again
     (kind,) = best.fit.model.effects

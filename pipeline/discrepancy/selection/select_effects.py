@@ -52,7 +52,7 @@ from pipeline.scene.effects.kind import EffectKind
 
 NEAR = 25.0  # difference of scores within which candidates are fitted again from the best one's initial states
 RESTARTS = 3  # best models of one effect from whose ends the calibrated one is fitted again
-MOST_RIVALS = 1  # laws that act everywhere, beside those that promise as much, to which a local one is compared
+MOST_RIVALS = 1  # laws that act everywhere, and those about as promising, to which a local one is compared
 MOST_DROPS = 2  # times that arcs are dropped by the best model
 
 
@@ -69,7 +69,7 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     """
     calibration = _calibrate(problem)
     where = find_where(calibration.none)
-    if where.disagreeing and not where.disagreeing & set(problem.fitted):  # what is held out tells no number
+    if where.disagreeing and not where.disagreeing & set(problem.fitted):  # nothing is fitted to what is held out
         calibration = _calibrate(hold_out(problem, problem.fitted[: len(problem.held_out)]))
         where = find_where(calibration.none)
     if problem.one_camera or has_few_clips(problem):  # slow errors of a camera, or of one clip, look like a force

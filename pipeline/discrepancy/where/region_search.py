@@ -110,8 +110,10 @@ def smooth_velocity(time: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def find_regions(samples: Samples, clips: tuple[str, ...]) -> list[FoundRegion]:
-    """Regions that say more of the intervals than they cost, the simplest first: of one condition, or of two where the
-    second one is worth its price. clips: names."""
+    """Regions that explain more of the intervals than their numbers cost, the simplest first.
+
+    They have one condition, or two where the second one is worth its price. clips: names.
+    """
     inside = samples.inside
     price = float(np.log(max(len(inside), 1))) / 2 * ALIKE_SAMPLES
     found: list[tuple[float, FoundRegion]] = []
