@@ -13,6 +13,8 @@ DISC = 1.25  # largest ratio of the axes of a disc
 LEAST_SEEN = 0.35  # of a disc's area, from which its centre is found where the border of the picture cuts it
 MAD = 1.4826  # median absolute deviation -> standard deviation of a normal distribution
 LEAST_SIGMA = 0.02  # px
+LONGEST = 95  # percentile of a body's lengths, that is its own: masks may gain parts, too
+SAME_SHAPE = 0.15  # most change of length and of the root of the area, as a share, in frames that show a body whole
 NEAR_FRAMES, SAME_SIZE = 5, 0.2  # frames before and after; most change of length, or of the root of the area, from them
 _THIRD_DIFFERENCE = 20.0**0.5  # standard deviation of a third difference of white noise of standard deviation 1
 
@@ -118,6 +120,14 @@ def keeps_size(size: np.ndarray) -> np.ndarray:
     """(T,) bool: where sizes (T,) are about the median of those of the NEAR_FRAMES frames before and after."""
     near = [np.median(size[max(k - NEAR_FRAMES, 0) : k + NEAR_FRAMES + 1]) for k in range(len(size))]
     return np.asarray(np.abs(size / near - 1) < SAME_SIZE)
+
+
+def shown_whole(track: ImageTrack) -> np.ndarray:
+    """(T,) bool: where a body is about as long and as large as it is at most."""
+    whole = np.ones(len(track), bool)
+    for size in (track.axes[:, 0], np.sqrt(track.area)):
+        whole &= np.abs(size / np.percentile(size, LONGEST) - 1) < SAME_SHAPE
+    return whole
 
 
 def centre_sigma(centre: np.ndarray) -> float:

@@ -1,42 +1,32 @@
 """Pieces of one rigid body that masks show as bodies of their own: the dark ends of a cart whose middle is pale.
 
-Two pieces are one body if the vector between them rests while both turn back together, and if what lies between them
-differs from the background. Two balls that fall side by side turn back together, too, but between them is background.
-A piece that is seen for a while, where one of the others would be, belongs to them. What is seen only where such a body
-is, too.
-
-Pieces that touch, or have something between them, whichever of them is seen, are one body, too, if their common hull
-keeps its length and area while they go some way and turn back. Where only a small part of such a body is found, the
-whole is put so that this part is one of its pieces and all of it differs from the background; else it is left out.
+Each pixel has two explanations: it moves with a piece, or it belongs to the background. Frames that are shifted so that
+the piece rests show which one is right (Wang and Adelson, "Representing moving images with layers", 1994). What moves
+with the piece and hangs together with it is its body. Other pieces that lie there belong to it, if the body turns back:
+two balls that roll side by side move alike, too, until then.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
-from pipeline.motion.completed_body import completed, differing, shown_whole
-from pipeline.motion.followed_body import followed
 from pipeline.motion.hull import convex_hull
-from pipeline.motion.image_track import MAD, ImageTrack, image_tracks
+from pipeline.motion.image_track import MAD, ImageTrack, image_tracks, shown_whole
 
-LEAST_FRAMES = 10  # that show both
-LEAST_SHARE = 0.8  # of the frames of the shorter track, that show both
-STIFF_PX, STIFF_SHARE = 0.8, 0.01  # most deviation of the vector between them; its share of that vector
-STIFF_WAY = 0.03  # the same as a share of the way that both move: masks of pieces may gain and lose parts
-MOST_BESIDE = 0.3  # of a piece's frames, that show the one whose place it takes, too
-SAME_PLACE = 0.15  # of the vector between two pieces: most median distance of a third one from one of them
-LEAST_WAY = 0.5  # of a length: what both must move
-LEAST_TURN = 0.3  # of that way, that they must go back
-LEAST_BRIDGE = 0.5  # of what is between them must differ from the background
-LEAST_COMMON = 3  # frames that show two pieces
-MOSTLY = 0.8  # share of frames in which pieces of one body touch, or a body covers a piece; share that it covers
-TOUCH_PX = 2  # between pieces that touch
-LEAST_WHOLE = 0.6  # share of the frames that show it whole
+WORK_PX = 480  # longest side of the pictures that are compared
+MOST_FRAMES = 40  # that are compared
+LEAST_FRAMES = 5  # that show the piece whole
+LEAST_CONTRAST, NOISES = 6.0, 4.0  # grey levels, and standard deviations of the noise, by which explanations differ
+LEAST_DECIDED = 0.3  # of the frames, in which a pixel's explanations must differ
+MOSTLY = 0.8  # of such frames, in which it moves with the piece; of another piece's pixels, that are in the body
+LEAST_WAY, LEAST_TURN = 0.5, 0.3  # of a body's length, that it must move; of that way, that it must go back
+LEAST_SHOWN = 0.1  # of the frames, in which masks show a pixel of the body
+RIM_PX = 3  # around the body, by which it is recognised, too
+REACH = 0.5  # lengths of the body, that it moves at most between two frames
+MOST_MISSED = 0.3  # of the contrast of the body and its rim, that may differ in a frame in which it is seen
 
 
 def joined_pieces(
@@ -54,28 +44,36 @@ def joined_pieces(
     Returns:
         Masks whose bodies are numbered in the order of their first pieces, and the pieces of each body.
     """
-    tracks = image_tracks(masks, times)
-    groups = [[body] for body in range(1, int(masks.max(initial=0)) + 1)]
-    for one, other in itertools.combinations(tracks, 2):
-        both_known = known[one.body - 1] and known[other.body - 1]
-        if not both_known and moves_stiffly(one, other) and _bridged(masks, frames, one, other):
-            groups = _merged(groups, [one.body, other.body])
-    for pieces in linked_sets(masks, frames, tracks):
-        if sum(known[body - 1] for body in pieces) < 2 and keeps_shape(hulls_of(masks, pieces), times):
-            groups = _merged(groups, pieces)
+    count = int(masks.max(initial=0))
     whole = {body for body, is_stiff in enumerate(stiff, 1) if is_stiff}
-    if not whole and all(len(g) == 1 for g in groups):
+    groups = [[body] for body in range(1, count + 1)]
+    if count < 2 and not whole:
         return masks, groups
-    _take_in(groups, {t.body: t for t in tracks}, known)
-    filled = {}
-    for group in groups:
-        if len(group) > 1:
-            own = np.where(np.isin(masks, group), masks, 0)
-            filled[group[0]] = followed(completed(own, frames, hulls_of(masks, group), times), frames, times)
-        elif group[0] in whole:
-            filled[group[0]] = hulls_of(masks, group)
-    _take_in_covered(groups, masks, filled, known)
-    groups.sort(key=min)
+    scale = min(1.0, WORK_PX / max(masks.shape[1:]))
+    small = _resized(masks, scale)
+    grey = np.stack([cv2.cvtColor(f, cv2.COLOR_RGB2GRAY) for f in _resized(frames, scale)])
+    tracks = [t for t in image_tracks(small, times) if t.body in whole or turns_back(t)]
+    filled = {body: np.stack([convex_hull(own) for own in masks == body]) for body in whole}
+    for track in sorted(tracks, key=lambda t: shown_whole(t).sum(), reverse=True):
+        alone = [g[0] for g in groups if len(g) == 1]
+        others = [b for b in alone if b != track.body and not (known[b - 1] and known[track.body - 1])]
+        if track.body not in alone or not (others or track.body in whole):
+            continue
+        body = rigid_body(track, small, grey)
+        if body is None:
+            continue
+        picture, part, places = body
+        places = followed(picture, convex_hull(part), places, grey)
+        covered = placed(convex_hull(part), places)
+        own = {b: small == b for b in [track.body, *others]}
+        group = [b for b, seen in own.items() if (seen & covered).sum() > MOSTLY * seen.sum() or b == track.body]
+        if len(group) == 1 and track.body not in whole:
+            continue
+        group = sorted(group)
+        groups = sorted([*(g for g in groups if g[0] not in group), group], key=min)
+        shown = placed(np.isin(small, group), -places).mean(0) > LEAST_SHOWN
+        outline = placed(convex_hull(part & convex_hull(shown)), places)
+        filled[group[0]] = _resized(outline.astype(np.uint8), 1 / scale, masks.shape[2:0:-1]) > 0
     out = np.zeros_like(masks)
     for number, group in enumerate(groups, 1):
         own = filled.get(group[0], masks == group[0])
@@ -83,162 +81,137 @@ def joined_pieces(
     return out, groups
 
 
-def hulls_of(masks: np.ndarray, bodies: Sequence[int]) -> np.ndarray:
-    """(T, H, W) bool: the common convex hull of bodies of masks (T, H, W)."""
-    return np.stack([convex_hull(own) for own in np.isin(masks, bodies)])
-
-
-def _merged(groups: list[list[int]], bodies: Sequence[int]) -> list[list[int]]:
-    """The groups, of which all that have one of the bodies are one; in the order of their first bodies."""
-    hit = [g for g in groups if set(g) & set(bodies)]
-    rest = [g for g in groups if g not in hit]
-    return sorted([*rest, sorted(itertools.chain.from_iterable(hit))], key=min)
-
-
-def moves_stiffly(one: ImageTrack, other: ImageTrack) -> bool:
-    """Whether the vector between two tracks rests while both go some way and turn back."""
-    _, i, j = np.intersect1d(one.frames, other.frames, return_indices=True)
-    if len(i) < max(LEAST_FRAMES, LEAST_SHARE * min(len(one), len(other))):
+def turns_back(track: ImageTrack) -> bool:
+    """Whether a body goes some way along a line, and back."""
+    whole = shown_whole(track)
+    if whole.sum() < LEAST_FRAMES:
         return False
-    apart = _vectors(one, other)
-    middle = np.median(apart, axis=0)
-    length = float(np.linalg.norm(middle))
-    spread = MAD * float(np.median(np.abs(apart - middle), axis=0).max())
-    way, back = _way_and_back(0.5 * (one.centre[i] + other.centre[j]))
-    if spread > max(STIFF_PX, STIFF_SHARE * length, STIFF_WAY * way):
-        return False
-    return _goes_and_returns(way, back, length)
-
-
-def linked_sets(masks: np.ndarray, frames: np.ndarray, tracks: Sequence[ImageTrack]) -> list[list[int]]:
-    """Sets of two or more bodies, each of which mostly touches another one, or has no background between them.
-
-    Args:
-        masks: (T, H, W) ids from 1.
-        frames: (T, H, W, 3) uint8 RGB.
-        tracks: Of the bodies.
-    """
-    linked = _touching(masks)
-    for one, other in itertools.combinations(tracks, 2):
-        pair = one.body - 1, other.body - 1
-        common = len(np.intersect1d(one.frames, other.frames))
-        if not linked[pair] and common >= LEAST_FRAMES and _turn_back_near(one, other):
-            linked[pair] = _bridged(masks, frames, one, other)
-    number, label = connected_components(linked, directed=False)
-    sets = [[body + 1 for body in np.flatnonzero(label == k).tolist()] for k in range(number)]
-    return [bodies for bodies in sets if len(bodies) > 1]
-
-
-def _turn_back_near(one: ImageTrack, other: ImageTrack) -> bool:
-    """Whether two tracks go further than they are ever apart, and turn back."""
-    _, i, j = np.intersect1d(one.frames, other.frames, return_indices=True)
-    way, back = _way_and_back(0.5 * (one.centre[i] + other.centre[j]))
-    return _goes_and_returns(way, back, float(np.linalg.norm(_vectors(one, other), axis=1).max()))
-
-
-def _touching(masks: np.ndarray) -> np.ndarray:
-    """(N, N) bool: pairs of bodies of masks (T, H, W) that mostly touch while both are seen; the first one's row."""
-    count = int(masks.max(initial=0))
-    both, touching = np.zeros((2, count, count), int)
-    near = np.ones((2 * TOUCH_PX + 1,) * 2, np.uint8)
-    for mask in masks:
-        blobs = cv2.connectedComponents(cv2.dilate((mask > 0).astype(np.uint8), near))[1]
-        blob_of = {int(body) - 1: np.bincount(blobs[mask == body]).argmax() for body in np.unique(mask[mask > 0])}
-        for one, other in itertools.combinations(blob_of, 2):
-            both[one, other] += 1
-            touching[one, other] += blob_of[one] == blob_of[other]
-    return np.asarray((both >= LEAST_COMMON) & (touching >= MOSTLY * both))
-
-
-def keeps_shape(hulls: np.ndarray, times: np.ndarray) -> bool:
-    """Whether hulls (T, H, W) bool at times (T,) s mostly show one shape, which goes some way and turns back."""
-    tracks = image_tracks(hulls, times)
-    if not tracks or len(tracks[0]) < LEAST_FRAMES:
-        return False
-    track, whole = tracks[0], shown_whole(tracks[0])
-    if whole.mean() < LEAST_WHOLE:
-        return False
-    way, back = _way_and_back(track.centre[whole])
-    return _goes_and_returns(way, back, float(np.median(track.axes[whole, 0])))
-
-
-def _goes_and_returns(way: float, back: float, length: float) -> bool:
-    """Whether a way and the way back, of `_way_and_back`, are long beside a length, px."""
-    return way > LEAST_WAY * length and back > LEAST_TURN * way
-
-
-def _way_and_back(place: np.ndarray) -> tuple[float, float]:
-    """How far places (T, 2) reach along their main line, px, and the longest way back along it."""
-    centred = place - place.mean(0)
-    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
-    return float(np.ptp(along)), _turned_back(along)
-
-
-def _take_in(groups: list[list[int]], tracks: dict[int, ImageTrack], known: Sequence[bool]) -> None:
-    """Add single bodies to the groups of pieces in which they take the place of a piece that is not seen."""
-    for single in [g for g in groups if len(g) == 1 and g[0] in tracks and not known[g[0] - 1]]:
-        for group in (g for g in groups if len(g) > 1):
-            pieces = [tracks[b] for b in group if b in tracks]
-            pairs = itertools.permutations(pieces, 2)
-            if any(_takes_place(tracks[single[0]], beside, missing) for beside, missing in pairs):
-                groups.remove(single)
-                group += single
-                break
-
-
-def _take_in_covered(
-    groups: list[list[int]], masks: np.ndarray, filled: dict[int, np.ndarray], known: Sequence[bool]
-) -> None:
-    """Add single bodies to the group whose whole body, by its first piece, mostly covers them."""
-    for single in [g for g in groups if len(g) == 1 and g[0] not in filled and not known[g[0] - 1]]:
-        own = masks == single[0]
-        seen = own.any((1, 2))
-        for group in (g for g in groups if g[0] in filled):
-            inside = (own & filled[group[0]]).sum((1, 2)) > MOSTLY * own.sum((1, 2))
-            if seen.any() and inside[seen].mean() > MOSTLY:
-                groups.remove(single)
-                group += single
-                break
-
-
-def _takes_place(track: ImageTrack, beside: ImageTrack, missing: ImageTrack) -> bool:
-    """Whether a track is where a piece that is missing then would be, as seen from the piece beside it."""
-    if len(np.intersect1d(track.frames, missing.frames)) > MOST_BESIDE * len(track):
-        return False
-    vector = _vectors(beside, missing)
-    own = _vectors(beside, track)
-    if not len(vector) or len(own) < LEAST_SHARE * len(track):
-        return False
-    middle = np.median(vector, axis=0)
-    away = np.linalg.norm(own - middle, axis=1)
-    return float(np.median(away)) < SAME_PLACE * float(np.linalg.norm(middle))
-
-
-def _vectors(one: ImageTrack, other: ImageTrack) -> np.ndarray:
-    """(N, 2) px from one track to the other, in the frames that show both."""
-    _, i, j = np.intersect1d(one.frames, other.frames, return_indices=True)
-    return np.asarray(other.centre[j] - one.centre[i])
-
-
-def _turned_back(along: np.ndarray) -> float:
-    """The longest way back of places (T,) along a line, after a way forth that is as long or longer."""
-    most = 0.0
-    for sign in (1, -1):
-        x = sign * along
+    place = track.centre[whole] - track.centre[whole].mean(0)
+    along = place @ np.linalg.svd(place, full_matrices=False)[2][0]
+    way, back = float(np.ptp(along)), 0.0
+    for x in (along, -along):
         highest = np.maximum.accumulate(x)
         forth = np.maximum.accumulate(np.where(x == highest, x - np.minimum.accumulate(x), 0))
-        back = highest - x
-        most = max(most, float(np.minimum(forth, back).max()))
-    return most
+        back = max(back, float(np.minimum(forth, highest - x).max()))
+    return way > LEAST_WAY * float(np.median(track.axes[whole, 0])) and back > LEAST_TURN * way
 
 
-def _bridged(masks: np.ndarray, frames: np.ndarray, one: ImageTrack, other: ImageTrack) -> bool:
-    """Whether most of what is between two pieces differs from the background."""
-    common = np.intersect1d(one.frames, other.frames)
-    hulls = np.zeros(masks.shape, bool)
-    for k in common:
-        hulls[k] = convex_hull((masks[k] == one.body) | (masks[k] == other.body))
-    differs, known = differing(frames, hulls, common)
-    between = [hulls[k] & (masks[k] == 0) & known for k in common]
-    shares = [float(d[b].mean()) for d, b in zip(differs, between, strict=True) if b.any()]
-    return bool(shares) and float(np.median(shares)) > LEAST_BRIDGE
+def rigid_body(
+    track: ImageTrack, masks: np.ndarray, grey: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """The body to which a piece belongs; None where not even the piece keeps its picture.
+
+    Args:
+        track: Of the piece.
+        masks: (T, H, W) ids.
+        grey: (T, H, W) uint8, the frames.
+
+    Returns:
+        A picture (H, W) float32, grey levels, in which the body rests; its pixels (H, W) bool; and by how many px it is
+        away from there in each frame, (T, 2), NaN where the piece is not seen whole.
+    """
+    whole = shown_whole(track)
+    if whole.sum() < LEAST_FRAMES:
+        return None
+    places = np.full((len(grey), 2), np.nan)
+    places[track.frames[whole]] = track.centre[whole] - np.median(track.centre[whole], axis=0)
+    some = track.frames[whole][_evenly_spaced(int(whole.sum()))]
+    behind, noise = _background(masks, grey)
+    shown = np.stack([shifted(grey[k], -places[k], np.nan) for k in some])
+    resting = np.stack([shifted(behind, -places[k], np.nan) for k in some])
+    seen = np.isfinite(shown).any(0)
+    picture = np.full(behind.shape, np.nan, np.float32)
+    picture[seen] = np.nanmedian(shown[:, seen], axis=0)
+    gain = np.abs(shown - resting) - np.abs(shown - picture)
+    least = max(LEAST_CONTRAST, NOISES * noise)
+    moves, rests = (gain > least).sum(0), (gain < -least).sum(0)
+    layer = (moves >= LEAST_DECIDED * len(some)) & (moves >= MOSTLY * (moves + rests))
+    piece = np.mean([shifted(masks[k] == track.body, -places[k]) for k in some], axis=0) > 0.5
+    part = _part_at(layer, piece)
+    return None if part is None else (picture, part, places)
+
+
+def followed(picture: np.ndarray, outline: np.ndarray, places: np.ndarray, grey: np.ndarray) -> np.ndarray:
+    """The places (T, 2) px of a body in all frames in which it is seen, NaN in the others.
+
+    Where its piece does not tell its place, it is looked for near where it is in the frame before, or after.
+
+    Args:
+        picture: (H, W) float32 grey levels, in which it rests.
+        outline: (H, W) bool, of the body there.
+        places: (T, 2) px, by which it is away from there; NaN where the piece does not tell.
+        grey: (T, H, W) uint8, the frames.
+    """
+    rim = cv2.dilate(outline.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8))
+    x, y, w, h = cv2.boundingRect(rim)
+    known = np.nan_to_num(picture[y : y + h, x : x + w])
+    region = rim[y : y + h, x : x + w]
+    contrast = float(((known - known[region > 0].mean()) ** 2)[region > 0].sum())
+    found = np.full(places.shape, np.nan)
+    for order in (range(len(grey)), range(len(grey) - 1, -1, -1)):
+        last = np.full(2, np.nan)
+        for k in order:
+            near = [(places[k], 1), (last, round(REACH * float(np.hypot(w, h))))] if np.isnan(found[k]).any() else []
+            for centre, reach in near:
+                if np.isnan(centre).any():
+                    continue
+                window = shifted(grey[k], reach - np.array([x, y]) - centre)[: h + 2 * reach, : w + 2 * reach]
+                missed = cv2.matchTemplate(window, known, cv2.TM_SQDIFF, mask=region.astype(np.float32))
+                row, col = np.unravel_index(int(missed.argmin()), missed.shape)
+                if missed[row, col] < MOST_MISSED * contrast:
+                    found[k] = centre + np.array([col, row]) - reach
+                    break
+            if not np.isnan(found[k]).any():
+                last = found[k]
+    return found
+
+
+def placed(outline: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(T, H, W) bool: an outline (H, W), or one for each frame, (T, H, W), moved to places (T, 2) px; empty at NaN."""
+    outlines = np.broadcast_to(outline, (len(places), *outline.shape[-2:]))
+    return np.stack(
+        [
+            np.zeros(own.shape, bool) if np.isnan(by).any() else shifted(own, by) > 0.5
+            for own, by in zip(outlines, places, strict=True)
+        ]
+    )
+
+
+def _background(masks: np.ndarray, grey: np.ndarray) -> tuple[np.ndarray, float]:
+    """What is behind the bodies, (H, W) float32, NaN where they always are, and the noise, grey levels."""
+    some = _evenly_spaced(len(grey))
+    shown = grey[some].astype(np.float32)
+    hidden = np.stack([convex_hull(masks[k] > 0) for k in some])
+    background = np.median(shown, axis=0)
+    behind = hidden.any(0)  # the rest needs no mask
+    background[behind] = np.ma.median(np.ma.array(shown[:, behind], mask=hidden[:, behind]), axis=0).filled(np.nan)
+    return background, MAD * float(np.median(np.abs(np.diff(shown, axis=0)))) / np.sqrt(2)
+
+
+def _part_at(layer: np.ndarray, piece: np.ndarray) -> np.ndarray | None:
+    """The connected part of a layer (H, W) bool that covers most of a piece (H, W) bool; None where none does."""
+    closed = cv2.morphologyEx(layer.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    labels = cv2.connectedComponents(closed, connectivity=8)[1]
+    own = np.bincount(labels[piece & (labels > 0)], minlength=1)
+    return labels == own.argmax() if own.sum() and 2 * own.max() > piece.sum() else None
+
+
+def _evenly_spaced(count: int) -> np.ndarray:
+    """At most MOST_FRAMES of the indices of `count` frames."""
+    return np.linspace(0, count - 1, min(count, MOST_FRAMES)).round().astype(int)
+
+
+def shifted(picture: np.ndarray, by: np.ndarray, fill: float = 0.0) -> np.ndarray:
+    """A picture (H, W) moved by (2,) px, x and y, as float32, with a fill where nothing is known."""
+    moved = np.array([[1, 0, by[0]], [0, 1, by[1]]], np.float64)
+    size = picture.shape[::-1]
+    return np.asarray(cv2.warpAffine(picture.astype(np.float32), moved, size, flags=cv2.INTER_LINEAR, borderValue=fill))
+
+
+def _resized(pictures: np.ndarray, scale: float, size: Sequence[int] = ()) -> np.ndarray:
+    """Pictures (T, H, W, ...) in another scale, of a size (width, height) if it is given; ids stay ids."""
+    if scale == 1:
+        return pictures
+    size = tuple(size) or tuple(round(scale * n) for n in pictures.shape[2:0:-1])
+    method = cv2.INTER_AREA if pictures.ndim == 4 else cv2.INTER_NEAREST
+    return np.stack([cv2.resize(p, size, interpolation=method) for p in pictures])

@@ -274,9 +274,10 @@ def find_planar_scene(
         if motion.table is None:
             motion = replace(motion, flat=tuple(motion.plane.straight_track(t) for t in motion.tracks))
     rolls = motion.view.kind == "incline" and motion.scale.by in KNOWN
-    start = _start(motion, gravity, rolls) if first is None else first.fit.scene
+    along = _begins_along(motion)
+    start = _start(motion, gravity, rolls, along) if first is None else first.fit.scene
     gravity_shows = not motion.plane.level and not rolls
-    parameters = planar_parameters(start, motion.plane, gravity=gravity_shows, hollow=rolls)
+    parameters = planar_parameters(start, motion.plane, along, gravity=gravity_shows, hollow=rolls)
     jumps = impacts(motion)
     fit = fit_planar(start, motion.flat, motion.plane, parameters, jumps, threads)
     if motion.table is not None:
@@ -290,7 +291,7 @@ def find_planar_scene(
         return PlanarAnswer(motion, fit, scene, scale)
     # A contact is not the same in other units, and each bounce multiplies the difference.
     motion = replace(motion, scale=scale, plane=replace(motion.plane, px_per_m=scale.px_per_m))
-    parameters = planar_parameters(scene, motion.plane, gravity=False, hollow=rolls)
+    parameters = planar_parameters(scene, motion.plane, along, gravity=False, hollow=rolls)
     again = fit_planar(scene, motion.flat, motion.plane, parameters, jumps, threads)
     again = replace(again, simulations=fit.simulations + again.simulations)
     return PlanarAnswer(motion, again, again.scene, scale)
@@ -319,8 +320,27 @@ def _hanging_answer(motion: ClipMotion, gravity: float) -> PlanarAnswer:
     return PlanarAnswer(motion, PlanarFit(scene, rms, simulations=0), scene, scale)
 
 
-def _start(motion: ClipMotion, gravity: float, rolls: bool) -> Scene:
-    """The scene that the tracks tell of. rolls: bodies may roll, and a known length tells how hollow they are."""
+def _begins_along(motion: ClipMotion) -> list[np.ndarray | None]:
+    """Of each body, the direction (3,) of the support along which it moves at first; None where none carries it."""
+    kinds = {(m.arc.body, m.arc.start): m.kind for m in motion.view.arcs}
+    out: list[np.ndarray | None] = []
+    for own in motion.arcs:
+        carried = not motion.plane.level and kinds[own[0].body, own[0].start] in ("slope", "straight")
+        ways = [s.along for s in motion.supports] if carried else []
+        way = max(ways, key=lambda w: abs(float(w @ own[0].velocity)), default=None)
+        out.append(None if way is None else motion.plane.in_space(motion.plane.axes @ way))
+    return out
+
+
+def _start(motion: ClipMotion, gravity: float, rolls: bool, along: Sequence[np.ndarray | None]) -> Scene:
+    """The scene that the tracks tell of.
+
+    Args:
+        motion: What the tracks tell.
+        gravity: m/s².
+        rolls: Bodies may roll, and a known length tells how hollow they are.
+        along: Of `_begins_along`.
+    """
     start = planar_scene(
         motion.view,
         motion.flat,
@@ -335,7 +355,11 @@ def _start(motion: ClipMotion, gravity: float, rolls: bool) -> Scene:
     )
     if motion.table is None:
         start = with_apparent_sizes(start, motion.tracks, motion.flat, motion.plane, [s is None for s in motion.solids])
-    return replace(start, objects=tuple(_half_hollow(o) for o in start.objects)) if rolls else start
+    objects = [
+        o if way is None else replace(o, velocity=tuple((way @ o.velocity) * way))
+        for o, way in zip(start.objects, along, strict=True)
+    ]
+    return replace(start, objects=tuple(_half_hollow(o) if rolls else o for o in objects))
 
 
 def impacts(motion: ClipMotion) -> list[float]:

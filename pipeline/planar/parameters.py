@@ -58,12 +58,20 @@ def changed(scene: Scene, parameters: Sequence[Parameter], x: np.ndarray) -> Sce
     return replace(scene, objects=bodies("objects"), fixed=bodies("fixed"), gravity=world["gravity"])
 
 
-def planar_parameters(scene: Scene, plane: Plane, *, gravity: bool = True, hollow: bool = False) -> list[Parameter]:
+def planar_parameters(
+    scene: Scene,
+    plane: Plane,
+    along: Sequence[np.ndarray | None],
+    *,
+    gravity: bool = True,
+    hollow: bool = False,
+) -> list[Parameter]:
     """The parameters of a planar scene: first what every scene has, then what matters where bodies touch.
 
     Args:
         scene: The start.
         plane: In which bodies move.
+        along: Of each object, the direction (3,) in which a support lets it begin; None: any direction.
         gravity: It is fitted: either it fixes the scale, so that lengths follow from it, or a length is known.
         hollow: How hollow a rolling body is is fitted: where gravity and a length are known, its acceleration tells.
     """
@@ -73,11 +81,13 @@ def planar_parameters(scene: Scene, plane: Plane, *, gravity: bool = True, hollo
     for i, body in enumerate(scene.objects):
         size, speed = float(max(body.size)), float(np.linalg.norm(body.velocity))
         name, place = f"objects[{i}]", ("objects", i)
-        for axis in "xy" if plane.level else "xz":
-            part = "xyz".index(axis)
-            out.append(Parameter(f"{name}.position.{axis}", 1.5 * px, 0.5 * size, place, _moving("position", part)))
-            if speed:
-                out.append(Parameter(f"{name}.velocity.{axis}", 6 * px, 0.5 * speed + 3 * px, place, _velocity(part)))
+        axes = "xy" if plane.level else "xz"
+        for axis in axes:
+            way = np.eye(3)["xyz".index(axis)]
+            out.append(Parameter(f"{name}.position.{axis}", 1.5 * px, 0.5 * size, place, _moving("position", way)))
+        ways = {axis: np.eye(3)["xyz".index(axis)] for axis in axes} if along[i] is None else {"along": along[i]}
+        for axis, way in ways.items() if speed else ():
+            out.append(Parameter(f"{name}.velocity.{axis}", 6 * px, 0.5 * speed + 3 * px, place, _velocity(way)))
         if touching:
             out.append(Parameter(f"log {name}.sliding_friction", 0.1, 1.0, place, _log("sliding_friction")))
             out.append(Parameter(f"log {name}.damping", 0.1, 0.7, place, _log("damping")))
@@ -104,19 +114,19 @@ def _gravity(scene: Fields, difference: float) -> None:
     scene["gravity"] = tuple(float(np.exp(difference)) * g for g in scene["gravity"])
 
 
-def _moving(key: str, part: int) -> Edit:
+def _moving(key: str, way: np.ndarray) -> Edit:
     def edit(body: Fields, difference: float) -> None:
-        body[key] = _moved(body[key], part, difference)
+        body[key] = _moved(body[key], way, difference)
 
     return edit
 
 
-def _velocity(part: int) -> Edit:
+def _velocity(way: np.ndarray) -> Edit:
     """Of a rolling body, the spin changes with the velocity."""
 
     def edit(body: Fields, difference: float) -> None:
         before, spin = body["velocity"], body["angular_velocity"]
-        body["velocity"] = _moved(body["velocity"], part, difference)
+        body["velocity"] = _moved(body["velocity"], way, difference)
         if any(spin):
             size = max(math.hypot(*before) ** 2, 1e-18)
             ratio = math.hypot(*body["velocity"]) / math.sqrt(size)
@@ -169,5 +179,5 @@ def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def _moved(vector: tuple[float, ...], part: int, difference: float) -> tuple[float, ...]:
-    return tuple(v + difference * (k == part) for k, v in enumerate(vector))
+def _moved(vector: tuple[float, ...], way: np.ndarray, difference: float) -> tuple[float, ...]:
+    return tuple(v + difference * w for v, w in zip(vector, way.tolist(), strict=True))

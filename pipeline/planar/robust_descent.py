@@ -50,7 +50,7 @@ def robust_descent(
     prior: np.ndarray,
     *,
     parts: Sequence[Residuals] = (),
-    rough: bool = False,
+    evolved: int = 0,
 ) -> Descent:
     """Minimise the sum of sqrt(1 + r²) - 1 over residuals r, and of half the squares of x / prior, from x = 0.
 
@@ -59,7 +59,7 @@ def robust_descent(
         steps: (P,) of finite differences.
         prior: (P,) standard deviations of x about 0.
         parts: The residuals that count in the first descents of a second start, one after another, before all do.
-        rough: The cost jumps: go on by CMA-ES.
+        evolved: The cost jumps: go on by CMA-ES, with at most so many evaluations in all.
     """
     found = _descend(residuals, np.zeros(len(steps)), steps, prior, SOFTNESS)
     count = found.evaluations
@@ -70,10 +70,12 @@ def robust_descent(
             x, count = first.x, count + first.evaluations
         other = _descend(residuals, x, steps, prior, SOFTNESS)
         found, count = min(found, other, key=lambda d: d.cost), count + other.evaluations
-    for _ in range(RESTARTS if rough else 0):
-        x, more = _evolve(lambda rows: _costs(residuals(rows), rows, prior, SOFTNESS[-1]), found)
+    for _ in range(RESTARTS):
+        if evolved < POPULATION:
+            break
+        x, more = _evolve(lambda rows: _costs(residuals(rows), rows, prior, SOFTNESS[-1]), found, evolved)
         ended = _descend(residuals, x, steps, prior, SOFTNESS[-1:])
-        count += more + ended.evaluations
+        count, evolved = count + more + ended.evaluations, evolved - more
         fall, found = found.cost - ended.cost, min(found, ended, key=lambda d: d.cost)
         if fall < LEAST_FALL * found.cost:
             break
@@ -111,13 +113,14 @@ def _descend(
     return Descent(x, root, cost, count)
 
 
-def _evolve(costs: Callable[[np.ndarray], np.ndarray], found: Descent) -> tuple[np.ndarray, int]:
-    """CMA-ES from where a descent ended: the best x (P,), and the evaluations that it took."""
+def _evolve(costs: Callable[[np.ndarray], np.ndarray], found: Descent, most: int) -> tuple[np.ndarray, int]:
+    """CMA-ES from where a descent ended: the best x (P,), and the evaluations that it took, at most about `most`."""
     import cma  # takes most of a second
 
     # The residuals that are left tell how far the descent may be off.
     spread = SPREAD * max(float(np.sqrt(found.cost / len(found.x))), 1.0)
-    options = {"popsize": POPULATION, "maxiter": GENERATIONS, "seed": 1, "verbose": -9}
+    generations = min(GENERATIONS, most // POPULATION)
+    options = {"popsize": POPULATION, "maxiter": generations, "seed": 1, "verbose": -9}
     search = cma.CMAEvolutionStrategy(np.zeros(len(found.x)), spread, options)
     while not search.stop():
         rows = np.array(search.ask())
