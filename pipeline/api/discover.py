@@ -102,6 +102,9 @@ class DiscoveryResult(DiscoveryFolder):
         page = html_page(self.found, self.report, self.residuals, facts)
         (folder / "report.html").write_text(page, encoding="utf-8")
         save_scene(self.scene, folder / "augmented.yaml")
+        launch = self.found.verdict.launch
+        if launch is not None:
+            save_scene(launch.scene, folder / "next.yaml")
         write_augmented(folder, scene_xml(self.scene), forces_file(self.scene))
         save_measured(self.residuals, Path(self.measured).stem, self.sentence, folder / "recording.rrd")
 

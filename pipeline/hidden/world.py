@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,8 +32,15 @@ class World:
     truth: dict[str, Any]
 
 
-def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
-    """The world of a recipe; everything random comes from `rng`."""
+def make_world(recipe: Recipe, rng: np.random.Generator, more: Sequence[Sequence[Mapping[str, Any]]] = ()) -> World:
+    """The world of a recipe.
+
+    Args:
+        recipe: What it is made of.
+        rng: Everything random comes from it.
+        more: Further recordings: of each, the initial state of each body that is not as in the first recording, by the
+            names of its attributes.
+    """
     kinds = [effect_kinds()[name] for name in recipe.effects]
     name = draw_name(recipe.effects, recipe.bounces, rng)
     balls_alone = recipe.unlisted or recipe.wrong  # only our own integrator has such laws
@@ -56,6 +64,7 @@ def make_world(recipe: Recipe, rng: np.random.Generator) -> World:
     engine = recipe.engine if _can_simulate(recipe, scenario) else "mujoco"
     if not perturbation.is_none or not can_simulate(engine, recipe.effects):
         engine = "events"
+    launches += [tuple(replace(b, **state) for b, state in zip(launches[0], own, strict=True)) for own in more]
     clips = []
     for number, bodies in enumerate(launches):
         start = rng.uniform(0, 5) if shifted else 0.0

@@ -85,7 +85,8 @@ def planar_parameters(
         for axis in axes:
             way = np.eye(3)["xyz".index(axis)]
             out.append(Parameter(f"{name}.position.{axis}", 1.5 * px, 0.5 * size, place, _moving("position", way)))
-        ways = {axis: np.eye(3)["xyz".index(axis)] for axis in axes} if along[i] is None else {"along": along[i]}
+        only = along[i]
+        ways = {axis: np.eye(3)["xyz".index(axis)] for axis in axes} if only is None else {"along": only}
         for axis, way in ways.items() if speed else ():
             out.append(Parameter(f"{name}.velocity.{axis}", 6 * px, 0.5 * speed + 3 * px, place, _velocity(way)))
         if touching:

@@ -15,6 +15,7 @@ from pipeline.discrepancy.report.augmented_scene import augmented_scene
 from pipeline.discrepancy.report.disagreement import clean_numbers, disagreement, only_with_errors
 from pipeline.discrepancy.report.formula import residual_formula
 from pipeline.discrepancy.report.localisation import Stretch
+from pipeline.discrepancy.report.next_launch import NextLaunch, next_launch
 from pipeline.discrepancy.report.remainder import Remainder, remainder_of
 from pipeline.discrepancy.selection.confidence import SMOOTHED, confidence, probabilities
 from pipeline.discrepancy.selection.equivalence import equivalent_sets, next_experiment
@@ -61,6 +62,7 @@ class Verdict:
         confidence: Probability that the verdict is right.
         equivalent: Sets of effects that the data cannot tell apart.
         experiment: What would tell them apart.
+        launch: The recording that would tell most, among launches in this scene; None where one explanation is left.
         form: The residual force as a formula, where the effect is unknown.
         named: Each named effect by itself.
         remainder: What the named effects leave unexplained; None where that is noise.
@@ -74,6 +76,7 @@ class Verdict:
     form: str | None = None
     named: tuple[NamedEffect, ...] = ()
     remainder: Remainder | None = None
+    launch: NextLaunch | None = None
 
 
 @dataclass(frozen=True)
@@ -153,18 +156,21 @@ def _verdict(found: Selection, gap: Gap) -> Verdict:
     own = {name: effect_estimates(answer, name) for name in answer.effects}
     several = len(own) > 1
     sure, shares = confidence(found, names), _shares(found)
+    launch = next_launch(found, sure)
+    experiment = next_experiment(names, equivalent)
     return Verdict(
         effects=names,
         parameters={f"{n}.{k}" if several else k: e for n, numbers in own.items() for k, e in numbers.items()},
         confidence=sure,
         equivalent=equivalent,
-        experiment=next_experiment(names, equivalent),
+        experiment=experiment if launch is None else f"{launch.sentence}; {experiment}",
         form=residual_formula(found.none) if found.unknown else None,
         named=tuple(
             NamedEffect(name, sure, shares.get(name), numbers, only_with_errors(answer, name))
             for name, numbers in own.items()
         ),
         remainder=remainder_of(found, gap),
+        launch=launch,
     )
 
 

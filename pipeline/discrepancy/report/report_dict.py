@@ -120,6 +120,7 @@ def verdict_dict(v: Verdict) -> dict[str, Any]:
         }
         for n in v.named
     ]
+    out["launch"] = None if v.launch is None else v.launch.as_dict()
     left = v.remainder
     out["remainder"] = None if left is None else asdict(left)
     return out if v.form is None else out | {"form": v.form}
