@@ -63,8 +63,9 @@ def joined_pieces(
         if body is None:
             continue
         picture, part, places = body
-        places = followed(picture, convex_hull(part), places, grey)
-        covered = placed(convex_hull(part), places)
+        rim = with_rim(convex_hull(part))
+        places = followed(picture, rim, places, grey)
+        covered = placed(rim, places)
         own = {b: small == b for b in [track.body, *others]}
         group = [b for b, seen in own.items() if (seen & covered).sum() > MOSTLY * seen.sum() or b == track.body]
         if len(group) == 1 and track.body not in whole:
@@ -131,21 +132,25 @@ def rigid_body(
     return None if part is None else (picture, part, places)
 
 
-def followed(picture: np.ndarray, outline: np.ndarray, places: np.ndarray, grey: np.ndarray) -> np.ndarray:
+def with_rim(outline: np.ndarray) -> np.ndarray:
+    """An outline (H, W) bool and the RIM_PX around it, where masks may still show the body."""
+    return cv2.dilate(outline.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)) > 0
+
+
+def followed(picture: np.ndarray, rim: np.ndarray, places: np.ndarray, grey: np.ndarray) -> np.ndarray:
     """The places (T, 2) px of a body in all frames in which it is seen, NaN in the others.
 
     Where its piece does not tell its place, it is looked for near where it is in the frame before, or after.
 
     Args:
         picture: (H, W) float32 grey levels, in which it rests.
-        outline: (H, W) bool, of the body there.
+        rim: (H, W) bool, the body there and what is around it.
         places: (T, 2) px, by which it is away from there; NaN where the piece does not tell.
         grey: (T, H, W) uint8, the frames.
     """
-    rim = cv2.dilate(outline.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8))
-    x, y, w, h = cv2.boundingRect(rim)
+    x, y, w, h = cv2.boundingRect(rim.astype(np.uint8))
     known = np.nan_to_num(picture[y : y + h, x : x + w])
-    region = rim[y : y + h, x : x + w]
+    region = rim[y : y + h, x : x + w].astype(np.float32)
     contrast = float(((known - known[region > 0].mean()) ** 2)[region > 0].sum())
     found = np.full(places.shape, np.nan)
     for order in (range(len(grey)), range(len(grey) - 1, -1, -1)):
@@ -156,7 +161,7 @@ def followed(picture: np.ndarray, outline: np.ndarray, places: np.ndarray, grey:
                 if np.isnan(centre).any():
                     continue
                 window = shifted(grey[k], reach - np.array([x, y]) - centre)[: h + 2 * reach, : w + 2 * reach]
-                missed = cv2.matchTemplate(window, known, cv2.TM_SQDIFF, mask=region.astype(np.float32))
+                missed = cv2.matchTemplate(window, known, cv2.TM_SQDIFF, mask=region)
                 row, col = np.unravel_index(int(missed.argmin()), missed.shape)
                 if missed[row, col] < MOST_MISSED * contrast:
                     found[k] = centre + np.array([col, row]) - reach
