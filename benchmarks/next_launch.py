@@ -2,9 +2,10 @@
 
     python -m benchmarks.next_launch [--worlds 60] [--seed 71000] [--clips 2] [--more 2] [--workers 2] [--out FOLDER]
 
-Worlds with one hidden effect, from few recordings, are explained. Where more than one explanation is left, the launch
-that the report proposes is simulated in the hidden world (`--more` recordings), and the old and the new recordings are
-explained together. The same is done with as many recordings of a launch that is drawn from those the report chose from.
+Worlds with one hidden effect, from few recordings, are explained. Where the verdict does not name the hidden effect
+alone, and the report proposes a launch, that launch is simulated in the hidden world (`--more` recordings), and the old
+and the new recordings are explained together. The same is done with as many recordings of a launch that is drawn from
+those the report chose from. Where no launch tells the explanations apart, the report proposes none; those are counted.
 OUT gets answers.jsonl, from which a stopped run goes on, and next_launch.md.
 """
 
@@ -38,7 +39,7 @@ EFFECTS = (
     *("rotating_frame", "hidden_attractor", "viscous_friction", "moving_ground", "anisotropic_friction", "clock_rate"),
 )
 STATES = ("position", "orientation", "velocity", "angular_velocity")
-TRIES = 8  # worlds looked at for each one that is left open
+TRIES = 20  # worlds looked at for each one that is left open
 
 
 def explained(world: World) -> Discovery:
@@ -66,16 +67,16 @@ def answer(job: tuple[int, int, int]) -> dict[str, Any]:
     effect, strength = str(rng.choice(EFFECTS)), float(rng.choice([4.0, 10.0]))
     engine = str(rng.choice(["mujoco", "events"]))
     recipe = Recipe(seed, (effect,), strength, 0.002, clips, engine=engine)
-    out: dict[str, Any] = {"seed": seed, "effect": effect, "strength": strength, "open": False}
+    out: dict[str, Any] = {"seed": seed, "effect": effect, "strength": strength, "open": False, "unproposed": False}
     try:
         world = make_world(recipe, np.random.default_rng(seed))
         found = explained(world)
-        launch = found.verdict.launch
-        if launch is None:
-            return out
+        launch, before = found.verdict.launch, settled(found, world.truth)
+        if launch is None or before["alone"]:
+            return out | {"unproposed": not before["alone"]}
         tried = launches(found.selection)
         drawn = tried[int(rng.integers(len(tried)))][1]
-        out |= {"open": True, "launch": launch.as_dict(), "before": settled(found, world.truth)}
+        out |= {"open": True, "launch": launch.as_dict(), "before": before}
         for name, bodies in (("proposed", launch.scene.objects), ("random", drawn)):
             again = make_world(recipe, np.random.default_rng(seed), [states_of(bodies)] * more)
             out[name] = settled(explained(again), again.truth)
@@ -88,7 +89,8 @@ def table(answers: Sequence[dict[str, Any]], more: int) -> str:
     """Shares of right verdicts of the worlds that were left open."""
     left = [a for a in answers if a["open"]]
     lines = [
-        f"{len(left)} worlds of {len(answers)} were left open; {more} recordings of each launch.",
+        f"Of {len(answers)} worlds, {len(left)} were left open and a launch was proposed; in "
+        f"{sum(a['unproposed'] for a in answers)} others no launch tells. {more} recordings of each launch.",
         "",
         "| | right, in a set of at most three | the hidden effect alone |",
         "| --- | --- | --- |",

@@ -29,6 +29,7 @@ from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Scene, SceneObject, half_extents
 
 LEAST_WEIGHT = 0.02  # of an explanation that is compared
+LEAST_BITS = 0.1  # that a launch must tell to be proposed: no launch tells a wrong ruler from a wrong clock
 SURE = 0.9  # confidence from which a verdict needs no further recording
 MOST_EXPLANATIONS = 4
 SPEEDS, TURNS_DEG = (0.5, 1.0, 2.0), (0.0, 90.0, 180.0, 270.0)  # of the first recording's launch
@@ -92,7 +93,7 @@ class NextLaunch:
 
 
 def next_launch(found: Selection, confidence: float) -> NextLaunch | None:
-    """The launch whose recording tells most; None where the verdict is sure, or no explanation is known.
+    """The launch whose recording tells most; None where the verdict is sure, or no launch tells explanations apart.
 
     Args:
         found: The models.
@@ -118,7 +119,7 @@ def next_launch(found: Selection, confidence: float) -> NextLaunch | None:
             launched = replace(scenes[0][0], objects=_as_launched(scenes[0][0].objects, bodies))
             pair = (_name(models[min(i, j)]), _name(models[max(i, j)]))
             best = NextLaunch(launched, index, seconds, pair, float(apart[i, j]), told)
-    return best
+    return best if best is not None and best.information >= LEAST_BITS else None
 
 
 def explanations(found: Selection, confidence: float) -> tuple[list[Candidate], np.ndarray]:
