@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from pipeline.api.result_folder import FolderResult
 from pipeline.clips.replay import Replay, replay
 from pipeline.inference.asking import Question, estimation_size, input_of
@@ -18,7 +20,7 @@ from pipeline.inference.method import TRACKS, Method, steady_line_doubt
 from pipeline.inference.progress import Progress
 from pipeline.inference.trust import Grade, grade
 from pipeline.perception.prompts import Prompts
-from pipeline.planar.scale import Scale
+from pipeline.planar.scale import KNOWN, Scale
 from pipeline.scene.joint import span
 from pipeline.scene.scene import Scene
 from pipeline.vision.recordings.corrections import Correction
@@ -94,6 +96,14 @@ class Inference(FolderResult):
         """The scale of the tracks, where they are the answer."""
         answer = self.scenes.filmed.answer
         return answer.scale if answer and self.best.name == TRACKS else None
+
+    @property
+    def measured_gravity(self) -> float | None:
+        """m/s², where bodies fall or swing and a length is known, so that the motion tells it; else None."""
+        falls = self.scenes.filmed.motion.view.gravity_px is not None
+        if self.scale is None or self.scale.by not in KNOWN or not falls:
+            return None
+        return float(np.linalg.norm(self.scene.gravity))
 
     @property
     def metric(self) -> str:
