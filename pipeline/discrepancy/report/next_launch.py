@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -23,9 +24,11 @@ from pipeline.discrepancy.report.augmented_scene import augmented_scene, scene_o
 from pipeline.discrepancy.selection.confidence import TEMPERATURE
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.errors import SimulationError
-from pipeline.physics.simulate import simulate
+from pipeline.physics.effect_forces import ApplyForces, effect_forces
+from pipeline.physics.simulate import compile_xml, simulate_model
 from pipeline.physics.trace import Trace
 from pipeline.scene.effects.registry import effect_kinds
+from pipeline.scene.mjcf import initial_qpos, initial_qvel, scene_xml
 from pipeline.scene.scene import Scene, SceneObject, half_extents
 
 LEAST_WEIGHT = 0.02  # of an explanation that is compared
@@ -92,6 +95,22 @@ class NextLaunch:
         }
 
 
+@dataclass(frozen=True)
+class _Simulated:
+    """A scene that is compiled once for all launches."""
+
+    scene: Scene
+    model: mujoco.MjModel
+    forces: ApplyForces | None
+
+    def trace(self, bodies: Sequence[SceneObject], seconds: float) -> Trace:
+        """Its motion from the initial states of bodies."""
+        objects = _as_launched(self.scene.objects, bodies)
+        self.model.key_qpos[0] = initial_qpos(objects)
+        self.model.key_qvel[0] = initial_qvel(replace(self.scene, objects=objects), objects)
+        return simulate_model(self.model, seconds, self.forces)
+
+
 def next_launch(found: Selection, confidence: float) -> NextLaunch | None:
     """The launch whose recording tells most; None where the verdict is sure, or no launch tells explanations apart.
 
@@ -104,12 +123,13 @@ def next_launch(found: Selection, confidence: float) -> NextLaunch | None:
     models, weights = explanations(found, confidence)
     designs = launches(found) if len(models) > 1 else []
     scenes = [[scene, *_varied(scene, m)] for m in models for scene in [scene_of(found, m)]]
+    own = [[_Simulated(s, compile_xml(scene_xml(s)), effect_forces(s)) for s in of] for of in scenes]
     seconds = _seconds(found)
     sigma = found.measured.sigma / max(found.measured.floor.information, 1e-3) ** 0.5
     best: NextLaunch | None = None
     for index, bodies in designs:
         try:
-            apart, chi2 = _differences(scenes, models, bodies, index, seconds, sigma)
+            apart, chi2 = _differences(own, models, bodies, index, seconds, sigma)
         except SimulationError:
             continue
         told = information(weights, chi2)
@@ -203,7 +223,7 @@ def _varied(scene: Scene, model: Candidate) -> list[Scene]:
 
 
 def _differences(
-    scenes: Sequence[Sequence[Scene]],
+    scenes: Sequence[Sequence[_Simulated]],
     models: Sequence[Candidate],
     bodies: Sequence[SceneObject],
     index: int,
@@ -223,7 +243,7 @@ def _differences(
     Returns:
         (N, N) m: the largest difference of the paths of two explanations; and chi squared of what their errors leave.
     """
-    traces = [[simulate(replace(s, objects=_as_launched(s.objects, bodies)), seconds) for s in own] for own in scenes]
+    traces = [[s.trace(bodies, seconds) for s in own] for own in scenes]
     stop = min(_first_touch(t, index) for own in traces for t in own)
     time = np.linspace(0, stop, SAMPLES) / traces[0][0].rate
     start = np.linalg.qr(np.stack([np.ones(SAMPLES), time - time.mean()], 1))[0]  # another place and velocity

@@ -183,7 +183,7 @@ def _single(samples: Samples, beside: Region, clips: tuple[str, ...], price: flo
         ("slower", speed, False),
     ):
         if getattr(beside, key) is None:
-            out.append(replace(beside, **{key: _threshold(values, samples.inside, above)[0]}))  # type: ignore[arg-type]
+            out.append(replace(beside, **{key: float(_thresholds(values[None], samples.inside, above)[0][0])}))  # type: ignore[arg-type]
     if beside.centre is None:
         widest = np.inf
         for _ in range(BALLS):
@@ -202,15 +202,24 @@ def _single(samples: Samples, beside: Region, clips: tuple[str, ...], price: flo
     return out
 
 
-def _threshold(values: np.ndarray, inside: np.ndarray, above: bool) -> tuple[float, int]:
-    """The value above (below) which most samples are inside and beyond which few are, and how many are wrong."""
-    order = np.argsort(values if above else -values)
-    ranked, hit = values[order], inside[order]
+def _thresholds(values: np.ndarray, inside: np.ndarray, above: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Values above (below) which most samples are inside and beyond which few are, and how many are wrong, (B,) each.
+
+    Args:
+        values: (B, S), B numbers of each sample.
+        inside: (S,) bool.
+        above: Above them.
+    """
+    order = np.argsort(values if above else -values, axis=1)
+    ranked, hit = np.take_along_axis(values, order, 1), inside[order]
     # beyond place k all are said to be inside: wrong are those inside before it, and those outside from it on
-    wrong = np.concatenate([[0], np.cumsum(hit)]) + np.concatenate([[0], np.cumsum(~hit[::-1])])[::-1]
-    k = int(wrong.argmin())
-    edge = np.concatenate([[2 * ranked[0] - ranked[-1]], (ranked[1:] + ranked[:-1]) / 2, [2 * ranked[-1] - ranked[0]]])
-    return float(edge[k]), int(wrong[k])
+    wrong = np.full((len(values), len(inside) + 1), int((~inside).sum()))
+    wrong[:, 1:] += np.cumsum(np.where(hit, 1, -1), axis=1)
+    k, rows = wrong.argmin(1), np.arange(len(values))
+    first, last = ranked[:, 0], ranked[:, -1]
+    edge = (ranked[rows, np.maximum(k - 1, 0)] + ranked[rows, np.minimum(k, len(inside) - 1)]) / 2
+    edge = np.where(k == 0, 2 * first - last, np.where(k == len(inside), 2 * last - first, edge))
+    return edge, wrong[rows, k]
 
 
 def _ball(samples: Samples, widest: float) -> tuple[tuple[float, ...], float]:
@@ -226,10 +235,12 @@ def _ball(samples: Samples, widest: float) -> tuple[tuple[float, ...], float]:
         axes = [middle[c] + wide[c] * np.linspace(-0.75, 0.75, count) for c in range(3)]
         if level:
             axes[2] = np.array([float(np.median(x[:, 2]))])
-        for place in np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3):
-            radius, wrong = _threshold(np.linalg.norm(x - place, axis=1), samples.inside, above=False)
-            if wrong < best[0] and radius <= widest:
-                best = wrong, place, radius
+        places = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+        radii, wrong = _thresholds(np.linalg.norm(x - places[:, None], axis=2), samples.inside, above=False)
+        wrong[radii > widest] = len(x) + 1
+        k = int(wrong.argmin())
+        if wrong[k] < best[0]:
+            best = int(wrong[k]), places[k], float(radii[k])
         middle, wide, count = np.asarray(best[1]), wide * 2 / count, 7
     return tuple(round(float(v), 4) for v in best[1]), round(best[2], 4)
 
@@ -239,11 +250,12 @@ def _plane(samples: Samples) -> tuple[tuple[float, ...], float]:
     best = (len(samples.time) + 1, np.array([1.0, 0.0, 0.0]), 0.0)
     turns = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)
     for _ in range(1 + REFINED):
-        normals = [np.array([np.cos(a), np.sin(a), 0.0]) for a in turns]
-        for normal in [*normals, np.array([0, 0, 1.0]), np.array([0, 0, -1.0])]:
-            offset, wrong = _threshold(samples.position @ normal, samples.inside, above=True)
-            if wrong < best[0]:
-                best = wrong, normal, offset
+        level = np.stack([np.cos(turns), np.sin(turns), np.zeros(len(turns))], 1)
+        normals = np.concatenate([level, [[0, 0, 1.0], [0, 0, -1.0]]])
+        offsets, wrong = _thresholds(normals @ samples.position.T, samples.inside, above=True)
+        k = int(wrong.argmin())
+        if wrong[k] < best[0]:
+            best = int(wrong[k]), normals[k], float(offsets[k])
         step = turns[1] - turns[0]
         turns = np.arctan2(best[1][1], best[1][0]) + step * np.linspace(-0.6, 0.6, 7)
     return tuple(round(float(v), 4) for v in best[1]), round(best[2], 4)
