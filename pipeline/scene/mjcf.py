@@ -78,11 +78,6 @@ def initial_qpos(objects: Sequence[SceneObject]) -> np.ndarray:
     return np.concatenate(rows)
 
 
-def initial_qvel(scene: Scene, objects: Sequence[SceneObject]) -> np.ndarray:
-    """Velocities of a scene's objects in their coordinates, in the order given."""
-    return np.concatenate([np.zeros(0), *(joint_velocity(scene, o) for o in objects)])
-
-
 def camera_quaternion(camera: Camera) -> np.ndarray:
     """Unit quaternion (4,) of the camera frame (x right, y up, looking along -z)."""
     if camera.orientation is not None:
@@ -119,7 +114,8 @@ def scene_mjcf(scene: Scene) -> mjcf.RootElement:
         order = root.custom.add("tuple", name=OBJECT_ORDER)
         for obj in scene.objects:
             order.add("element", objtype="body", objname=obj.name, prm=0)
-    root.keyframe.add("key", name="initial", qpos=initial_qpos(added), qvel=initial_qvel(scene, added))
+    velocities = [joint_velocity(scene, o) for o in added]
+    root.keyframe.add("key", name="initial", qpos=initial_qpos(added), qvel=np.concatenate([np.zeros(0), *velocities]))
     add_effects(root, scene)
     for obj in scene.objects:
         body = root.find("body", obj.name)

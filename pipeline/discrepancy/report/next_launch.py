@@ -28,7 +28,8 @@ from pipeline.physics.effect_forces import ApplyForces, effect_forces
 from pipeline.physics.simulate import compile_xml, simulate_model
 from pipeline.physics.trace import Trace
 from pipeline.scene.effects.registry import effect_kinds
-from pipeline.scene.mjcf import initial_qpos, initial_qvel, scene_xml
+from pipeline.scene.joint import joint_velocity
+from pipeline.scene.mjcf import initial_qpos, scene_xml
 from pipeline.scene.scene import Scene, SceneObject, half_extents
 
 LEAST_WEIGHT = 0.02  # of an explanation that is compared
@@ -107,7 +108,8 @@ class _Simulated:
         """Its motion from the initial states of bodies."""
         objects = _as_launched(self.scene.objects, bodies)
         self.model.key_qpos[0] = initial_qpos(objects)
-        self.model.key_qvel[0] = initial_qvel(replace(self.scene, objects=objects), objects)
+        scene = replace(self.scene, objects=objects)
+        self.model.key_qvel[0] = np.concatenate([joint_velocity(scene, o) for o in objects])
         return simulate_model(self.model, seconds, self.forces)
 
 
