@@ -156,11 +156,13 @@ def explanations(found: Selection, confidence: float) -> tuple[list[Candidate], 
     ]
     rivals = sorted(rivals, key=_score)[: MOST_EXPLANATIONS - 1]
     models = [own, *rivals]
-    weight = np.exp((_score(own) - np.array([_score(c) for c in models])) / 2 / TEMPERATURE)
+    score, weight = np.array([_score(c) for c in models]), np.zeros(len(models))
     equal = {n for group in found.alike for n in group} | set(own.effects)
     known = np.array([set(c.effects) <= equal and bool(c.effects) == bool(own.effects) for c in models])
     for group, share in ((known, confidence), (~known, 1 - confidence)):
-        weight[group] *= share / max(weight[group].sum(), 1e-300)
+        if group.any():
+            weight[group] = np.exp(-(score[group] - score[group].min()) / 2 / TEMPERATURE)
+            weight[group] *= share / weight[group].sum()
     kept = np.flatnonzero(weight >= LEAST_WEIGHT)
     return [models[k] for k in kept], weight[kept] / weight[kept].sum()
 
