@@ -23,7 +23,7 @@ from benchmarks.kept_answers import answers_of, kept_answers
 from benchmarks.result_files import write_results
 from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.report.discovery import Discovery
-from pipeline.discrepancy.report.next_launch import launches
+from pipeline.discrepancy.report.next_launch import STATES, launches
 from pipeline.discrepancy.report.report_dict import verdict_dict
 from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.errors import DynamicsError
@@ -38,7 +38,6 @@ EFFECTS = (
     *("air_drag", "linear_drag", "magnus_lift", "wind", "buoyancy", "gravity_error", "tilted_gravity"),
     *("rotating_frame", "hidden_attractor", "viscous_friction", "moving_ground", "anisotropic_friction", "clock_rate"),
 )
-STATES = ("position", "orientation", "velocity", "angular_velocity")
 TRIES = 20  # worlds looked at for each one that is left open
 
 

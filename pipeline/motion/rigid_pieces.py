@@ -51,15 +51,18 @@ def joined_pieces(
         return masks, groups
     scale = min(1.0, WORK_PX / max(masks.shape[1:]))
     small = _resized(masks, scale)
-    grey = np.stack([cv2.cvtColor(f, cv2.COLOR_RGB2GRAY) for f in _resized(frames, scale)])
     tracks = [t for t in image_tracks(small, times) if t.body in whole or turns_back(t)]
+    if not tracks:
+        return masks, groups
+    grey = np.stack([cv2.cvtColor(f, cv2.COLOR_RGB2GRAY) for f in _resized(frames, scale)])
+    behind, noise = _background(small, grey)
     filled = {body: np.stack([convex_hull(own) for own in masks == body]) for body in whole}
     for track in sorted(tracks, key=lambda t: shown_whole(t).sum(), reverse=True):
         alone = [g[0] for g in groups if len(g) == 1]
         others = [b for b in alone if b != track.body and not (known[b - 1] and known[track.body - 1])]
         if track.body not in alone or not (others or track.body in whole):
             continue
-        body = rigid_body(track, small, grey)
+        body = rigid_body(track, small, grey, behind, noise)
         if body is None:
             continue
         picture, part, places = body
@@ -98,7 +101,7 @@ def turns_back(track: ImageTrack) -> bool:
 
 
 def rigid_body(
-    track: ImageTrack, masks: np.ndarray, grey: np.ndarray
+    track: ImageTrack, masks: np.ndarray, grey: np.ndarray, behind: np.ndarray, noise: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """The body to which a piece belongs; None where not even the piece keeps its picture.
 
@@ -106,6 +109,8 @@ def rigid_body(
         track: Of the piece.
         masks: (T, H, W) ids.
         grey: (T, H, W) uint8, the frames.
+        behind: (H, W) float32, their background, NaN where it is not known.
+        noise: Of a pixel, grey levels.
 
     Returns:
         A picture (H, W) float32, grey levels, in which the body rests; its pixels (H, W) bool; and by how many px it is
@@ -117,7 +122,6 @@ def rigid_body(
     places = np.full((len(grey), 2), np.nan)
     places[track.frames[whole]] = track.centre[whole] - np.median(track.centre[whole], axis=0)
     some = track.frames[whole][_evenly_spaced(int(whole.sum()))]
-    behind, noise = _background(masks, grey)
     shown = np.stack([shifted(grey[k], -places[k], np.nan) for k in some])
     resting = np.stack([shifted(behind, -places[k], np.nan) for k in some])
     seen = np.isfinite(shown).any(0)
@@ -152,20 +156,25 @@ def followed(picture: np.ndarray, rim: np.ndarray, places: np.ndarray, grey: np.
     known = np.nan_to_num(picture[y : y + h, x : x + w])
     region = rim[y : y + h, x : x + w].astype(np.float32)
     contrast = float(((known - known[region > 0].mean()) ** 2)[region > 0].sum())
+
+    def seen_near(k: int, centre: np.ndarray, reach: int) -> np.ndarray:
+        """(2,) px of the body in frame k, at most `reach` px from a centre; NaN where it is not seen there."""
+        if np.isnan(centre).any():
+            return centre
+        window = shifted(grey[k], reach - np.array([x, y]) - centre)[: h + 2 * reach, : w + 2 * reach]
+        missed = cv2.matchTemplate(window, known, cv2.TM_SQDIFF, mask=region)
+        row, col = np.unravel_index(int(missed.argmin()), missed.shape)
+        seen = missed[row, col] < MOST_MISSED * contrast
+        return np.asarray(centre + np.array([col, row]) - reach if seen else np.full(2, np.nan))
+
+    far = round(REACH * float(np.hypot(w, h)))
     found = np.full(places.shape, np.nan)
     for order in (range(len(grey)), range(len(grey) - 1, -1, -1)):
         last = np.full(2, np.nan)
         for k in order:
-            near = [(places[k], 1), (last, round(REACH * float(np.hypot(w, h))))] if np.isnan(found[k]).any() else []
-            for centre, reach in near:
-                if np.isnan(centre).any():
-                    continue
-                window = shifted(grey[k], reach - np.array([x, y]) - centre)[: h + 2 * reach, : w + 2 * reach]
-                missed = cv2.matchTemplate(window, known, cv2.TM_SQDIFF, mask=region)
-                row, col = np.unravel_index(int(missed.argmin()), missed.shape)
-                if missed[row, col] < MOST_MISSED * contrast:
-                    found[k] = centre + np.array([col, row]) - reach
-                    break
+            for centre, reach in ((places[k], 1), (last, far)):
+                if np.isnan(found[k]).any():
+                    found[k] = seen_near(k, centre, reach)
             if not np.isnan(found[k]).any():
                 last = found[k]
     return found

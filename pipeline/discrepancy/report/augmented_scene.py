@@ -14,6 +14,7 @@ from pipeline.discrepancy.selection.local_effect import only_of
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.tracks.arc import Arc
 from pipeline.discrepancy.tracks.known_scene import FITTED
+from pipeline.discrepancy.tracks.problem import Problem
 from pipeline.scene.scene import Effect, Scene, SceneObject
 
 LEAST_DAMPING = 1e-3
@@ -25,12 +26,15 @@ def augmented_scene(found: Selection) -> Scene:
     scene = scene_of(found, answer)
     objects = []
     for number, obj in enumerate(scene.objects):
-        arcs = [(i, a) for i, a in enumerate(problem.arcs) if a.object == number]
-        if arcs:
-            first_clip = problem.arcs[0].clip
-            obj = _with_motion(obj, answer, *min(arcs, key=lambda pair: (pair[1].clip != first_clip, pair[1].time[0])))
-        objects.append(obj)
+        first = first_arc(problem, number)
+        objects.append(obj if first is None else _with_motion(obj, answer, *first))
     return replace(scene, objects=tuple(objects))
+
+
+def first_arc(problem: Problem, number: int) -> tuple[int, Arc] | None:
+    """Index and arc of an object's first motion: in the first clip, else the earliest; None where it has none."""
+    arcs = [(i, a) for i, a in enumerate(problem.arcs) if a.object == number]
+    return min(arcs, key=lambda pair: (pair[1].clip != problem.arcs[0].clip, pair[1].time[0]), default=None)
 
 
 def scene_of(found: Selection, model: Candidate) -> Scene:

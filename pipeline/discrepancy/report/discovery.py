@@ -62,7 +62,7 @@ class Verdict:
         confidence: Probability that the verdict is right.
         equivalent: Sets of effects that the data cannot tell apart.
         experiment: What would tell them apart.
-        launch: The recording that would tell most, among launches in this scene; None where one explanation is left.
+        launch: The launch in this scene whose recording would tell most; None where the verdict is sure or none tells.
         form: The residual force as a formula, where the effect is unknown.
         named: Each named effect by itself.
         remainder: What the named effects leave unexplained; None where that is noise.
@@ -156,8 +156,7 @@ def _verdict(found: Selection, gap: Gap) -> Verdict:
     own = {name: effect_estimates(answer, name) for name in answer.effects}
     several = len(own) > 1
     sure, shares = confidence(found, names), _shares(found)
-    launch = next_launch(found, sure)
-    experiment = next_experiment(names, equivalent)
+    experiment, launch = next_experiment(names, equivalent), next_launch(found, sure)
     return Verdict(
         effects=names,
         parameters={f"{n}.{k}" if several else k: e for n, numbers in own.items() for k, e in numbers.items()},

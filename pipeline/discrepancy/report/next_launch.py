@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.discrepancy.fitting.candidate import Candidate
 from pipeline.discrepancy.fitting.estimates import effect_estimates, estimates_by_body
 from pipeline.discrepancy.fitting.extension import CLAIM
-from pipeline.discrepancy.report.augmented_scene import augmented_scene, scene_of
+from pipeline.discrepancy.report.augmented_scene import augmented_scene, first_arc, scene_of
 from pipeline.discrepancy.selection.confidence import TEMPERATURE
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.errors import SimulationError
@@ -30,7 +30,7 @@ from pipeline.physics.trace import Trace
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.joint import joint_velocity
 from pipeline.scene.mjcf import initial_qpos, scene_xml
-from pipeline.scene.scene import Scene, SceneObject, half_extents
+from pipeline.scene.scene import Scene, SceneObject
 
 LEAST_WEIGHT = 0.02  # of an explanation that is compared
 LEAST_BITS = 0.1  # that a launch must tell to be proposed: no launch tells a wrong ruler from a wrong clock
@@ -39,7 +39,7 @@ MOST_EXPLANATIONS = 4
 SPEEDS, TURNS_DEG = (0.5, 1.0, 2.0), (0.0, 90.0, 180.0, 270.0)  # of the first recording's launch
 SAMPLES = 40  # of a path, at which explanations are compared
 SAMPLES_PER_SECOND = 60.0  # of a recording
-LIFTED = 1e-3  # m above the ground, from which a body counts as in the air
+STATES = ("position", "orientation", "velocity", "angular_velocity")  # of a body, that a launch sets
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class NextLaunch:
         seconds: Of the recording.
         between: The two explanations that it tells apart best, in words.
         apart: m, by which their paths differ at most, beyond what another start would make up for.
-        information: bits about which explanation is right.
+        information: bits that the recording tells at least about which explanation is right.
     """
 
     scene: Scene
@@ -123,23 +123,24 @@ def next_launch(found: Selection, confidence: float) -> NextLaunch | None:
     if found.unknown or (confidence > SURE and not found.alike):
         return None
     models, weights = explanations(found, confidence)
-    designs = launches(found) if len(models) > 1 else []
+    if len(models) < 2:
+        return None
     scenes = [[scene, *_varied(scene, m)] for m in models for scene in [scene_of(found, m)]]
     own = [[_Simulated(s, compile_xml(scene_xml(s)), effect_forces(s)) for s in of] for of in scenes]
     seconds = _seconds(found)
     sigma = found.measured.sigma / max(found.measured.floor.information, 1e-3) ** 0.5
     best: NextLaunch | None = None
-    for index, bodies in designs:
+    for index, bodies in launches(found):
         try:
             apart, chi2 = _differences(own, models, bodies, index, seconds, sigma)
-        except SimulationError:
+        except SimulationError:  # a launch that cannot be simulated cannot be proposed
             continue
         told = information(weights, chi2)
         if best is None or told > best.information:
             told_apart = np.outer(weights, weights) * (1 - np.exp(-chi2 / 8))
             i, j = np.unravel_index(int(told_apart.argmax()), chi2.shape)
             launched = replace(scenes[0][0], objects=_as_launched(scenes[0][0].objects, bodies))
-            pair = (_name(models[min(i, j)]), _name(models[max(i, j)]))
+            pair = (_name(models[i]), _name(models[j]))
             best = NextLaunch(launched, index, seconds, pair, float(apart[i, j]), told)
     return best if best is not None and best.information >= LEAST_BITS else None
 
@@ -178,17 +179,16 @@ def launches(found: Selection) -> list[tuple[int, tuple[SceneObject, ...]]]:
     rest; straight up, where they fly; and with the spin reversed, where spins were measured.
     """
     start = augmented_scene(found).objects
-    moved = {a.object for a in found.problem.arcs}
     spins = any(a.spin is not None for a in found.problem.arcs)
     out = []
-    for index in sorted(moved):
-        body = start[index]
+    for index, body in enumerate(start):
+        first = first_arc(found.problem, index)
         velocity, speed = np.array(body.velocity), float(np.linalg.norm(body.velocity))
-        if not speed:
+        if first is None or not speed:
             continue
         turns = [Rotation.from_euler("z", t, degrees=True).apply(velocity) for t in TURNS_DEG]
         ways = [s * w for s in SPEEDS for w in turns] + [np.zeros(3)]
-        if body.position[2] - half_extents(body).max() > LIFTED:
+        if not first[1].grounded:
             ways.append(np.array([0.0, 0.0, speed]))
         tried = [replace(body, velocity=tuple(w)) for w in ways]
         if spins and any(body.angular_velocity):
@@ -289,8 +289,7 @@ def _recorded(trace: Trace, model: Candidate, index: int, time: np.ndarray) -> n
 
 def _as_launched(objects: Sequence[SceneObject], bodies: Sequence[SceneObject]) -> tuple[SceneObject, ...]:
     """The objects with the initial states of bodies."""
-    states = ("position", "orientation", "velocity", "angular_velocity")
-    return tuple(replace(o, **{key: getattr(b, key) for key in states}) for o, b in zip(objects, bodies, strict=True))
+    return tuple(replace(o, **{key: getattr(b, key) for key in STATES}) for o, b in zip(objects, bodies, strict=True))
 
 
 def _seconds(found: Selection) -> float:
