@@ -20,7 +20,7 @@ missing law; then every effect is tried, alone and together, and judged on clips
   report.json        the same for programs
   augmented.yaml     the scene with what was missing; augmented.xml: as MJCF, for plain MuJoCo, with augmented_forces.py
                      beside it where MJCF cannot say an effect
-  next.yaml          where the verdict is open and a launch would tell, that launch (dynamics simulate shows it)
+  next.yaml          the most informative next launch, where the verdict is uncertain and one helps (for simulate)
   residuals.parquet  every sample, and what both models make of it
   recording.rrd      measured, calibrated and augmented motion, for the rerun viewer
 

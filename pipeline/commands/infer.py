@@ -144,7 +144,7 @@ def run(arguments: argparse.Namespace) -> None:
             progress.say("note", f"weakly determined by this clip: {weak or 'nothing'}")
         progress.say("scale", f"by {found.metric}" if found.metric != "none" else "not known: lengths are relative")
         if found.measured_gravity is not None:
-            progress.say("gravity", f"{found.measured_gravity:.2f} m/s², as the motion tells by this scale")
+            progress.say("gravity", f"{found.measured_gravity:.2f} m/s², from the motion at this scale")
         for line in found.joints:
             progress.say("joint", line)
         for line in found.doubts:

@@ -2,7 +2,7 @@
 
 Each pixel has two explanations: it moves with a piece, or it belongs to the background. Frames that are shifted so that
 the piece rests show which one is right (Wang and Adelson, "Representing moving images with layers", 1994). What moves
-with the piece and hangs together with it is its body. Other pieces that lie there belong to it, if the body turns back:
+with the piece and is connected to it is its body. Other pieces that lie there belong to it, if the body turns back:
 two balls that roll side by side move alike, too, until then.
 """
 

@@ -20,7 +20,7 @@ SYSTEMATIC = 0.02  # radii: errors of outlines that are alike from frame to fram
 LEAST_SIGMA = 0.3  # px
 AFTER = 0.35  # of the time to the next impact, up to which the fit looks after one
 LEAST_PART = 0.1  # of the tracks' time, that a first fit needs
-MOST_EVOLVED_S = 2000.0  # that CMA-ES simulates at most, so that long clips do not take minutes
+MOST_CMA_S = 2000.0  # that CMA-ES simulates at most, so that long clips do not take minutes
 LOST_PX = 1e3  # of a body whose simulation became unstable
 
 
@@ -76,8 +76,8 @@ def fit_planar(
     steps, prior = np.array([p.step for p in parameters]), np.array([p.prior for p in parameters])
     end = max(float(t.times[-1]) for t in tracks)
     parts = [residuals(until) for until in first_ends(impacts, end)]
-    evolved = int(MOST_EVOLVED_S / end) if len(tracks) > 1 or impacts else 0
-    found = robust_descent(residuals(end), steps, prior, parts=parts, evolved=evolved)
+    cma_evaluations = int(MOST_CMA_S / end) if len(tracks) > 1 or impacts else 0
+    found = robust_descent(residuals(end), steps, prior, parts=parts, cma_evaluations=cma_evaluations)
     best = changed(scene, parameters, found.x)
     off = centre_errors(simulator, [best], dict(enumerate(tracks)), plane)
     whole = [np.linalg.norm(off[i][0][t.whole, :2], axis=1) for i, t in enumerate(tracks)]

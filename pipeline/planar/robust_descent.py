@@ -50,7 +50,7 @@ def robust_descent(
     prior: np.ndarray,
     *,
     parts: Sequence[Residuals] = (),
-    evolved: int = 0,
+    cma_evaluations: int = 0,
 ) -> Descent:
     """Minimise the sum of sqrt(1 + r²) - 1 over residuals r, and of half the squares of x / prior, from x = 0.
 
@@ -59,7 +59,7 @@ def robust_descent(
         steps: (P,) of finite differences.
         prior: (P,) standard deviations of x about 0.
         parts: The residuals that count in the first descents of a second start, one after another, before all do.
-        evolved: The cost jumps: go on by CMA-ES, with at most so many evaluations in all.
+        cma_evaluations: The cost jumps: go on by CMA-ES, with at most so many evaluations in all.
     """
     found = _descend(residuals, np.zeros(len(steps)), steps, prior, SOFTNESS)
     count = found.evaluations
@@ -71,11 +71,11 @@ def robust_descent(
         other = _descend(residuals, x, steps, prior, SOFTNESS)
         found, count = min(found, other, key=lambda d: d.cost), count + other.evaluations
     for _ in range(RESTARTS):
-        if evolved < POPULATION:
+        if cma_evaluations < POPULATION:
             break
-        x, more = _evolve(lambda rows: _costs(residuals(rows), rows, prior, SOFTNESS[-1]), found, evolved)
+        x, more = _evolve(lambda rows: _costs(residuals(rows), rows, prior, SOFTNESS[-1]), found, cma_evaluations)
         ended = _descend(residuals, x, steps, prior, SOFTNESS[-1:])
-        count, evolved = count + more + ended.evaluations, evolved - more
+        count, cma_evaluations = count + more + ended.evaluations, cma_evaluations - more
         fall, found = found.cost - ended.cost, min(found, ended, key=lambda d: d.cost)
         if fall < LEAST_FALL * found.cost:
             break

@@ -62,7 +62,7 @@ class Verdict:
         confidence: Probability that the verdict is right.
         equivalent: Sets of effects that the data cannot tell apart.
         experiment: What would tell them apart.
-        launch: The launch in this scene whose recording would tell most; None where the verdict is sure or none tells.
+        launch: The most informative next launch; None where the verdict is sure, or no launch helps.
         form: The residual force as a formula, where the effect is unknown.
         named: Each named effect by itself.
         remainder: What the named effects leave unexplained; None where that is noise.

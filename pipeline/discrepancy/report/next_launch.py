@@ -1,9 +1,9 @@
-"""The recording to make next: of the launches that a scene allows, the one that best tells the explanations apart.
+"""The most informative next recording: the launch in this scene that best tells the remaining explanations apart.
 
-Each explanation that the measurements leave is simulated from each launch. Two of them differ by as much as their paths
-do beyond what another start, and other numbers of either within their errors, would make up for. What a recording is
-expected to tell is the lower bound of Kolchinsky and Tracey ("Estimating mixture entropy with pairwise distances",
-2017) on the information about which explanation is right.
+Each remaining explanation is simulated from each launch. The difference of two explanations is that of their paths,
+after the start and the numbers of both have been adjusted within their errors to make it small. From these differences
+follows a lower bound on the information about which explanation is right (Kolchinsky and Tracey, "Estimating mixture
+entropy with pairwise distances", 2017). The launch with the largest bound is proposed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pipeline.scene.mjcf import initial_qpos, scene_xml
 from pipeline.scene.scene import Scene, SceneObject
 
 LEAST_WEIGHT = 0.02  # of an explanation that is compared
-LEAST_BITS = 0.1  # that a launch must tell to be proposed: no launch tells a wrong ruler from a wrong clock
+LEAST_BITS = 0.1  # of information, below which no launch is proposed: none tells a wrong ruler from a wrong clock
 SURE = 0.9  # confidence from which a verdict needs no further recording
 MOST_EXPLANATIONS = 4
 SPEEDS, TURNS_DEG = (0.5, 1.0, 2.0), (0.0, 90.0, 180.0, 270.0)  # of the first recording's launch
@@ -51,8 +51,8 @@ class NextLaunch:
         object: Index of the body that is launched.
         seconds: Of the recording.
         between: The two explanations that it tells apart best, in words.
-        apart: m, by which their paths differ at most, beyond what another start would make up for.
-        information: bits that the recording tells at least about which explanation is right.
+        apart: m, the largest distance between their paths, once the start is adjusted.
+        information: bits, a lower bound on what the recording tells about which explanation is right.
     """
 
     scene: Scene
@@ -114,7 +114,7 @@ class _Simulated:
 
 
 def next_launch(found: Selection, confidence: float) -> NextLaunch | None:
-    """The launch whose recording tells most; None where the verdict is sure, or no launch tells explanations apart.
+    """The most informative launch; None where the verdict is sure, or no launch tells explanations apart.
 
     Args:
         found: The models.
@@ -135,13 +135,13 @@ def next_launch(found: Selection, confidence: float) -> NextLaunch | None:
             apart, chi2 = _differences(own, models, bodies, index, seconds, sigma)
         except SimulationError:  # a launch that cannot be simulated cannot be proposed
             continue
-        told = information(weights, chi2)
-        if best is None or told > best.information:
-            told_apart = np.outer(weights, weights) * (1 - np.exp(-chi2 / 8))
-            i, j = np.unravel_index(int(told_apart.argmax()), chi2.shape)
+        bits = information(weights, chi2)
+        if best is None or bits > best.information:
+            separation = np.outer(weights, weights) * (1 - np.exp(-chi2 / 8))
+            i, j = np.unravel_index(int(separation.argmax()), chi2.shape)
             launched = replace(scenes[0][0], objects=_as_launched(scenes[0][0].objects, bodies))
             pair = (_name(models[i]), _name(models[j]))
-            best = NextLaunch(launched, index, seconds, pair, float(apart[i, j]), told)
+            best = NextLaunch(launched, index, seconds, pair, float(apart[i, j]), bits)
     return best if best is not None and best.information >= LEAST_BITS else None
 
 
@@ -198,7 +198,7 @@ def launches(found: Selection) -> list[tuple[int, tuple[SceneObject, ...]]]:
 
 
 def information(weights: np.ndarray, chi2: np.ndarray) -> float:
-    """bits that a recording tells at least about which of (N,) explanations is right.
+    """bits: a lower bound on what a recording tells about which of N explanations is right.
 
     Args:
         weights: (N,) their probabilities.
