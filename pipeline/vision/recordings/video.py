@@ -172,7 +172,7 @@ def frame_times(path: Path | str, assume_fps: float | None = None) -> np.ndarray
         decoder.close()
     if assume_fps is not None:
         return np.arange(len(stamps)) / assume_fps
-    return np.unique(np.array(stamps, float) * float(decoder.stream.time_base or 1)) - decoder.first
+    return np.unique(np.array(stamps, float) * decoder.tick) - decoder.first
 
 
 def check_file(path: Path) -> None:
