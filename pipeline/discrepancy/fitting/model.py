@@ -132,7 +132,7 @@ class Model:
         columns = {u.name: i for i, u in enumerate(self.unknowns) if u.owner == f"{REGION}{kind.name}"}
         if kind.only is None or not columns:
             return kind.only
-        return kind.only.moved({name: theta[..., i] for name, i in columns.items()})
+        return kind.only.moved({name: theta[..., i][()] for name, i in columns.items()})  # plain numbers of one theta
 
     def _where_it_acts(self, kind: EffectKind, theta: np.ndarray) -> EffectKind:
         """An effect as it acts in the region of theta (P, G)."""

@@ -17,7 +17,7 @@ from pipeline.discrepancy.fitting.extension import (
 from pipeline.discrepancy.selection.comparison import with_other_evidence
 from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE
 from pipeline.discrepancy.selection.stability import is_stable
-from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, excess, has_few_clips
+from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, drop_unexplained_arcs, excess, has_few_clips
 from pipeline.scene.effects.kind import EffectKind
 
 MOST_FITTED_MORE = MOST_FITTED - 4  # effects that are fitted at a time to models with an effect
@@ -46,12 +46,12 @@ class ArcSearch:
         return with_other_evidence(found)
 
     def leaves_noise(self, found: Candidate) -> bool:
-        """Whether what a model leaves may be noise, or too few clips were fitted to tell.
+        """Whether what a model leaves may be noise, but for a few arcs, or too few clips were fitted to tell.
 
         Polynomials fit a blow or a quick turn badly: their residuals are then correlated, or larger than the model's,
         and a model may leave no excess although an effect is missing.
         """
-        if has_few_clips(self.calibration.problem):
+        if has_few_clips(self.calibration.problem) or drop_unexplained_arcs(self.calibration, found) is not None:
             return True
         z = excess(self.calibration, found)[0]
         correlated = self.calibration.problem.floor.correlation > CORRELATED

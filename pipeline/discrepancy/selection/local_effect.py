@@ -74,6 +74,10 @@ class Where:
         """Whether something acts, and most of the time nothing does."""
         return bool(self.intervals) and self.share < 0.5
 
+    def in_all(self, clips: Sequence[str]) -> bool:
+        """Whether each of these recordings has intervals."""
+        return self.disagreeing >= set(clips)
+
     @property
     def has_clean_part(self) -> bool:
         """Whether the scene holds somewhere."""

@@ -60,7 +60,7 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     """The selection for a problem: of an effect in a part of the world, or of effects everywhere.
 
     Where the known scene fails in a part only, an effect that acts there wins if it explains the measurements, and more
-    than any one that acts everywhere.
+    than any one that acts everywhere; where it fails in every recording, also more than several that do.
 
     Args:
         problem: What is fitted.
@@ -75,17 +75,26 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     if problem.one_camera or has_few_clips(problem):  # slow errors of a camera, or of one clip, look like a force
         return replace(_select_everywhere(calibration, effects, progress), where=where)
     local = _select_local(calibration, where, effects, progress) if where.local else None
-    if local is not None:
+    if local is not None and not where.in_all(problem.clips):
         return replace(local, where=where_with(local.chosen, where))
-    if where.mostly_clean:  # several laws that act everywhere would show everywhere, unless they are weak at times
-        found = select_once(calibration, effects, progress, sparing=True)
+    if where.mostly_clean:  # several laws that act everywhere would show in every recording
+        found = select_once(calibration, effects, progress, sparing=not where.in_all(problem.clips))
+    elif local is not None:
+        found = select_once(calibration, effects, progress)
     else:
         found = _select_everywhere(calibration, effects, progress)
+    if local is not None and not _explains_more(found, local):
+        return replace(local, where=where_with(local.chosen, where))
     # What an interval shows is listed, and then something is missing.
     missing = bool(where.intervals) and not found.chosen.effects
     if found.chosen.hits is not None and not found.unknown:
         where = where_hit(found.chosen, found.problem, where)
     return replace(found, where=where, unknown=found.unknown or missing)
+
+
+def _explains_more(found: Selection, other: Selection) -> bool:
+    """Whether a selection explains what another one does, by a better score."""
+    return not found.unknown and found.problem.rows == other.problem.rows and found.chosen.score < other.chosen.score
 
 
 def _calibrate(problem: Problem) -> Calibration:
@@ -190,7 +199,7 @@ def _select_beside_remainder(
 def select_once(
     calibration: Calibration, effects: Sequence[str], progress: Progress = lambda _: None, sparing: bool = False
 ) -> Selection:
-    """The selection for a problem as it is.
+    """The selection for a problem as it is, but for arcs that its best model misses by far.
 
     Args:
         calibration: Of the problem.
@@ -198,6 +207,17 @@ def select_once(
         progress: Called with the name of each effect that is fitted.
         sparing: Several effects are answered only where no single one explains the measurements, and they do.
     """
+    for _ in range(MOST_DROPS):
+        found = _select_in_arcs(calibration, effects, progress, sparing)
+        left = drop_unexplained_arcs(found.calibration, found.chosen)
+        if left is None or len(found.chosen.effects) < 2:  # arcs that a single effect misses are dropped already
+            break
+        calibration = calibrate(left)
+    return found
+
+
+def _select_in_arcs(calibration: Calibration, effects: Sequence[str], progress: Progress, sparing: bool) -> Selection:
+    """The selection by all arcs but those that the best single effect misses; arguments as those of `select_once`."""
     kinds = testable_kinds(effects, calibration.problem, any_spin=False, local=False)
     calibration, best, singles = _fit_singles(calibration, kinds, progress)
     if best.effects:
@@ -208,7 +228,8 @@ def select_once(
     found = _select_model(calibration, singles, () if sparing else kinds, progress)
     if sparing and is_unexplained(calibration, found.chosen):
         both = _select_model(calibration, singles, kinds, progress)
-        found = found if is_unexplained(calibration, both.chosen) else both
+        few = drop_unexplained_arcs(calibration, both.chosen) is not None
+        found = both if few or not is_unexplained(calibration, both.chosen) else found
     chosen, inflated = found.chosen, calibration.problem.noise_inflated
     alike = (
         alike_each(chosen, found.tried, with_other_evidence)
