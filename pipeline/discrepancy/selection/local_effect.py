@@ -96,11 +96,7 @@ def find_where(none: Candidate) -> Where:
     Args:
         none: The calibrated model.
     """
-    problem = none.problem
-    clean = find_clean_part(problem, none.fit.model, none.fit.theta)
-    if none.position_chi2 * problem.floor.information <= clean.chi2:
-        covariance = none.fit.covariance / problem.floor.information
-        clean = replace(clean.without_intervals, theta=none.fit.theta, covariance=covariance)
+    problem, clean = none.problem, _clean_part(none)
     samples = moving_samples(problem.arcs, clean.explained, problem.clips, LEAST_SPEED)
     regions = tuple(find_regions(samples, problem.clips))
     best = next((found for found in regions if found.agreement >= AGREES), None)
@@ -108,6 +104,21 @@ def find_where(none: Candidate) -> Where:
     hit = {arc.clip for k, arc in enumerate(problem.arcs) if any(is_blow(v, arc) for v in where.of_arc(k))}
     some = frozenset(arc.clip for k, arc in enumerate(problem.arcs) if where.of_arc(k))
     return replace(where, blown=tuple(clip for clip in problem.clips if clip in hit), disagreeing=some)
+
+
+def intervals_left(found: Candidate) -> bool:
+    """Whether a fitted model fails in some intervals."""
+    return any(part.intervals for arc in _clean_part(found, known=True).explained for part in arc)
+
+
+def _clean_part(found: Candidate, known: bool = False) -> CleanPart:
+    """The part in which a model holds: all, if it explains more than intervals do. known: its numbers are known."""
+    problem = found.problem
+    clean = find_clean_part(problem, found.fit.model, found.fit.theta, known)
+    if found.position_chi2 * problem.floor.information > clean.chi2:
+        return clean
+    covariance = found.fit.covariance / problem.floor.information
+    return replace(clean.without_intervals, theta=found.fit.theta, covariance=covariance)
 
 
 def where_hit(found: Candidate, problem: Problem, where: Where) -> Where:

@@ -7,7 +7,7 @@ where nothing is hidden (`CLAIM`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from pipeline.discrepancy.fitting.calibration import Calibration, calibrate, rescale_noise, rescored
 from pipeline.discrepancy.fitting.candidate import Candidate
@@ -26,6 +26,7 @@ from pipeline.discrepancy.selection.forward_selection import CLAIM_MORE, Forward
 from pipeline.discrepancy.selection.local_effect import (
     Where,
     find_where,
+    intervals_left,
     local_effects,
     where_hit,
     where_with,
@@ -52,8 +53,22 @@ from pipeline.scene.effects.kind import EffectKind
 
 NEAR = 25.0  # difference of scores within which candidates are fitted again from the best one's initial states
 RESTARTS = 3  # best models of one effect from whose ends the calibrated one is fitted again
-MOST_RIVALS = 1  # laws that act everywhere, and those about as promising, to which a local one is compared
 MOST_DROPS = 2  # times that arcs are dropped by the best model
+
+
+@dataclass(frozen=True)
+class _Singles:
+    """Models of one effect each.
+
+    Attributes:
+        calibration: Of the problem, without arcs that the best of them misses by far.
+        kinds: The effects that the measurements could show.
+        models: The best first.
+    """
+
+    calibration: Calibration
+    kinds: Sequence[EffectKind]
+    models: Sequence[Candidate]
 
 
 def select_effects(problem: Problem, effects: Sequence[str], progress: Progress) -> Selection:
@@ -73,23 +88,32 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
         calibration = _calibrate(hold_out(problem, problem.fitted[: len(problem.held_out)]))
         where = find_where(calibration.none)
     if problem.one_camera or has_few_clips(problem):  # slow errors of a camera, or of one clip, look like a force
-        return replace(_select_everywhere(calibration, effects, progress), where=where)
-    local = _select_local(calibration, where, effects, progress) if where.local else None
-    if local is not None and not where.in_all(problem.clips):
-        return replace(local, where=where_with(local.chosen, where))
-    if where.mostly_clean:  # several laws that act everywhere would show in every recording
-        found = select_once(calibration, effects, progress, sparing=not where.in_all(problem.clips))
-    elif local is not None:
         found = select_once(calibration, effects, progress)
-    else:
-        found = _select_everywhere(calibration, effects, progress)
-    if local is not None and not _explains_more(found, local):
+        return replace(_with_nuisances(calibration, found, effects, progress), where=where)
+    singles = _fit_singles(calibration, effects, progress)
+    local = None
+    if where.local and not _is_enough(singles):
+        local = _select_local(calibration, where, singles, effects, progress)
+    everywhere = where.in_all(problem.clips)  # laws that act everywhere would show in every recording
+    found = local
+    if local is None or everywhere:
+        sparing = where.mostly_clean and not everywhere
+        found = select_once(calibration, effects, progress, sparing=sparing, singles=singles)
+    if local is not None and (found is local or not _explains_more(found, local)):
         return replace(local, where=where_with(local.chosen, where))
+    if local is None and not where.mostly_clean:
+        found = _with_nuisances(calibration, found, effects, progress)
     # What an interval shows is listed, and then something is missing.
     missing = bool(where.intervals) and not found.chosen.effects
     if found.chosen.hits is not None and not found.unknown:
         where = where_hit(found.chosen, found.problem, where)
     return replace(found, where=where, unknown=found.unknown or missing)
+
+
+def _is_enough(singles: _Singles) -> bool:
+    """Whether a single effect explains the measurements everywhere."""
+    best = _select_model(singles.calibration, singles.models, ()).chosen
+    return bool(best.effects) and not is_unexplained(singles.calibration, best) and not intervals_left(best)
 
 
 def _explains_more(found: Selection, other: Selection) -> bool:
@@ -105,29 +129,39 @@ def _calibrate(problem: Problem) -> Calibration:
 
 
 def _select_local(
-    calibration: Calibration, where: Where, effects: Sequence[str], progress: Progress
+    calibration: Calibration, where: Where, everywhere: _Singles, effects: Sequence[str], progress: Progress
 ) -> Selection | None:
-    """The selection of one effect that acts where the known scene fails; None where that is not the answer."""
+    """The selection of one effect that acts where the known scene fails; None where that is not the answer.
+
+    Args:
+        calibration: Of the problem.
+        where: The known scene fails.
+        everywhere: Models of effects that act everywhere; without arcs that the best one misses, they say nothing.
+        effects: Names of the effects that may be answered.
+        progress: Called with the name of each effect that is fitted.
+    """
     kinds = testable_kinds(effects, calibration.problem, any_spin=False, local=True)
-    singles = local_effects(calibration, where, kinds, progress)
-    if not singles:
+    models = local_effects(calibration, where, kinds, progress)
+    if not models:
         return None
-    chosen = singles[0]
+    chosen = models[0]
     if is_unexplained(calibration, chosen):
-        chosen = with_blow(calibration, where, singles, kinds) or chosen
+        chosen = with_blow(calibration, where, models, kinds) or chosen
         if is_unexplained(calibration, chosen):
             return None
-    singles = [c for k, c in enumerate(singles) if c.effects not in [other.effects for other in singles[:k]]]
-    everywhere = [kind for kind in kinds if not kind.discovery.local]
-    rivals = [c.score for c in extend(calibration, calibration.none, everywhere, progress, MOST_RIVALS)]
-    if chosen.score > min([calibration.none.score, *rivals]) - CLAIM_MORE:
+    same = everywhere.calibration.problem is calibration.problem
+    best = min([calibration.none.score, *(c.score for c in everywhere.models if same)])
+    if chosen.score > best - CLAIM_MORE:
         return None
-    alike = alike_single(chosen, singles) if len(chosen.effects) == 1 else ()
-    return _outcome(calibration, effects, kinds, singles, ForwardSelection(chosen, ()), alike, unknown=False)
+    models = [c for k, c in enumerate(models) if c.effects not in [other.effects for other in models[:k]]]
+    alike = alike_single(chosen, models) if len(chosen.effects) == 1 else ()
+    return _outcome(_Singles(calibration, kinds, models), effects, ForwardSelection(chosen, ()), alike, unknown=False)
 
 
-def _select_everywhere(calibration: Calibration, effects: Sequence[str], progress: Progress) -> Selection:
-    """The selection of effects that act everywhere, with nuisances where no listed effect explains the measurements.
+def _with_nuisances(
+    calibration: Calibration, found: Selection, effects: Sequence[str], progress: Progress
+) -> Selection:
+    """The selection with nuisances, where no listed effect explains the measurements; else as it is.
 
     If the residuals of several clips exceed the noise, the selection is repeated with a length scale for each arc, and
     counts if at most one effect is enough then, or if several explain all: beside a remainder any second effect wins by
@@ -139,11 +173,11 @@ def _select_everywhere(calibration: Calibration, effects: Sequence[str], progres
 
     Args:
         calibration: Of the problem.
+        found: Its selection.
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
     """
     problem = calibration.problem
-    found = select_once(calibration, effects, progress)
     if found.excess_z <= UNEXPLAINED_Z or len(problem.clips) == 1:
         return found
     scaled = found
@@ -197,7 +231,11 @@ def _select_beside_remainder(
 
 
 def select_once(
-    calibration: Calibration, effects: Sequence[str], progress: Progress = lambda _: None, sparing: bool = False
+    calibration: Calibration,
+    effects: Sequence[str],
+    progress: Progress = lambda _: None,
+    sparing: bool = False,
+    singles: _Singles | None = None,
 ) -> Selection:
     """The selection for a problem as it is, but for arcs that its best model misses by far.
 
@@ -206,99 +244,87 @@ def select_once(
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
         sparing: Several effects are answered only where no single one explains the measurements, and they do.
+        singles: Of the problem, if they are fitted already.
     """
-    for _ in range(MOST_DROPS):
-        found = _select_in_arcs(calibration, effects, progress, sparing)
-        left = drop_unexplained_arcs(found.calibration, found.chosen)
-        if left is None or len(found.chosen.effects) < 2:  # arcs that a single effect misses are dropped already
-            break
-        calibration = calibrate(left)
-    return found
+    singles = singles or _fit_singles(calibration, effects, progress)
+    found = _select_among(singles, effects, progress, sparing)
+    left = drop_unexplained_arcs(found.calibration, found.chosen) if len(found.chosen.effects) > 1 else None
+    if left is None:
+        return found
+    return _select_among(_fit_singles(calibrate(left), effects, progress), effects, progress, sparing)
 
 
-def _select_in_arcs(calibration: Calibration, effects: Sequence[str], progress: Progress, sparing: bool) -> Selection:
-    """The selection by all arcs but those that the best single effect misses; arguments as those of `select_once`."""
-    kinds = testable_kinds(effects, calibration.problem, any_spin=False, local=False)
-    calibration, best, singles = _fit_singles(calibration, kinds, progress)
-    if best.effects:
-        calibration = recalibrated(calibration, singles[:RESTARTS])
-    singles = _refit_near_best(calibration, best, singles)
-    calibration = rescale_noise(calibration, best)
-    singles = sorted((rescored(calibration, c) for c in singles), key=lambda c: c.score)
-    found = _select_model(calibration, singles, () if sparing else kinds, progress)
+def _select_among(singles: _Singles, effects: Sequence[str], progress: Progress, sparing: bool) -> Selection:
+    """The selection from models of one effect and what is added to them; arguments as those of `select_once`."""
+    calibration, kinds, models = singles.calibration, singles.kinds, singles.models
+    found = _select_model(calibration, models, () if sparing else kinds, progress)
     if sparing and is_unexplained(calibration, found.chosen):
-        both = _select_model(calibration, singles, kinds, progress)
+        both = _select_model(calibration, models, kinds, progress)
         few = drop_unexplained_arcs(calibration, both.chosen) is not None
         found = both if few or not is_unexplained(calibration, both.chosen) else found
     chosen, inflated = found.chosen, calibration.problem.noise_inflated
     alike = (
         alike_each(chosen, found.tried, with_other_evidence)
         if len(chosen.effects) > 1
-        else alike_single(chosen, singles)
+        else alike_single(chosen, models)
     )
-    absorbed = absorbed_laws(calibration, chosen, singles) if inflated else ()
+    absorbed = absorbed_laws(calibration, chosen, models) if inflated else ()
     unexplained = is_unexplained(calibration, chosen) and not inflated
     if unexplained:
         alike = ()
     elif absorbed and alike:
         alike = ((*alike[0], *absorbed),)
-    return _outcome(calibration, effects, kinds, singles, found, alike, unknown=unexplained or len(absorbed) > 0)
+    return _outcome(singles, effects, found, alike, unknown=unexplained or len(absorbed) > 0)
 
 
 def _outcome(
-    calibration: Calibration,
-    effects: Sequence[str],
-    kinds: Sequence[EffectKind],
-    singles: Sequence[Candidate],
-    found: ForwardSelection,
-    alike: Sets,
-    *,
-    unknown: bool,
+    singles: _Singles, effects: Sequence[str], found: ForwardSelection, alike: Sets, *, unknown: bool
 ) -> Selection:
     """The selection of a model.
 
     Args:
-        calibration: Of the problem.
+        singles: All models of one effect.
         effects: Names of the effects that may be answered.
-        kinds: Those of them that the measurements could show.
-        singles: All models of one effect, the best first.
         found: The model, and those of several effects that were tried.
         alike: Sets of effects that cannot be told from one of the model's.
         unknown: Whether it leaves too much.
     """
+    calibration = singles.calibration
     z, share = excess(calibration, found.chosen)
-    testable = {kind.name for kind in kinds}
+    testable = {kind.name for kind in singles.kinds}
     return Selection(
         calibration=calibration,
-        singles=tuple(singles),
+        singles=tuple(singles.models),
         chosen=found.chosen,
         alike=alike,
         excess_share=share,
         excess_z=z,
         unknown=unknown,
         untestable=tuple(name for name in effects if name not in testable),
-        ruled_out=tuple(c.name for c in singles if other_evidence(c) < 0),
+        ruled_out=tuple(c.name for c in singles.models if other_evidence(c) < 0),
         baseline=calibration.none,
         tried=found.tried,
     )
 
 
-def _fit_singles(
-    calibration: Calibration, kinds: Sequence[EffectKind], progress: Progress
-) -> tuple[Calibration, Candidate, list[Candidate]]:
-    """The calibration, the best model of at most one effect, and the models of one effect, best first.
-
-    Arcs that the best one misses by far are dropped, and the rest is fitted again.
-    """
+def _fit_singles(calibration: Calibration, effects: Sequence[str], progress: Progress) -> _Singles:
+    """Fit each effect alone, again without the arcs that the best one misses by far."""
+    kinds = testable_kinds(effects, calibration.problem, any_spin=False, local=False)
     for _ in range(MOST_DROPS):
-        singles = extend(calibration, calibration.none, kinds, progress)
-        best = likeliest([calibration.none, *singles], calibration.none)
-        left = drop_unexplained_arcs(calibration, best)
+        models = extend(calibration, calibration.none, kinds, progress)
+        left = drop_unexplained_arcs(calibration, likeliest([calibration.none, *models], calibration.none))
         if left is None:
-            return calibration, best, singles
+            break
         calibration = calibrate(left)
-    singles = extend(calibration, calibration.none, kinds, progress)
-    return calibration, likeliest([calibration.none, *singles], calibration.none), singles
+    else:
+        models = extend(calibration, calibration.none, kinds, progress)
+    best = likeliest([calibration.none, *models], calibration.none)
+    if best.effects:
+        calibration = recalibrated(calibration, models[:RESTARTS])
+    models = _refit_near_best(calibration, best, models)
+    calibration = rescale_noise(calibration, best)
+    models = sorted((rescored(calibration, c) for c in models), key=lambda c: c.score)
+    return _Singles(calibration, kinds, models)
 
 
 def _refit_near_best(calibration: Calibration, best: Candidate, singles: Sequence[Candidate]) -> list[Candidate]:
@@ -318,7 +344,10 @@ def _refit_near_best(calibration: Calibration, best: Candidate, singles: Sequenc
 
 
 def _select_model(
-    calibration: Calibration, singles: Sequence[Candidate], kinds: Sequence[EffectKind], progress: Progress
+    calibration: Calibration,
+    singles: Sequence[Candidate],
+    kinds: Sequence[EffectKind],
+    progress: Progress = lambda _: None,
 ) -> ForwardSelection:
     """The calibrated model, or the best model of one or more effects if it wins by enough."""
     none = calibration.none
