@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -95,6 +96,16 @@ def test_of_two_effects_each_has_its_own_set_of_equals() -> None:
     (alike,) = found.verdict.equivalent
     assert {"gravity_error", "length_scale"} <= set(alike) and "magnus_lift" not in alike
     assert found.gap.after == pytest.approx(found.gap.noise_floor, rel=0.15)
+
+
+def test_what_bends_the_end_of_one_flight_is_no_third_law() -> None:
+    rng = np.random.default_rng(15)
+    both = (effect("air_drag", coefficient=0.01), effect("tilted_gravity", tilt=(0.08, 0.03)))
+    first, *others = thrown(rng, 8, both)
+    late = np.maximum(first.time - 0.85, 0.0)
+    bent = replace(first, position=first.position + late[:, None] ** 2 * (0.0, 0.0, 8.0))
+    found = discover([bent, *others], known_scene(KNOWN), 0.3, ALL, rng)
+    assert set(found.verdict.effects) == {"air_drag", "tilted_gravity"}
 
 
 def test_a_spin_that_explains_nothing_does_not_earn_its_place() -> None:

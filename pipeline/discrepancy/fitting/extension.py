@@ -23,6 +23,7 @@ from pipeline.discrepancy.fitting.screening import Guess, ScreeningRegression
 from pipeline.discrepancy.fitting.velocity_jump_hits import velocity_jump_hits
 from pipeline.discrepancy.tracks.problem import recorded_alone, split_at_jumps, with_unmeasured_spins
 from pipeline.scene.effects.kind import EffectKind
+from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect, half_extents
 
 CLAIM = 8.0  # by how much the score of a first effect must win; frozen on development worlds (benchmarks/discovery.py)
@@ -231,6 +232,26 @@ def without_one(calibration: Calibration, found: Candidate) -> list[Candidate]:
         effects = tuple(e for e in found.effects if e != name)
         shorter = fit_model(calibration, found.problem, model, found.fit.theta[kept], found.fit.starts, effects=effects)
         out.append(completed(calibration, shorter, found))
+    return out
+
+
+def with_special_cases(calibration: Calibration, found: Candidate) -> list[Candidate]:
+    """`found` with an effect that it contains in the place of each one, fitted from where `found` ended.
+
+    An effect with more numbers may have stood in for later ones, as wind does for drag on a tilted table.
+    """
+    out = []
+    for name, special in ((n, effect_kinds()[n].discovery.contains) for n in found.effects):
+        if special is None or special in found.effects or name not in found.fit.model.names:
+            continue
+        kind, (rest, kept) = effect_kinds()[special], without_effect(found.fit.model, name)
+        columns = {p.name: found.fit.model.columns(name, p, found.fit.model.bodies(name)[0]) for p in kind.parameters}
+        values = {parameter: found.fit.theta[own] for parameter, own in columns.items()}
+        model = with_effect(rest, kind, calibration.problem.known, values)
+        theta = np.concatenate([found.fit.theta[kept], *values.values()])
+        effects = (*(e for e in found.effects if e != name), special)
+        simpler = fit_model(calibration, found.problem, model, theta, found.fit.starts, effects=effects)
+        out.append(completed(calibration, simpler, found))
     return out
 
 

@@ -130,12 +130,13 @@ def verdict_sections(
         kinds: The effects by name, each with a formula.
     """
     left = report["verdict"]["remainder"]
+    tells = "" if left is None else f"What would tell: {left['experiment']}."
     laws = "".join(f"<p>{name}: {kinds[name].formula}</p>" for name in verdict.effects if name in kinds)
     ranking = drawing(ranking_figure(selection, verdict.effects), "ranking") if selection.singles else ""
     note = "Models with one effect each. Green: effects of the verdict."
     return [
-        *([] if left is None else [Section("What remains", left["experiment"], _remainder(report))]),
-        Section("Verdict", verdict.experiment, parameter_table(verdict.parameters) + laws),
+        *([] if left is None else [Section("What remains", tells, _remainder(report))]),
+        Section("Verdict", f"The next experiment: {verdict.experiment}.", parameter_table(verdict.parameters) + laws),
         Section("Candidates", note, _candidates(report) + ranking),
     ]
 

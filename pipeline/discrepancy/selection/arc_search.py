@@ -12,6 +12,7 @@ from pipeline.discrepancy.fitting.extension import (
     Progress,
     extend,
     has_promising_extension,
+    with_special_cases,
     without_one,
 )
 from pipeline.discrepancy.selection.comparison import with_other_evidence
@@ -38,8 +39,8 @@ class ArcSearch:
         return extend(self.calibration, base, self.kinds, self.progress, MOST_FITTED_MORE)
 
     def shorter(self, found: Candidate) -> list[Candidate]:
-        """`found` without each one of its effects."""
-        return without_one(self.calibration, found)
+        """`found` without each one of its effects, and with effects that one of them contains."""
+        return [*without_one(self.calibration, found), *with_special_cases(self.calibration, found)]
 
     def rank(self, found: Candidate) -> float:
         """A model's score, and what is known beside the motion."""

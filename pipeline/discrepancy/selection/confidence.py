@@ -8,6 +8,7 @@ from pipeline.discrepancy.fitting.extension import CLAIM
 from pipeline.discrepancy.selection.comparison import ALIKE, Compared
 from pipeline.discrepancy.selection.selection import Selection
 from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z, has_few_clips
+from pipeline.scene.effects.registry import effect_kinds
 
 TEMPERATURE = 2.0  # divides differences of scores, which overstate the evidence because models are never quite right
 #: Share of right verdicts at these margins (benchmarks/discovery.py, development seeds); linear in between.
@@ -58,7 +59,7 @@ def confidence(found: Selection, names: tuple[str, ...]) -> float:
 
 def confidence_by_margin(found: Compared, names: tuple[str, ...]) -> float:
     """The share of right verdicts at the verdict's margin over its rivals: single effects, and as many effects as it
-    names, but for those that are not told apart."""
+    names, but for those that are not told apart, and for what contains the verdict as a special case."""
     best = min((c.score for c in found.singles), default=found.none.score)
     if not names:
         return float(np.interp(best - (found.none.score - CLAIM), MARGINS, RIGHT_NONE))
@@ -66,6 +67,14 @@ def confidence_by_margin(found: Compared, names: tuple[str, ...]) -> float:
         return float(np.interp(found.excess_z - UNEXPLAINED_Z, MARGINS, RIGHT_CLAIM))
     known = {n for group in found.alike for n in group} | set(names)
     others = (*found.singles, *(c for c in found.tried if len(c.effects) == len(names)))
-    rivals = [c.score for c in others if not set(c.effects) <= known and not set(c.effects) & set(found.ruled_out)]
+    others = [c for c in others if not set(c.effects) & set(found.ruled_out) and not _contains(c.effects, names)]
+    rivals = [c.score for c in others if not set(c.effects) <= known]
     margin = min([found.none.score - CLAIM, *rivals]) - found.chosen.score
     return float(np.interp(max(margin - ALIKE, 0.0), MARGINS, RIGHT_CLAIM))
+
+
+def _contains(effects: tuple[str, ...], names: tuple[str, ...]) -> bool:
+    """Whether effects are the named ones, where some of their numbers are neutral."""
+    kinds = effect_kinds()
+    special = {(kinds[n].discovery.contains or n) if n in kinds else n for n in effects}
+    return set(effects) != set(names) and special == set(names)

@@ -126,6 +126,7 @@ class DiscoveryRules:
         other_evidence: (values, errors, frame rate) -> 1 where something beside the motion speaks for the effect,
             -1 where it speaks against it, else 0.
         gravity_scale: Of an effect that only scales gravity.
+        contains: Name of the effect that this one is, where the parameters that only this one has are neutral.
         equals: (parameters, experiment) -> names of effects that are the same law in that experiment.
     """
 
@@ -142,6 +143,7 @@ class DiscoveryRules:
     canonical: Callable[[Numbers, Numbers, Sequence[str]], tuple[Numbers, Numbers]] | None = None
     other_evidence: Callable[[Numbers, Numbers, float], int] | None = None
     gravity_scale: GravityScale | None = None
+    contains: str | None = None
     equals: Callable[[Mapping[str, Any], Experiment], frozenset[str]] | None = None
 
 

@@ -41,7 +41,7 @@ EFFECT = EffectKind(
     force=force,
     air_velocity=air_velocity,
     fluid=lambda values: Fluid(quadratic=values["coefficient"], velocity=values["velocity"]),
-    discovery=DiscoveryRules(starts=starts),
+    discovery=DiscoveryRules(starts=starts, contains="air_drag"),
     hiding=Hiding(
         lambda s, at: {"velocity": at.wind, "coefficient": 0.02 * s * at.mass}, resembles=frozenset({"cubic_drag"})
     ),
