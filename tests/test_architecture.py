@@ -12,6 +12,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 TOP = ("pipeline", "stages", "training", "benchmarks")
 Graph = dict[str, dict[str, list[str]]]
+MOST_NUMBERS = 1527
+"""Numbers in `pipeline` that are set by hand. One more is a decision between hypotheses that evidence should make; at
+most 700 are the goal. A change that removes some lowers this limit."""
 
 
 def package_of(module: str) -> str:
@@ -68,6 +71,34 @@ def file_circle(root: Path) -> list[str]:
     return []
 
 
+def is_number(node: ast.AST | None) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
+
+
+def is_chosen(node: ast.AST | None) -> bool:
+    """Whether it is a number that somebody chose: any but 0, 1 and 2."""
+    return is_number(node) and ast.literal_eval(ast.unparse(node)) not in (0, 1, 2) if node else False
+
+
+def hand_set_numbers(root: Path) -> Iterator[str]:
+    """Where the pipeline has numbers set by hand: constants of modules, defaults, fields, and what is compared with."""
+    for file in sorted((root / "pipeline").rglob("*.py")):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        found: list[ast.AST | None] = []
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.Lambda):
+                found += filter(is_chosen, [*node.args.defaults, *node.args.kw_defaults])
+            elif isinstance(node, ast.ClassDef):
+                found += [b for b in node.body if isinstance(b, ast.AnnAssign) and is_chosen(b.value)]
+            elif isinstance(node, ast.Compare):
+                found += [n for side in (node.left, *node.comparators) for n in ast.walk(side) if is_chosen(n)]
+        for line in (line for line in tree.body if isinstance(line, ast.Assign | ast.AnnAssign)):
+            names = [n.id for n in ast.walk(line) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+            if names and names[0].isupper() and any(map(is_number, ast.walk(line))):
+                found.append(line)
+        yield from (f"{file.relative_to(root)}:{getattr(node, 'lineno', 0)}" for node in found)
+
+
 @pytest.fixture(scope="module")
 def graph() -> Graph:
     return import_graph(ROOT)
@@ -100,6 +131,14 @@ def test_the_app_alone_serves_pages_and_none_needs_a_framework_for_it(graph: Gra
     assert {
         package: sorted(frameworks & set(found)) for package, found in graph.items() if frameworks & set(found)
     } == {}
+
+
+def test_no_number_is_set_by_hand_beyond_those_that_are(tmp_path: Path) -> None:
+    assert len(list(hand_set_numbers(ROOT))) <= MOST_NUMBERS
+    (tmp_path / "pipeline").mkdir()
+    text = "NEAR = 0.5\nname = 3\ndef f(a=4, b=1):\n    return a > 2.5 and b == 0\n"
+    (tmp_path / "pipeline/one.py").write_text(text)
+    assert sorted(hand_set_numbers(tmp_path)) == [f"pipeline/one.py:{line}" for line in (1, 3, 4)]
 
 
 def test_imports_in_functions_and_for_types_close_a_circle(tmp_path: Path) -> None:

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline.commands.arguments import count, table_length
 from pipeline.errors import ParamsError
+
+if TYPE_CHECKING:
+    from pipeline.api.discover_clips import ClipDiscoveryResult
 
 TABLES = (".parquet", ".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xls", ".ods", ".trk")
 SUMMARY = "find where measured motion and a scene disagree, and name the physics that the scene lacks"
@@ -93,7 +97,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     from pipeline.api.discover import DiscoveryResult, discover
-    from pipeline.api.discover_clips import ClipDiscoveryResult, discover_clips
     from pipeline.api.discover_log import LogDiscoveryResult
     from pipeline.api.result_folder import check_replaceable
     from pipeline.inference.progress import Progress
@@ -123,6 +126,8 @@ def run(arguments: argparse.Namespace) -> None:
                 progress=progress,
             )
         else:
+            from pipeline.api.discover_clips import discover_clips  # imports torch, which tables do not need
+
             found = discover_clips(
                 a.inputs,
                 a.scene,
