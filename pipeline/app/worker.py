@@ -104,7 +104,7 @@ def infer_scene(request: Request, folder: Path, tell: Callable[..., None]) -> di
     from pipeline.api.infer import infer
     from pipeline.inference.filmed_world import World
 
-    progress = ToldProgress(8 + 2 * bool(request["search"]), tell)
+    progress = ToldProgress(9 + 2 * bool(request["search"]), tell)
     length = request.get("length")
     found = infer(
         request["clip"],

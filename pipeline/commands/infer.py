@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> None:
     a = arguments
     prompts = Prompts.of(a.point, a.box, a.ignore, a.objects)
     correction = Correction(a.distortion, a.steady)
-    steps = 8 + bool(a.search)  # at most: a search that explains a clip leaves out the tracks
+    steps = 9 + bool(a.search)  # at most: a search that explains a clip leaves out the tracks
     with (
         result_folder(a.out, a.force) as folder,
         Progress(steps, shown=True) as progress,

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.clips.schedule import Schedule
 from pipeline.evaluation.view_tables import ViewScore
-from pipeline.inference.filmed_world import TrackedScene, World, follow, tracked_scene
+from pipeline.inference.filmed_world import World, fitted_scene, follow, forecast_scene
 from pipeline.inference.method import AMBIGUITY_MARGIN, EXPLAINS_IOU, SEARCH, TRACKS, is_ambiguous, replay_overlap, ways
 from pipeline.inference.scene_search import clip_evaluator, search_clip, search_forecast
 from pipeline.inference.trust import grade
@@ -68,12 +68,14 @@ def view_score(
     times = seen.schedule.times
     followed = follow(seen.masks, seen.frames, times, World())
     view = followed.motion.view
-    scene, iou, merit, by, told = None, 0.0, 0.0, TRACKS, TrackedScene(None, None)
+    scene, iou, merit, by, answer, ahead = None, 0.0, 0.0, TRACKS, None, None
     ambiguous = simulations > 0 and is_ambiguous(view, World())
     for way in ways(view.kind, simulations, World().measured):
         if way == TRACKS:
-            told = tracked_scene(followed)
-            found = None if told.answer is None else told.answer.scene
+            answer = fitted_scene(followed)
+            if answer is not None:
+                answer, ahead = forecast_scene(followed, answer)
+            found = None if answer is None else answer.scene
         else:
             evaluator = clip_evaluator(seen.masks, seen.flow, seen.schedule, size, 1, seen.frames)
             found = search_clip(evaluator, [], simulations, np.random.default_rng(clip)).result.scene
@@ -83,7 +85,6 @@ def view_score(
             scene, iou, merit, by = found, reached, reached - less, way
         if reached >= EXPLAINS_IOU and not less:
             break
-    ahead = told.forecast
     if by == SEARCH:
         ahead = search_forecast(
             seen.masks,

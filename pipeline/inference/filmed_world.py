@@ -145,13 +145,20 @@ def filmed_world(taken: UserClip, world: World) -> FilmedWorld:
     )
 
 
-def with_scene(filmed: FilmedWorld, threads: int = 1) -> FilmedWorld:
-    """That world with the scene that fits the tracks, where one can be fitted. threads: for simulations."""
-    told = tracked_scene(filmed.followed, threads)
-    if told.answer is None:
+def with_scene(filmed: FilmedWorld, threads: int = 1, quick: bool = False) -> FilmedWorld:
+    """That world with the scene that fits the tracks, where one can be fitted. Arguments as of `fitted_scene`."""
+    answer = fitted_scene(filmed.followed, threads, quick)
+    if answer is None:
         unused = "--fixed is not used: tracks give no scene, and the search knows no fixed bodies"
         return replace(filmed, doubts=(*filmed.doubts, unused)) if filmed.followed.world.fixed else filmed
-    return replace(filmed, answer=told.answer, forecast=told.forecast)
+    return replace(filmed, answer=answer)
+
+
+def with_forecast(filmed: FilmedWorld, threads: int = 1) -> FilmedWorld:
+    """That world, which has a scene, with the forecast of its last part. threads: for simulations."""
+    assert filmed.answer is not None
+    answer, told = forecast_scene(filmed.followed, filmed.answer, threads)
+    return replace(filmed, answer=answer, forecast=told)
 
 
 def seen_as(filmed: FilmedWorld, kind: str) -> FilmedWorld | None:
@@ -262,31 +269,43 @@ def follow(
     return Followed(masks, frames, times, world, pictured, motion)
 
 
-@dataclass(frozen=True)
-class TrackedScene:
-    """A planar scene, where tracks give one, and its forecast of the last part."""
+def fitted_scene(followed: Followed, threads: int = 1, quick: bool = False) -> PlanarAnswer | None:
+    """The planar scene whose motion follows the tracks; None where these give none.
 
-    answer: PlanarAnswer | None
-    forecast: Forecast | None
-
-
-def tracked_scene(followed: Followed, threads: int = 1) -> TrackedScene:
-    """The scene whose motion follows the tracks. threads: for simulations."""
-    motion, gravity = followed.motion, followed.world.gravity
+    Args:
+        followed: The tracks.
+        threads: For simulations.
+        quick: A scene that is good enough to compare worlds.
+    """
+    motion = followed.motion
     if not motion.tracks or (motion.view.kind == "table" and motion.table is None):
-        return TrackedScene(None, None)
-    answer = find_planar_scene(motion, gravity, threads)
+        return None
+    return find_planar_scene(motion, followed.world.gravity, threads, quick=quick)
+
+
+def forecast_scene(followed: Followed, answer: PlanarAnswer, threads: int = 1) -> tuple[PlanarAnswer, Forecast | None]:
+    """The forecast of the last part by the scene that fits the first, where that can be fitted.
+
+    Args:
+        followed: The tracks.
+        answer: The scene that fits all of them.
+        threads: For simulations.
+
+    Returns:
+        The scene, fitted again from that of the first part where it fits the whole much worse; and the forecast.
+    """
+    motion, gravity = followed.motion, followed.world.gravity
     seen = fitted_frames(followed.times, renumbered_by_track(followed.masks, motion))
     early = followed.first(seen) if seen else None
     if early is None or not early.motion.tracks:
-        return TrackedScene(answer, None)
+        return answer, None
     first = find_planar_scene(early.motion, gravity, threads)
     told = forecast(first.scene, renumbered_by_track(followed.masks, motion), followed.times, seen)
     alike = first.fit.scene.shapes == answer.fit.scene.shapes
     if alike and answer.fit.rms_px > WORSE * first.fit.rms_px:  # beyond an impact it may have ended in another one
         again = find_planar_scene(motion, gravity, threads, first)
         answer = min(answer, again, key=lambda a: a.fit.rms_px)
-    return TrackedScene(answer, told)
+    return answer, told
 
 
 def _gravity_doubt(motion: ClipMotion, world: World, fps: float) -> str | None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.errors import SimulationError
 from pipeline.inference.asking import LoadingModel, Question, ask_model
-from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, seen_as, with_scene
+from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, seen_as, with_forecast, with_scene
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.method import (
     SEARCH,
@@ -191,6 +191,11 @@ def find_scenes(
                 methods.append(search_method(searched, answers, ranking, clip))
         if settled(methods):
             break
+    with progress.step("forecast"):
+        if best_of(methods).name == TRACKS:
+            filmed = with_forecast(filmed, cores())
+            again = _tracks_method(filmed, evaluator, clip, world, budget.simulations > 0)
+            methods = [again if m.name == TRACKS and again is not None else m for m in methods]
     if filmed.motion.view.kind != told.kind:
         progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
     best = best_of(methods)
@@ -227,6 +232,8 @@ def from_tracks(
 ) -> tuple[FilmedWorld, Method | None]:
     """The scene that fits the tracks in the likeliest view or, where that does not explain the clip, in the best one.
 
+    All views are then fitted quickly, and those that so fit better than the likeliest are fitted well.
+
     Args:
         filmed: The world that the tracks tell of.
         evaluator: Of the clip.
@@ -235,24 +242,34 @@ def from_tracks(
         searched: There is a search as well, which knows tables.
     """
 
-    def fitted(seen: FilmedWorld) -> tuple[FilmedWorld, Method | None]:
-        found = with_scene(seen, cores())
-        if found.answer is None:
-            return found, None
-        ambiguous = searched and is_ambiguous(found.motion.view, world)
-        return found, tracks_method(found.answer, evaluator, clip, ambiguous)
+    def method_of(seen: FilmedWorld) -> Method | None:
+        return _tracks_method(seen, evaluator, clip, world, searched)
 
-    best, method = fitted(filmed)
+    def merit(method: Method | None) -> float:
+        return -1.0 if method is None else method.merit
+
+    best = with_scene(filmed, cores())
+    method = method_of(best)
     alone = world.view is not None or len(clip.taken.masks) > MOST_FRAMES
-    for kind in [v for v in VIEWS if v != filmed.motion.view.kind and not alone]:
-        if method is not None and settled([method]):
-            break
-        seen = seen_as(filmed, kind)
-        if seen is not None:
-            other, rival = fitted(seen)
-            if rival is not None and (method is None or rival.merit > method.merit):
-                best, method = other, rival
+    if alone or (method is not None and settled([method])):
+        return best, method
+    others = [seen_as(filmed, kind) for kind in VIEWS if kind != filmed.motion.view.kind]
+    seen = [filmed, *(other for other in others if other is not None)]
+    least, *merits = [merit(method_of(with_scene(each, cores(), quick=True))) for each in seen]
+    for k in sorted(np.flatnonzero(np.array(merits) > least), key=lambda k: -merits[k]):
+        other = with_scene(seen[k + 1], cores())
+        rival = method_of(other)
+        if merit(rival) > merit(method):
+            best, method = other, rival
     return best, method
+
+
+def _tracks_method(
+    seen: FilmedWorld, evaluator: Evaluator, clip: MeasuredClip, world: World, searched: bool
+) -> Method | None:
+    """The scene of a world as a method; None where tracks give none. Arguments as those of `from_tracks`."""
+    ambiguous = searched and is_ambiguous(seen.motion.view, world)
+    return None if seen.answer is None else tracks_method(seen.answer, evaluator, clip, ambiguous)
 
 
 def cores() -> int:

@@ -253,7 +253,11 @@ def background(frames: np.ndarray) -> np.ndarray:
 
 
 def find_planar_scene(
-    motion: ClipMotion, gravity: float = GRAVITY, threads: int = 1, first: PlanarAnswer | None = None
+    motion: ClipMotion,
+    gravity: float = GRAVITY,
+    threads: int = 1,
+    first: PlanarAnswer | None = None,
+    quick: bool = False,
 ) -> PlanarAnswer:
     """The planar scene whose simulation follows the tracks.
 
@@ -266,6 +270,7 @@ def find_planar_scene(
         gravity: m/s².
         threads: For simulations.
         first: Of the clip's first part: the fit goes on from its scene. None: it begins with what the tracks tell.
+        quick: Fit by descents alone.
     """
     if motion.view.kind == "hanging":
         return _hanging_answer(motion, gravity)
@@ -279,7 +284,7 @@ def find_planar_scene(
     gravity_shows = not motion.plane.level and not rolls
     parameters = planar_parameters(start, motion.plane, along, gravity=gravity_shows, hollow=rolls)
     jumps = impacts(motion)
-    fit = fit_planar(start, motion.flat, motion.plane, parameters, jumps, threads)
+    fit = fit_planar(start, motion.flat, motion.plane, parameters, jumps, threads, quick)
     if motion.table is not None:
         return PlanarAnswer(motion, fit, replace(fit.scene, camera=motion.table.camera()), motion.scale)
     if motion.scale.by != "gravity":
@@ -292,7 +297,7 @@ def find_planar_scene(
     # A contact is not the same in other units, and each bounce multiplies the difference.
     motion = replace(motion, scale=scale, plane=replace(motion.plane, px_per_m=scale.px_per_m))
     parameters = planar_parameters(scene, motion.plane, along, gravity=False, hollow=rolls)
-    again = fit_planar(scene, motion.flat, motion.plane, parameters, jumps, threads)
+    again = fit_planar(scene, motion.flat, motion.plane, parameters, jumps, threads, quick)
     again = replace(again, simulations=fit.simulations + again.simulations)
     return PlanarAnswer(motion, again, again.scene, scale)
 

@@ -46,6 +46,7 @@ def fit_planar(
     parameters: Sequence[Parameter],
     impacts: Sequence[float] = (),
     threads: int = 1,
+    quick: bool = False,
 ) -> PlanarFit:
     """Fit the parameters so that the simulated centres follow the tracks.
 
@@ -56,6 +57,7 @@ def fit_planar(
         parameters: Of `planar_parameters`.
         impacts: Times, s, at which velocities jump: a fit goes beyond one when it follows the tracks up to it.
         threads: For simulations.
+        quick: Descents alone, without CMA-ES.
     """
     size = max(len(parameters), len(DAMPINGS), POPULATION)
     simulator = BatchSimulator(scene.shapes, scene.ground is not None, size, threads, fixed_kinds(scene))
@@ -76,7 +78,8 @@ def fit_planar(
     steps, prior = np.array([p.step for p in parameters]), np.array([p.prior for p in parameters])
     end = max(float(t.times[-1]) for t in tracks)
     parts = [residuals(until) for until in first_ends(impacts, end)]
-    cma_evaluations = int(MOST_CMA_S / end) if len(tracks) > 1 or impacts else 0
+    jumps = len(tracks) > 1 or bool(impacts)
+    cma_evaluations = int(MOST_CMA_S / end) if jumps and not quick else 0
     found = robust_descent(residuals(end), steps, prior, parts=parts, cma_evaluations=cma_evaluations)
     best = changed(scene, parameters, found.x)
     off = centre_errors(simulator, [best], dict(enumerate(tracks)), plane)

@@ -10,7 +10,7 @@ from pipeline.clips.replay import replay_poses
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
 from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
-from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, seen_as, with_scene
+from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, seen_as, with_forecast, with_scene
 from pipeline.inference.find_scenes import from_tracks
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.scene_search import clip_evaluator
@@ -52,7 +52,8 @@ def throw() -> UserClip:
 
 
 def fitted(clip: UserClip, world: World) -> FilmedWorld:
-    return with_scene(filmed_world(clip, world))
+    found = with_scene(filmed_world(clip, world))
+    return with_forecast(found) if found.answer is not None else found
 
 
 def test_a_throw_is_answered_and_forecast(throw: UserClip) -> None:
