@@ -45,7 +45,6 @@ class SharedCamera:
         width: px, of the picture.
         height: px.
         lift: m, added to z in an upright plane, so that the ground is at its height.
-        size_error: Root mean square of the differences of logarithms of radii, seen and expected.
     """
 
     plane: str
@@ -54,7 +53,6 @@ class SharedCamera:
     width: int
     height: int
     lift: float = 0.0
-    size_error: float = 0.0
 
     @property
     def focal(self) -> float:
@@ -174,9 +172,7 @@ def fit_camera(
 
     found = least_squares(misses, np.zeros(6 + len(seen)), method="trf", x_scale="jac", max_nfev=60)
     covariance = np.linalg.inv(found.jac.T @ found.jac)[:5, :5] * np.outer(spread, spread)
-    camera = replace(start, numbers=usual + spread * found.x[:5], covariance=covariance)
-    off = [np.log(np.sqrt(t.area / np.pi) / camera.radii(t, o)) for t, o in seen]
-    return replace(camera, size_error=float(np.sqrt(np.mean(np.concatenate(off) ** 2))))
+    return replace(start, numbers=usual + spread * found.x[:5], covariance=covariance)
 
 
 def bodies_depth(track: ImageTrack, obj: SceneObject, focal: float) -> float:

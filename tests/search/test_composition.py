@@ -139,7 +139,6 @@ def test_the_flow_of_a_registered_body_is_that_of_its_motion() -> None:
         rotations=np.repeat(np.eye(3)[None], count, 0),
         cost=0.0,
         points=1,
-        fitted=np.arange(count),
         turns=np.repeat(np.eye(3)[None], count - 1, 0),
         turns_seen=np.array([True, False]),
     )

@@ -39,7 +39,6 @@ class Registration:
         rotations: (K, 3, 3) from the body frame.
         cost: Of the outlines at the frames fitted at once, squares in units of `SIGMA_PX`, with linear tails.
         points: How many points that cost has.
-        fitted: (L,) positions in `frames` of the frames fitted at once.
         turns: (K - 1, 3, 3) rotation from a frame to the next, camera frame.
         turns_seen: (K - 1,) whether that is known. Outlines do not show how a round body turns.
     """
@@ -52,7 +51,6 @@ class Registration:
     rotations: np.ndarray
     cost: float
     points: int
-    fitted: np.ndarray
     turns: np.ndarray
     turns_seen: np.ndarray
 
@@ -143,7 +141,6 @@ def register(contour: Contour, shape: str, times: np.ndarray, focal: float, upri
         rotations=whole.rotations,
         cost=best.outline_cost,
         points=int(contour.free[at].sum()),
-        fitted=at,
         turns=whole.rotations[1:] @ whole.rotations[:-1].transpose(0, 2, 1),
         turns_seen=np.zeros(max(len(whole.poses) - 1, 0), bool),
     )
