@@ -50,9 +50,8 @@ def planar_scene(
     *,
     plane: Plane,
     gravity: float,
-    start: float,
 ) -> Scene:
-    """The scene at time `start`, s, in which each body goes on as its first arc.
+    """The scene at time 0 in which each body goes on as its first arc.
 
     Args:
         view: Of the clip: not a table.
@@ -64,11 +63,10 @@ def planar_scene(
         blocks: Fixed bodies that a user pointed at.
         plane: In which they move.
         gravity: m/s².
-        start: s, of the scene's initial state.
     """
     largest = max(s.width for s in silhouettes) / 2 / plane.px_per_m
     objects = [
-        planar_object(view, track, own, outline, plane=plane, gravity=gravity, start=start, carried=bool(supports))
+        planar_object(view, track, own, outline, plane=plane, gravity=gravity, carried=bool(supports))
         for track, own, outline in zip(tracks, arcs, silhouettes, strict=True)
     ]
     objects = [o if s is None else _as_solid(o, s, plane) for o, s in zip(objects, solids, strict=True)]
@@ -103,13 +101,12 @@ def planar_object(
     *,
     plane: Plane,
     gravity: float,
-    start: float,
     carried: bool,
 ) -> SceneObject:
-    """One body at time `start`, s; see `planar_scene`. carried: there are supports, on which a disc rolls."""
+    """One body at time 0; see `planar_scene`. carried: there are supports, on which a disc rolls."""
     first = arcs[0]
     kind = next(m.kind for m in view.arcs if m.arc is first)
-    place_px, velocity_px = initial_motion(view, track, arcs, start)
+    place_px, velocity_px = initial_motion(view, track, arcs)
     position, velocity = plane.to_world(place_px), plane.directions(velocity_px)
     half = 0.5 * np.array([outline.width, outline.height]) / plane.px_per_m
     shape = outline.shape
@@ -160,8 +157,8 @@ def planar_object(
     )
 
 
-def initial_motion(view: View, track: ImageTrack, arcs: Sequence[Arc], start: float) -> tuple[np.ndarray, np.ndarray]:
-    """Place (2,) px and velocity (2,) px/s of a body at time `start`, s.
+def initial_motion(view: View, track: ImageTrack, arcs: Sequence[Arc]) -> tuple[np.ndarray, np.ndarray]:
+    """Place (2,) px and velocity (2,) px/s of a body at time 0.
 
     All samples count up to the first jump of the velocity. A body that falls does so with the gravity of the clip.
     """
@@ -177,7 +174,7 @@ def initial_motion(view: View, track: ImageTrack, arcs: Sequence[Arc], start: fl
         last += 1
     use = np.arange(arcs[0].start, arcs[last].stop)
     use = use[track.whole[use]]
-    time, centre = track.times[use] - start, track.centre[use]
+    time, centre = track.times[use], track.centre[use]
     matrix = design(time)
     if free and view.gravity_px is not None:
         centre, matrix = centre - 0.5 * time[:, None] ** 2 * view.gravity_px, matrix[:, :2]
