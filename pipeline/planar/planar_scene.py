@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.motion.arcs import Arc, design
 from pipeline.motion.image_track import ImageTrack
 from pipeline.motion.view import View
-from pipeline.planar.blocks import Block, block_body
+from pipeline.planar.blocks import BACK, DAMPING, DEPTH, FRONT, HEIGHT, Block, block_body
 from pipeline.planar.bounces import changes_between
 from pipeline.planar.collisions import find_collisions
 from pipeline.planar.plane import Plane
@@ -24,10 +24,9 @@ from pipeline.scene.time_step import STEPS_PER_SECOND
 FRICTION = 0.4  # of bodies whose tracks tell nothing of it
 LEAST_FRICTION, MOST_FRICTION = 0.001, 1.0
 LEAST_BRAKED = 6  # frames of an arc whose deceleration is measured
-DAMPING = 0.6
-DEPTH = 0.5  # of a box, which cannot be seen, over its shorter side that can
+BOX_DEPTH = 0.5  # of a box, which cannot be seen, over its shorter side that can
 THICKNESS, STEPS_INSIDE = 2.0, 8.0  # least thickness of supports: radii of the largest body, and steps at full speed
-NARROW, FRONT, BACK = 0.5, 1.5, 6.0  # from the plane to a support's near and far side, in radii of the largest body
+NARROW = 0.5  # instead of FRONT, where the near side of a support would hide what stands on it
 CYLINDER_LENGTH = 0.5  # of a cylinder that is seen along its axis, in radii: what cannot be seen
 SPRING = 2.36  # -log of the restitution over the damping ratio, of bodies of 10 cm that fall 50 cm (simulated)
 #: Of what is round in all frames: a cylinder in flight is seldom seen along its axis for long, a top view is of pucks.
@@ -35,7 +34,6 @@ ROUND_SHAPES = {"flight": "sphere", "top": "cylinder", "hanging": "sphere"}
 ROLLING_SHARE = (
     7 / 5
 )  # of a ball's deceleration over gravity: rolling friction over its radius, as a ball's inertia rolls, too
-WALL_DEPTH, WALL_HEIGHT = 0.5, 1.5  # of a wall on level ground: share of its length, and heights of the tallest body
 PUCK_HEIGHT = 0.6  # of a disc seen from above, in radii
 
 
@@ -123,7 +121,7 @@ def planar_object(
         size = (float(half[0]), CYLINDER_LENGTH * float(half[0]))
         orientation = Rotation.from_euler("x", -90, degrees=True).as_quat(scalar_first=True)
     else:
-        depth = DEPTH * 2 * float(half.min())
+        depth = BOX_DEPTH * 2 * float(half.min())
         angle = float(track.angle[0]) - plane.roll
         if plane.level:
             size = (2 * float(half[0]), 2 * float(half[1]), depth)
@@ -205,10 +203,10 @@ def wall_body(support: Support, plane: Plane, height: float, name: str) -> Fixed
     """The fixed box on level ground one of whose upright sides is a support. height: m, of the tallest body."""
     a, b = plane.to_world(support.start), plane.to_world(support.stop)
     along, into = b - a, plane.directions(support.into)
-    depth = WALL_DEPTH * float(np.linalg.norm(along))
+    depth = DEPTH * float(np.linalg.norm(along))
     middle = 0.5 * (a + b) + 0.5 * depth * into / np.linalg.norm(into)
     turn = Rotation.from_euler("z", np.arctan2(along[1], along[0])).as_quat(scalar_first=True)
-    size = (float(np.linalg.norm(along)), depth, WALL_HEIGHT * height)
+    size = (float(np.linalg.norm(along)), depth, HEIGHT * height)
     damping = None if support.restitution is None else damping_of(support.restitution)
     position = (*middle, size[2] / 2)
     return FixedBody("box", size, position, tuple(turn), damping=damping, name=name)

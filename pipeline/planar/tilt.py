@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.motion.arcs import Arc
 from pipeline.motion.image_track import ImageTrack
-from pipeline.motion.view import ArcMotion, View, may_fall
+from pipeline.motion.view import LEAST_SIZES, ArcMotion, View, may_fall
 from pipeline.planar.bounces import changes_between
 from pipeline.planar.silhouette import Silhouette
 
@@ -25,9 +25,8 @@ DETERMINED = 0.25  # of that spread: a larger standard error does not determine 
 MOST_DEG = 25.0
 SIZE_ERROR = 0.05  # of the logarithm of a size, over the way: shading and blur differ between places
 OFF_SIZE = 0.2  # share of a disc's median width, by which an outline is wrong
-LEAST_SIZES = 6  # outlines of a body, from which its growth is measured
 LEAST_SIGMA = 0.3  # px, of a centre
-SYSTEMATIC, INDEPENDENT = 0.02, 4  # radii: errors of outlines that are alike in neighbouring frames; such in one flight
+SYSTEMATIC, INDEPENDENT = 0.02, 4  # radii: errors of outlines that are alike in neighbouring frames; such in one track
 #: Deceleration by the air over the square of the speed, times the radius: 3/8 of the drag coefficient (0.47) times the
 #: density of air over that of the body. A tennis ball has 6e-4.
 DRAG = 5e-4
