@@ -15,6 +15,7 @@ from pipeline.planar.blocks import BACK, DAMPING, DEPTH, FRONT, HEIGHT, Block, b
 from pipeline.planar.bounces import changes_between
 from pipeline.planar.collisions import find_collisions
 from pipeline.planar.plane import Plane
+from pipeline.planar.scale import ROLLING
 from pipeline.planar.silhouette import Silhouette
 from pipeline.planar.supports import Support
 from pipeline.planar.tumbling import Tumbling
@@ -31,9 +32,8 @@ CYLINDER_LENGTH = 0.5  # of a cylinder that is seen along its axis, in radii: wh
 SPRING = 2.36  # -log of the restitution over the damping ratio, of bodies of 10 cm that fall 50 cm (simulated)
 #: Of what is round in all frames: a cylinder in flight is seldom seen along its axis for long, a top view is of pucks.
 ROUND_SHAPES = {"flight": "sphere", "top": "cylinder", "hanging": "sphere"}
-ROLLING_SHARE = (
-    7 / 5
-)  # of a ball's deceleration over gravity: rolling friction over its radius, as a ball's inertia rolls, too
+#: Rolling friction over a ball's radius, as a share of its deceleration over gravity: the ball's inertia rolls, too.
+ROLLING_SHARE = 1 / ROLLING["sphere"]
 PUCK_HEIGHT = 0.6  # of a disc seen from above, in radii
 
 

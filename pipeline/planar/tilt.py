@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from pipeline.motion.arcs import Arc
+from pipeline.motion.arcs import Arc, design
 from pipeline.motion.image_track import ImageTrack
 from pipeline.motion.view import LEAST_SIZES, ArcMotion, View, may_fall
 from pipeline.planar.bounces import changes_between
@@ -206,8 +206,7 @@ def _flight_errors(tilt: Tilt, flown: Sequence[ImageTrack]) -> np.ndarray:
 
 def _braked(place: np.ndarray, times: np.ndarray) -> np.ndarray:
     """(T, 2) px by which a body is displaced, to first order, that the air brakes by its speed squared over 1 px."""
-    matrix = np.stack([np.ones_like(times), times, 0.5 * times**2], 1)
-    path = np.linalg.lstsq(matrix, place, rcond=None)[0]
+    path = np.linalg.lstsq(design(times), place, rcond=None)[0]
     velocity = path[1] + times[:, None] * path[2]
     brake = -np.linalg.norm(velocity, axis=1, keepdims=True) * velocity
     steps = np.diff(times)[:, None]
