@@ -28,18 +28,6 @@ IN_SHADOW = 0.2  # factor of the probability where the background's texture is s
 
 
 @dataclass(frozen=True)
-class BodyTracks:
-    """The bodies that move in a clip, numbered from 1 by first appearance. masks: (T, H, W) uint8, 0 or the id, at the
-    clip's own size. scores: (N,) probability that each is a moving body. centres: (T, N, 2) px of the clip, the
-    projected centre, NaN where it is not seen. radii: (N,) px."""
-
-    masks: np.ndarray
-    scores: np.ndarray
-    centres: np.ndarray
-    radii: np.ndarray
-
-
-@dataclass(frozen=True)
 class Candidates:
     """Tracks before any is dropped. frames: (T, h, w, 3) uint8, what the network saw. probability: (T, h, w), steadied.
     figures: (N, F) of `track_score.FIGURES`. changed: (T, h, w) bool, where a frame differs from the background by more
@@ -115,29 +103,6 @@ def candidate_scores(found: Candidates, network: SegmentationNetwork) -> np.ndar
     """(N,) the probability that each candidate is a moving body."""
     regression = network.config.get("regression", PLAIN)
     return np.array([score(f, regression) for f in found.figures])
-
-
-def figure(found: Candidates, name: str) -> np.ndarray:
-    """(N,) one of the candidates' figures, as `track_score.FIGURES` names them."""
-    return np.asarray(found.figures[:, FIGURES.index(name)])
-
-
-def bodies_of(tracks: list[Track], scores: np.ndarray, found: Candidates, frames: np.ndarray) -> BodyTracks:
-    """The tracks as bodies, in the order given.
-
-    Args:
-        tracks: At the size of `found.frames`.
-        scores: (N,) of the tracks.
-        found: The candidates among which they were chosen.
-        frames: (T, H, W, 3) uint8, of the size that the masks get.
-    """
-    scale = np.array([frames.shape[2] / found.frames.shape[2], frames.shape[1] / found.frames.shape[1]])
-    centres = np.full((len(frames), len(tracks), 2), np.nan)
-    for k, track in enumerate(tracks):
-        for t, piece in track.pieces.items():
-            centres[t, k] = piece.centre * scale
-    radii = np.array([t.typical_radius for t in tracks]) * scale.mean()
-    return BodyTracks(draw_masks(tracks, found.probability, frames), scores, centres, radii)
 
 
 def draw_masks(tracks: list[Track], probability: np.ndarray, frames: np.ndarray) -> np.ndarray:
