@@ -221,9 +221,8 @@ def _same(one: Track, other: Track) -> bool:
 
 def _joined(tracks: list[ChosenTrack]) -> Track:
     """The first track, with the pixels of the others."""
-    pieces = dict(tracks[0].track.pieces)
+    whole = replace(tracks[0].track, pieces=dict(tracks[0].track.pieces))
     for other in tracks[1:]:
         for t, piece in other.track.pieces.items():
-            whole = pieces.get(t)
-            pieces[t] = piece if whole is None else replace(whole, pixels=np.union1d(whole.pixels, piece.pixels))
-    return replace(tracks[0].track, pieces=pieces)
+            whole.add(t, piece)
+    return whole
