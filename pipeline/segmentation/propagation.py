@@ -34,15 +34,13 @@ class Prompt:
     Attributes:
         frame: Of the clip.
         mask: (H, W) bool of that frame.
-        points: (K, 2) px of the clip, x and y.
-        labels: (K,) 1 for points on the body, 0 for points beside it; None: all are on it.
+        points: (K, 2) px of the clip, x and y, on the body.
         box: (4,) px, x and y of the first corner and of the last.
     """
 
     frame: int
     mask: np.ndarray | None = None
     points: np.ndarray | None = None
-    labels: np.ndarray | None = None
     box: np.ndarray | None = None
 
     def __post_init__(self) -> None:
@@ -172,7 +170,7 @@ def _resized_mask(mask: np.ndarray, size: tuple[int, int]) -> Tensor:
 def _scaled_points(prompt: Prompt, size: tuple[int, int], model_size: tuple[int, int]) -> dict[str, Tensor]:
     """Points and corners in px of the model's pictures, with their labels."""
     points = np.zeros((0, 2)) if prompt.points is None else np.reshape(prompt.points, (-1, 2))
-    labels = np.full(len(points), INSIDE) if prompt.labels is None else np.asarray(prompt.labels)
+    labels = np.full(len(points), INSIDE)
     if prompt.box is not None:
         points = np.concatenate([np.reshape(prompt.box, (2, 2)), points])
         labels = np.concatenate([CORNERS, labels])

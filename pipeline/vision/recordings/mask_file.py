@@ -16,9 +16,7 @@ MOST_FILES = 10_000
 KEY, TIMES = "masks", "times"
 
 
-def read_masks(
-    path: Path | str, size: tuple[int, int], count: int | None = None, letterbox: Letterbox | None = None
-) -> np.ndarray:
+def read_masks(path: Path | str, size: tuple[int, int], letterbox: Letterbox | None = None) -> np.ndarray:
     """Read instance masks.
 
     PNGs of a folder are read in the order of their names. Grey values, palette indices or colours are ids; black is the
@@ -27,7 +25,6 @@ def read_masks(
     Args:
         path: A folder of PNGs, a PNG, or an NPZ.
         size: (width, height) of the result, px.
-        count: Number of masks that is required; None: any.
         letterbox: That of the clip. Masks with the shape of the recording are brought to its place, others are resized.
 
     Returns:
@@ -38,8 +35,6 @@ def read_masks(
     """
     path = Path(path)
     masks = read_values(path)
-    if count is not None and len(masks) != count:
-        raise VideoError(f"{path} has {len(masks)} masks, the clip has {count} frames: one mask per frame is needed")
     values = np.unique(masks)
     values = values[values != 0]
     if not len(values):
