@@ -18,11 +18,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipeline.segmentation.published_models import PublishedSegmenter
+from pipeline.vision.recordings.mask_file import MOST_BODIES
 
 #: Of the pictures that SAM 2 and EdgeTAM were trained with (ImageNet's), for channels in 0 to 1.
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 INSIDE, CORNERS = 1, (2, 3)  # labels of points: on the body; first and last corner of a box
-MOST_BODIES = 255
 FREE_PX = 3  # a body whose mask is nearer to another's, or to the border, may be seen in part
 _BODY = 1  # the id of a session's only body
 

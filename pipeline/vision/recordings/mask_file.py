@@ -13,6 +13,7 @@ from pipeline.untrusted import open_png, read_npz
 from pipeline.vision.recordings.letterbox import ALIKE, Letterbox, letterbox_for
 
 MOST_FILES = 10_000
+MOST_BODIES = 255  # that masks of uint8 number
 KEY, TIMES = "masks", "times"
 
 
@@ -39,8 +40,10 @@ def read_masks(path: Path | str, size: tuple[int, int], letterbox: Letterbox | N
     values = values[values != 0]
     if not len(values):
         raise VideoError(f"{path}: the masks are empty (all background)")
-    if len(values) > 255:
-        raise VideoError(f"{path} has {len(values)} different ids, at most 255 are possible: is it a picture?")
+    if len(values) > MOST_BODIES:
+        raise VideoError(
+            f"{path} has {len(values)} different ids, at most {MOST_BODIES} are possible: is it a picture?"
+        )
     ids = np.where(masks == 0, 0, np.searchsorted(values, masks) + 1).astype(np.uint8)
     own = (ids.shape[2], ids.shape[1])
     if letterbox is not None and abs(own[0] * letterbox.source[1] / (own[1] * letterbox.source[0]) - 1) < ALIKE:
