@@ -14,10 +14,9 @@ import numpy as np
 from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.scene.solid import reach_below
 from pipeline.search.target import Target
-from pipeline.vision.rendering.camera import Pinhole, focal_px, fov_deg, pinhole
+from pipeline.vision.rendering.camera import REFERENCE_SIZE, Pinhole, focal_px, fov_deg, pinhole
 
-CAMERA = Camera((0.0, -2.0, 0.95), fov=37.0, pitch=-22.4)
-CAMERA_SIZE = (480, 320)  # px, of the picture that it makes
+CAMERA = Camera((0.0, -2.0, 0.95), fov=37.0, pitch=-22.4)  # of pictures of REFERENCE_SIZE
 GRAVITY = 7.0  # m/s²; unknown, as is the scale of a clip
 NEAREST, FARTHEST = 0.6, 6.0  # m, range of the planar depth of the lowest point
 LEAST_HALF, MOST_HALF = 0.03, 0.38  # m, range of half extents
@@ -27,7 +26,7 @@ TRACK_SECONDS = 0.35  # part of the track that gives the velocity
 
 def usual_camera(width: int, height: int) -> Camera:
     """An average camera that makes pictures of width x height px: its field of view across the diagonal is usual."""
-    focal = focal_px(CAMERA.fov, CAMERA_SIZE[1]) * np.hypot(width, height) / np.hypot(*CAMERA_SIZE)
+    focal = focal_px(CAMERA.fov, REFERENCE_SIZE[1]) * np.hypot(width, height) / np.hypot(*REFERENCE_SIZE)
     return replace(CAMERA, fov=fov_deg(float(focal), height))
 
 
