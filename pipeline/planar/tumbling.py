@@ -64,8 +64,7 @@ def tumbling(
     found = evidence.registrations[evidence.ranked[0]]
     size = np.median(found.focal / np.exp(found.poses[:, 2])) * found.half * flat.radius / track.radius
     own = view.rotation_world @ aligned_with_sight(found, focal)
-    seen = np.asarray(times, float)[found.frames]
-    first, spin = free_rotation_through(found.shape, size, own, seen)
+    first, spin = free_rotation_through(found.shape, size, own, found.times)
     orientation = first.as_quat(canonical=True, scalar_first=True)
     return Tumbling(found.shape, size_from_half(found.shape, size), orientation, spin)
 

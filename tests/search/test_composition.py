@@ -135,6 +135,7 @@ def test_the_flow_of_a_registered_body_is_that_of_its_motion() -> None:
         extents=np.array([0.2]),
         focal=100.0,
         frames=np.arange(count),
+        times=np.arange(count) / 30,
         poses=np.array([[2.0 * k, 0.0, np.log(2.0)] for k in range(count)]),
         rotations=np.repeat(np.eye(3)[None], count, 0),
         cost=0.0,

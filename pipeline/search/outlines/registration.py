@@ -35,6 +35,7 @@ class Registration:
         extents: (S,) half extents, m: radius; radius and half height; three of a box.
         focal: Focal length, px.
         frames: (K,) indices of the clip's frames in which it was fitted.
+        times: (K,) s, of these frames.
         poses: (K, 3) projected centre, px from the centre of the image, and logarithm of the depth, m.
         rotations: (K, 3, 3) from the body frame.
         cost: Of the outlines at the frames fitted at once, squares in units of `SIGMA_PX`, with linear tails.
@@ -47,6 +48,7 @@ class Registration:
     extents: np.ndarray
     focal: float
     frames: np.ndarray
+    times: np.ndarray
     poses: np.ndarray
     rotations: np.ndarray
     cost: float
@@ -66,13 +68,13 @@ class Registration:
         return np.stack([depth * self.poses[:, 0] / self.focal, depth * self.poses[:, 1] / self.focal, -depth], 1)
 
 
-def spread_frames(contour: Contour, most: int = MOST_FRAMES) -> np.ndarray:
-    """Positions of at most `most` frames of a contour: evenly spread, of those that show the body's own outline."""
+def spread_frames(contour: Contour) -> np.ndarray:
+    """At most MOST_FRAMES positions of a contour's frames: evenly spread, of those that show the body's own outline."""
     own = contour.free.sum(1)
     good = np.flatnonzero(own >= max(8, 0.5 * own.max(initial=0)))
     if not len(good):
         good = np.arange(len(own))
-    return good[np.unique(np.linspace(0, len(good) - 1, min(most, len(good))).round().astype(int))]
+    return good[np.unique(np.linspace(0, len(good) - 1, min(MOST_FRAMES, len(good))).round().astype(int))]
 
 
 def start_orientations(shape: str, upright: np.ndarray) -> np.ndarray:
@@ -137,6 +139,7 @@ def register(contour: Contour, shape: str, times: np.ndarray, focal: float, upri
         extents=np.exp(best.extents),
         focal=best.focal,
         frames=contour.frames,
+        times=job.times,
         poses=whole.poses,
         rotations=whole.rotations,
         cost=best.outline_cost,
