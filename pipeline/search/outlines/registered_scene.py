@@ -14,13 +14,14 @@ from enum import Enum
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.scene.scene import Camera, Scene, SceneObject, size_from_half
+from pipeline.scene.scene import Scene, SceneObject, size_from_half
 from pipeline.scene.solid import reach_below, support
+from pipeline.search.guess import CAMERA, GRAVITY, USUAL_PITCH, usual_object
 from pipeline.search.outlines.registration import Registration
 from pipeline.vision.rendering.camera import Pinhole, pinhole
 
 PITCHES = np.arange(-60.0, 0.1, 0.5)  # deg, that are tried
-USUAL_PITCH, PITCH_SPREAD = -22.4, 8.0  # deg
+PITCH_SPREAD = 8.0  # deg, about USUAL_PITCH
 STANDING = np.radians(1.5)  # rad, spread of the axis of a standing body about the vertical
 LEVEL = 0.01  # spread of the height of the lowest point of a body on the ground, share of the camera's height
 USUAL_HALF = 0.13  # m, mean of half extents, which fixes the scale
@@ -29,7 +30,7 @@ UPRIGHT = np.radians(8.0)  # rad: a body on the ground that leans by less stands
 GROUNDED = 0.12  # gap to the ground, in mean half extents, up to which a body stands on it
 MOTION_SECONDS = 0.24  # part of the track that gives the first velocities
 TURN_SECONDS = 0.15
-GRAVITIES = (7.0, 3.5, 10.5)  # m/s², that are tried
+GRAVITIES = (GRAVITY, 0.5 * GRAVITY, 1.5 * GRAVITY)  # that are tried
 FASTEST, FASTEST_SPIN = 4.0, 20.0  # m/s, rad/s
 
 
@@ -95,7 +96,7 @@ def registered_scenes(registrations: Sequence[Registration], height_px: int) -> 
     mean_half = np.array([np.exp(np.log(r.half).mean()) for r in registrations])
     height = float(np.clip(USUAL_HALF / np.exp(np.log(scales * mean_half).mean()), *HEIGHTS))
     fov = float(np.degrees(2 * np.arctan(0.5 * height_px / focal)))
-    camera = Camera((0.0, -2.0, height), fov=fov, pitch=pitch)
+    camera = replace(CAMERA, position=(*CAMERA.position[:2], height), fov=fov, pitch=pitch)
     view = pinhole(camera)
     scenes = []
     for gravity in GRAVITIES:
@@ -141,13 +142,8 @@ def _object(track: Registration, scale: float, view: Pinhole, gravity: float, fi
             spin = _rolling(track.shape, turn, half, velocity, spin)
     spin *= min(1.0, FASTEST_SPIN / max(float(np.linalg.norm(spin)), 1e-9))
     start = start - velocity * first
-    obj = SceneObject(
-        shape=track.shape,
-        size=size_from_half(track.shape, half),
-        mass=1.0,
-        sliding_friction=0.4,
-        rolling_friction=0.002,
-        damping=0.6,
+    obj = replace(
+        usual_object(track.shape, size_from_half(track.shape, half)),
         position=tuple(start),
         velocity=tuple(velocity),
         angular_velocity=tuple(spin),
