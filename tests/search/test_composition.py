@@ -55,15 +55,15 @@ def test_a_silhouette_bounds_the_projection_of_the_solid_and_touches_it(rng: np.
     world = points @ rotation.T + centre
     seen = (world[:, :2] / -world[:, 2:]) @ NORMALS.T
     support = np.empty(DIRECTIONS)
-    assert fill_support(kind, half, rotation, centre, NORMALS, support)
+    assert fill_support(kind, half, rotation, centre, support)
     np.testing.assert_allclose(support, seen.max(0), atol=1e-3)
     assert (support >= seen.max(0) - 1e-9).all()
 
 
 def test_distances_to_a_silhouette_are_signed() -> None:
     support, distance, nearest = np.empty(DIRECTIONS), np.empty(2), np.empty(2, np.int64)
-    fill_support(SPHERE, np.full(3, 0.1), np.eye(3), np.array([0, 0, -10.0]), NORMALS, support)
-    fill_distances(np.array([[3.0, 0.0], [0.0, 0.5]]), 2, 100.0, support, NORMALS, distance, nearest)
+    fill_support(SPHERE, np.full(3, 0.1), np.eye(3), np.array([0, 0, -10.0]), support)
+    fill_distances(np.array([[3.0, 0.0], [0.0, 0.5]]), 2, 100.0, support, distance, nearest)
     np.testing.assert_allclose(distance, [2.0, -0.5], atol=0.01)
 
 

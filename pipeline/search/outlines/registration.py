@@ -13,11 +13,9 @@ import numpy as np
 
 from pipeline.search.outlines.contour import Contour
 from pipeline.search.outlines.refine import refine, turn_between, turned
-from pipeline.search.outlines.silhouette import NORMALS
 from pipeline.vision.rendering.surface import KINDS
 
 USUAL_DEPTH = 2.3  # m
-SIGMA_PX = 0.5  # px, standard deviation of the points of an outline
 KEPT = 3  # of the starts, that are tracked
 SINGLE_STEPS, TRACK_STEPS, JOINT_STEPS = 15, 4, 25  # most steps of each fit
 LEANING_COST, LEANING = 100.0, np.radians(25.0)  # cost of a body that leans, and the lean at which it sets in, rad
@@ -38,7 +36,7 @@ class Registration:
         times: (K,) s, of these frames.
         poses: (K, 3) projected centre, px from the centre of the image, and logarithm of the depth, m.
         rotations: (K, 3, 3) from the body frame.
-        cost: Of the outlines at the frames fitted at once, squares in units of `SIGMA_PX`, with linear tails.
+        cost: Of the outlines at the frames fitted at once, squares in units of `refine.SIGMA_PX`, with linear tails.
         points: How many points that cost has.
         turns: (K - 1, 3, 3) rotation from a frame to the next, camera frame.
         turns_seen: (K - 1,) whether that is known. Outlines do not show how a round body turns.
@@ -223,12 +221,10 @@ class _Job:
             contour.free[at],
             contour.count[at],
             self.times[at],
-            SIGMA_PX,
             np.log([USUAL_DEPTH, self.focal]),
             fit.poses[0].copy(),
             fit.rotations[0].copy(),
             predicted,
-            NORMALS,
             poses,
             rotations,
             extents,
