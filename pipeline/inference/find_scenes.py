@@ -6,7 +6,6 @@ from the best answers and a classical guess: both, where the first of them does 
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.editing.in_threads import cores
 from pipeline.errors import SimulationError
 from pipeline.inference.asking import LoadingModel, Question, ask_model
 from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, seen_as, with_scene
@@ -253,11 +253,6 @@ def from_tracks(
             if rival is not None and (method is None or rival.merit > method.merit):
                 best, method = other, rival
     return best, method
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _tally(compositions: list[str]) -> str:
