@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 
 from pipeline.compiled import kernel
+from pipeline.motion.image_track import LEAST_PIXELS
 from pipeline.segmentation.inference import Prediction
 
 KEEP, BEGIN = 0.4, 0.5  # probability from which a pixel may go to a live track; may start one
 GAP = 6  # frames for which a track that is not seen stays live
-LEAST_PIXELS = 4
 LEAST_MASS = 0.08  # of a disc of the predicted radius, that must be seen for a track to go on
 LEAST_START = 0.12  # and to start
 NEAR_VOTE, NEAR_COLOUR = 0.55, 0.10  # a vote's distance in radii, a colour's in [0, 1], that cost 1
