@@ -16,7 +16,7 @@ from pipeline.scene.solid import reach_below
 from pipeline.search.target import Target
 from pipeline.vision.rendering.camera import REFERENCE_SIZE, Pinhole, focal_px, fov_deg, pinhole
 
-USUAL_PITCH = -22.4  # deg
+USUAL_PITCH, PITCH_SPREAD = -22.4, 8.0  # deg, of cameras
 CAMERA = Camera((0.0, -2.0, 0.95), fov=37.0, pitch=USUAL_PITCH)  # of pictures of REFERENCE_SIZE
 GRAVITY = 7.0  # m/s²; unknown, as is the scale of a clip
 NEAREST, FARTHEST = 0.6, 6.0  # m, range of the planar depth of the lowest point

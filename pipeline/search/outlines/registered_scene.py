@@ -16,12 +16,11 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.scene.scene import Scene, SceneObject, size_from_half
 from pipeline.scene.solid import reach_below, support
-from pipeline.search.guess import CAMERA, GRAVITY, USUAL_PITCH, usual_object
+from pipeline.search.guess import CAMERA, GRAVITY, PITCH_SPREAD, USUAL_PITCH, usual_object
 from pipeline.search.outlines.registration import Registration
 from pipeline.vision.rendering.camera import Pinhole, pinhole
 
 PITCHES = np.arange(-60.0, 0.1, 0.5)  # deg, that are tried
-PITCH_SPREAD = 8.0  # deg, about USUAL_PITCH
 STANDING = np.radians(1.5)  # rad, spread of the axis of a standing body about the vertical
 LEVEL = 0.01  # spread of the height of the lowest point of a body on the ground, share of the camera's height
 USUAL_HALF = 0.13  # m, mean of half extents, which fixes the scale
