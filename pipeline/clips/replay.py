@@ -20,12 +20,12 @@ from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 from pipeline.scene.time_step import frame_steps
 from pipeline.vision.rendering.appearance import plain_appearance
-from pipeline.vision.rendering.camera import pinhole
+from pipeline.vision.rendering.camera import REFERENCE_SIZE, pinhole
 from pipeline.vision.rendering.exact_flow import exact_flow
 from pipeline.vision.rendering.rasteriser import Rendering, rasterise
 from pipeline.vision.rendering.render import render_rgb
 
-WIDTH, HEIGHT = 480, 320
+WIDTH, HEIGHT = REFERENCE_SIZE
 
 
 @dataclass(frozen=True)

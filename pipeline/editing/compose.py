@@ -23,6 +23,7 @@ from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.in_threads import in_threads
 from pipeline.editing.layers import Layers
 from pipeline.editing.light import ground_light
+from pipeline.editing.registration import identity
 from pipeline.editing.surface_texture import SIZE, Textures, plain_texture, unturned
 from pipeline.editing.texture_views import Pose, nearness, texture_near
 from pipeline.editing.view import BodyMotion, within_px
@@ -145,29 +146,16 @@ def follow(
     is alike there.
     """
     frames, count = edited.shown.shape
-    filmed, index = layers.motion, [o for o in origin if o is not None]
     same = np.zeros((frames, count), bool)
     known = [m for m, o in enumerate(origin) if o is not None]
-    part = BodyMotion(
-        tuple(filmed.objects[o] for o in index),
-        filmed.position[:, index],
-        filmed.quaternion[:, index],
-        filmed.shown[:, index],
-    )
-    moved = BodyMotion(
-        tuple(edited.objects[m] for m in known),
-        edited.position[:, known],
-        edited.quaternion[:, known],
-        edited.shown[:, known],
-    )
-    same[:, known] = within_px(part, moved, layers.view, SAME_PX)
+    part = layers.motion.only([o for o in origin if o is not None])
+    same[:, known] = within_px(part, edited.only(known), layers.view, SAME_PX)
     for k, m in enumerate(known):
         if edited.objects[m].size != part.objects[k].size or edited.objects[m].shape != part.objects[k].shape:
             same[:, m] = False
     together = np.logical_and.accumulate(same[start:], axis=0)  # once apart, a body is not the filmed one again
     same[start:] = together
-    corrections = np.zeros((frames, count, 5))
-    corrections[..., :2], corrections[..., 4] = edited.centres_px(layers.view), 1
+    corrections = identity(edited, layers.view)
     boxes = edited.rectangles(layers.view)
     for m in known:
         own, last = layers.corrections[:, _origin(origin, m)], max(start - 1, 0)

@@ -16,7 +16,7 @@ import numpy as np
 from pipeline.editing.drawing import Drawn, draw
 from pipeline.editing.filmed_clip import FilmedClip
 from pipeline.editing.in_threads import in_threads
-from pipeline.editing.light import Lights, ground_light
+from pipeline.editing.light import LEAST_GAIN, Lights, ground_light
 from pipeline.editing.plate import grown
 from pipeline.editing.surface_texture import Textures
 from pipeline.editing.view import BodyMotion, View
@@ -26,7 +26,6 @@ SHUTTERS = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of the time between two frames 
 FRAMES = 4  # that they are tried in
 LEAST_PATH_PX = 4.0  # from one frame to the next: of the bodies that show whether there is a shutter
 PATH_PX = 16  # the same, of the frames that are taken first
-LEAST_GAIN = 0.1  # share of the squared error along moving edges that the shutter has to explain
 RIM_PX = 2  # about the bodies' edges, where pictures are compared
 STEP_PX, MOST_PLACES = 2.0, 9  # between the places at which a body is drawn while the shutter is open; how many
 FASTER_PX = 1.0  # a body whose path while the shutter is open is that much longer than the filmed one is blurred inside

@@ -54,7 +54,7 @@ def find_plate(frames: np.ndarray, covered: np.ndarray, ratio: np.ndarray) -> Pl
     height, width = covered.shape[1:]
     colour = np.zeros((height, width, 3), np.float32)
     clear, lit = np.zeros((height, width), np.int64), np.zeros((height, width), np.int64)
-    _median(frames, covered, np.ascontiguousarray(ratio, np.float32), IN_SHADOW, colour, clear, lit)
+    _median(frames, covered, np.ascontiguousarray(ratio, np.float32), colour, clear, lit)
     kind = np.full((height, width), MEASURED, np.uint8)
     kind[(clear < LEAST_CLEAR) | (lit == 0)] = REPAIRED
     kind[clear == 0] = INVENTED
@@ -95,12 +95,11 @@ def _median(
     frames: np.ndarray,
     covered: np.ndarray,
     ratio: np.ndarray,
-    least: float,
     colour: np.ndarray,
     clear: np.ndarray,
     lit: np.ndarray,
 ) -> None:
-    """Median over the clear frames with the light there above `least`, else over all clear ones."""
+    """Median over the clear frames with the light there above IN_SHADOW, else over all clear ones."""
     count, height, width = covered.shape
     values = np.empty((3, count), np.float32)
     for row in range(height):
@@ -109,13 +108,13 @@ def _median(
             for t in range(count):
                 if not covered[t, row, col]:
                     seen += 1
-                    open_ += ratio[t, row, col] >= least
+                    open_ += ratio[t, row, col] >= IN_SHADOW
             clear[row, col], lit[row, col] = seen, open_
             if seen == 0:
                 continue
             k = 0
             for t in range(count):
-                if covered[t, row, col] or (open_ >= 1 and ratio[t, row, col] < least):
+                if covered[t, row, col] or (open_ >= 1 and ratio[t, row, col] < IN_SHADOW):
                     continue
                 for channel in range(3):
                     values[channel, k] = frames[t, row, col, channel] / ratio[t, row, col]

@@ -7,7 +7,6 @@ shadows are registered in `filmed/registration.py`, solids of unknown size in `s
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,26 +29,6 @@ def identity(motion: BodyMotion, view: View) -> np.ndarray:
     return np.concatenate([centres, np.zeros_like(centres), np.ones((*centres.shape[:2], 1))], axis=-1)
 
 
-@dataclass(frozen=True)
-class _Silhouettes:
-    """Draws the bodies of a motion."""
-
-    motion: BodyMotion
-    view: View
-    rectangles: np.ndarray
-
-    def __call__(self, frame: int, corrections: np.ndarray, shown: np.ndarray) -> np.ndarray:
-        """(H, W) uint8 of one frame: the index of the body that is seen, or `camera_rays.NOBODY`.
-
-        corrections: (N, 5). shown: (N,) bool.
-        """
-        size = self.view.height, self.view.width
-        ids, depth, point = np.empty(size, np.uint8), np.empty(size, np.float32), np.empty((*size, 3), np.float32)
-        body, rectangle = self.motion.tables[frame], self.rectangles[frame]
-        cast_bodies(body, corrections, rectangle, shown, *self.view.ray_arguments, ids, depth, point)
-        return ids
-
-
 def register(motion: BodyMotion, view: View, masks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Bring the silhouettes of a motion to the masks of a clip.
 
@@ -66,8 +45,15 @@ def register(motion: BodyMotion, view: View, masks: np.ndarray) -> tuple[np.ndar
         Corrections (T, N, 5), as in `camera_rays`, and where shifts were measured, (T, N) bool.
     """
     frames, count = motion.shown.shape
-    out, silhouettes = identity(motion, view), _Silhouettes(motion, view, motion.rectangles(view))
-    plain = out.copy()
+    rectangles, size, plain = motion.rectangles(view), (view.height, view.width), identity(motion, view)
+    out = plain.copy()
+
+    def silhouettes(t: int, corrections: np.ndarray, shown: np.ndarray) -> np.ndarray:
+        """(H, W) uint8 of frame t, bodies (N,) bool with corrections (N, 5): the one that is seen, or `NOBODY`."""
+        ids, depth, point = np.empty(size, np.uint8), np.empty(size, np.float32), np.empty((*size, 3), np.float32)
+        cast_bodies(motion.tables[t], corrections, rectangles[t], shown, *view.ray_arguments, ids, depth, point)
+        return ids
+
     together = [silhouettes(t, plain[t], motion.shown[t]) for t in range(frames)]
     measured = np.zeros((frames, count), bool)
     for i in range(count):

@@ -35,7 +35,7 @@ STILL_BETTER = 0.7  # of the spread of a body that turns: at most so much has on
 MIRRORS = ((-1, 1, 1), (1, -1, 1), (1, 1, -1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1), (-1, -1, -1))
 
 
-def cube_directions(size: int = SIZE) -> np.ndarray:
+def cube_directions(size: int) -> np.ndarray:
     """(6, S, S, 3) on the cube [-1, 1]³: faces +x, -x, +y, -y, +z, -z; as `camera_rays` finds texels."""
     centres = (np.arange(size) + 0.5) / size * 2 - 1
     out = np.empty((6, size, size, 3))
@@ -56,7 +56,7 @@ def _on_surface(kind: int, half: np.ndarray, direction: np.ndarray, out: np.ndar
         out[m, 0], out[m, 1], out[m, 2] = t * x, t * y, t * z
 
 
-def surface_points(obj: SceneObject, size: int = SIZE) -> np.ndarray:
+def surface_points(obj: SceneObject, size: int) -> np.ndarray:
     """(6, S, S, 3) m, the texels of an object in its body frame."""
     directions = cube_directions(size).reshape(-1, 3)
     out = np.empty_like(directions)

@@ -45,15 +45,15 @@ def nearness(seen: Pose, pose: Pose, focal: float) -> np.ndarray:
 def texture_near(mean: np.ndarray, seen: SeenTexels, near: np.ndarray) -> np.ndarray:
     """A texture (6, S, S, 3) float32 for a pose, from the mean of all frames and those near to it, `near` (K,)."""
     out = np.ascontiguousarray(mean, np.float32).reshape(-1, 3).copy()
-    _blend(seen.colour, seen.weight, np.ascontiguousarray(near, np.float32), PRIOR, out)
+    _blend(seen.colour, seen.weight, np.ascontiguousarray(near, np.float32), out)
     return out.reshape(mean.shape)
 
 
 @kernel
-def _blend(colour: np.ndarray, weight: np.ndarray, near: np.ndarray, prior: float, out: np.ndarray) -> None:
-    """Blend (K, M, 3) colours, with weights (K, M) and shares (K,), into `out` (M, 3), which has the weight prior."""
-    total = np.full(out.shape[0], np.float32(prior))
-    out *= np.float32(prior)
+def _blend(colour: np.ndarray, weight: np.ndarray, near: np.ndarray, out: np.ndarray) -> None:
+    """Blend (K, M, 3) colours, with weights (K, M) and shares (K,), into `out` (M, 3), which has the weight PRIOR."""
+    total = np.full(out.shape[0], np.float32(PRIOR))
+    out *= np.float32(PRIOR)
     for k in range(len(near)):
         if near[k] < 1e-3:
             continue

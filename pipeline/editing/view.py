@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -82,6 +83,11 @@ class BodyMotion:
         out[..., CENTRE : CENTRE + 3] = self.position
         out[..., AXES : AXES + 9] = matrix_from_quaternion(self.quaternion).reshape(frames, count, 9)
         return out
+
+    def only(self, bodies: Sequence[int]) -> BodyMotion:
+        """The motion of some of the bodies, by their indices."""
+        objects, which = tuple(self.objects[i] for i in bodies), list(bodies)
+        return BodyMotion(objects, self.position[:, which], self.quaternion[:, which], self.shown[:, which])
 
     def rectangles(self, view: View) -> np.ndarray:
         """(T, N, 4) px: u0, u1, v0, v1 around each body; it may reach out of the picture."""

@@ -9,12 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from pipeline.motion.arcs import LEAST_SIGMA
-from pipeline.motion.image_track import centre_sigma
+from pipeline.motion.image_track import LEAST_CENTRES, centre_sigma
 
 SAME_PLACE = 0.5  # px: centres so near to each other have the same error
 MOST_AT_REST = 4  # frames that are kept of each rest
-LEAST_MOVING = 6  # frames in which the body moves that its error can be estimated from
-USUAL_SIGMA = 0.15  # px, where there are fewer
+USUAL_SIGMA = 0.15  # px, where the body moves in too few frames to estimate its error
 
 
 def centre_error(centre: np.ndarray) -> float:
@@ -24,7 +23,7 @@ def centre_error(centre: np.ndarray) -> float:
     """
     moves = np.linalg.norm(np.diff(centre, axis=0), axis=1) > SAME_PLACE
     moving = np.append(moves, False) | np.insert(moves, 0, False)
-    return float(np.hypot(centre_sigma(centre[moving]), LEAST_SIGMA)) if moving.sum() >= LEAST_MOVING else USUAL_SIGMA
+    return float(np.hypot(centre_sigma(centre[moving]), LEAST_SIGMA)) if moving.sum() >= LEAST_CENTRES else USUAL_SIGMA
 
 
 def independent_frames(centre: np.ndarray) -> np.ndarray:

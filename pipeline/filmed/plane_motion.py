@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -145,23 +145,16 @@ def camera_errors(
     axes = (0, 1) if camera.plane == GROUND else (0, 2)
     frame, _ = camera.places(px, float(half_extents(objects[0])[2]))
 
-    def shift(true: np.ndarray, height: float, numbers: np.ndarray) -> np.ndarray:
+    def shift(height: float, true: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         again, _ = project(true, pinhole(camera.moved(numbers).camera), camera.width, camera.height)
         return camera.places(again, height)[0] - true
 
-    out = {}
+    out, count = {}, camera.deviations.shape[1]
     for obj in objects:
         height = float(half_extents(obj)[2])
         points, _ = camera.places(px, height)
-        of_object = partial(_at_height, shift, height)
-        out[obj.name] = camera_error(of_object, points, frame[:, list(axes)], axes, camera.deviations.shape[1])
+        out[obj.name] = camera_error(partial(shift, height), points, frame[:, list(axes)], axes, count)
     return out
-
-
-def _at_height(
-    shift: Callable[[np.ndarray, float, np.ndarray], np.ndarray], height: float, true: np.ndarray, numbers: np.ndarray
-) -> np.ndarray:
-    return shift(true, height, numbers)
 
 
 def with_ground(

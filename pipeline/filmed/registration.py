@@ -20,11 +20,10 @@ MOST_OUTSIDE = 1.0  # px: larger distances outside of the mask count no more tha
 
 @dataclass(frozen=True)
 class RegisteredOutline:
-    """centre: (2,) px; scale: over the outline that was registered; support: share of it on the mask's border."""
+    """centre: (2,) px; scale: over the outline that was registered."""
 
     centre: np.ndarray
     scale: float
-    support: float
 
 
 def register_outline(
@@ -68,7 +67,7 @@ def register_outline(
         support = float((np.abs(off) < 1.0).mean())
     if support < LEAST_SUPPORT or not SMALLEST < scale < LARGEST:
         return None
-    return RegisteredOutline(centre + corner, scale, support)
+    return RegisteredOutline(centre + corner, scale)
 
 
 def _sampled(distance: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,15 +16,16 @@ from scipy.optimize import least_squares
 from pipeline.errors import MeasurementError
 from pipeline.filmed.body_matching import apparent_radius
 from pipeline.motion.image_track import ImageTrack
+from pipeline.planar.plane import FOV_DEG
+from pipeline.planar.tilt import INDEPENDENT
 from pipeline.scene.rotation import matrix_from_quaternion, quaternion_from_rotation_vector, quaternion_multiply
 from pipeline.scene.scene import Camera, SceneObject, half_extents
 
-USUAL_FOV_DEG, FOV_SPREAD = 65.0, 0.2  # of the longer side: a phone's; spread of the logarithm of the focal length
+FOV_SPREAD = 0.2  # of the logarithm of the focal length, about that of FOV_DEG
 GROUND, UPRIGHT = "ground", "upright"
 SIZE_SIGMA = 0.01  # relative: outlines err alike over a whole track
 EDGE_SIGMA = 0.4  # px, by which outlines may be too wide everywhere
 RADIUS_SIGMA = 0.25  # px, of one outline's radius
-INDEPENDENT = 4  # outlines of a track that count, since their errors are alike
 LOWEST = 0.05  # sine of the angle between a line of sight and the plane, below which a place is not known
 #: Numbers of the camera with their usual values and spreads: logarithm of the focal length over the picture's longer
 #: side, pitch, yaw and roll (rad), logarithm of the distance from the plane's point in the middle of the picture (m).
@@ -45,7 +46,6 @@ class SharedCamera:
         width: px, of the picture.
         height: px.
         lift: m, added to z in an upright plane, so that the ground is at its height.
-        size_error: Root mean square of the differences of logarithms of radii, seen and expected.
     """
 
     plane: str
@@ -54,7 +54,6 @@ class SharedCamera:
     width: int
     height: int
     lift: float = 0.0
-    size_error: float = 0.0
 
     @property
     def focal(self) -> float:
@@ -154,7 +153,7 @@ def fit_camera(
             "no outline in the clips fits a body of the scene; check its shapes and sizes, and the masks"
         )
     usual, spread = (a.copy() for a in USUAL[plane])
-    usual[0] = -np.log(2 * np.tan(np.radians(USUAL_FOV_DEG) / 2))
+    usual[0] = -np.log(2 * np.tan(np.radians(FOV_DEG) / 2))
     guesses = [bodies_depth(t, o, np.exp(usual[0]) * max(width, height)) for t, o in seen]
     usual[4] = np.log(np.median(guesses))
     start = SharedCamera(plane, usual, np.eye(5), width, height)
@@ -174,9 +173,7 @@ def fit_camera(
 
     found = least_squares(misses, np.zeros(6 + len(seen)), method="trf", x_scale="jac", max_nfev=60)
     covariance = np.linalg.inv(found.jac.T @ found.jac)[:5, :5] * np.outer(spread, spread)
-    camera = replace(start, numbers=usual + spread * found.x[:5], covariance=covariance)
-    off = [np.log(np.sqrt(t.area / np.pi) / camera.radii(t, o)) for t, o in seen]
-    return replace(camera, size_error=float(np.sqrt(np.mean(np.concatenate(off) ** 2))))
+    return replace(start, numbers=usual + spread * found.x[:5], covariance=covariance)
 
 
 def bodies_depth(track: ImageTrack, obj: SceneObject, focal: float) -> float:

@@ -22,6 +22,7 @@ from pipeline.planar.find_planar_scene import (
     measure_motion,
 )
 from pipeline.planar.scale import GRAVITY, KNOWN, Scale
+from pipeline.vision.recordings.mask_file import only
 
 WORSE = 1.5  # factor of the errors of two fits
 
@@ -328,7 +329,4 @@ def filmed_frames(taken: UserClip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def renumbered_by_track(masks: np.ndarray, motion: ClipMotion) -> np.ndarray:
     """The masks (T, H, W) of the bodies that have a track, numbered from 1 in the order of the scene's objects."""
-    table = np.zeros(256, np.uint8)
-    for i, track in enumerate(motion.tracks, 1):
-        table[track.body] = i
-    return table[masks]
+    return only(masks, [track.body for track in motion.tracks])

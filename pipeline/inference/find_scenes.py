@@ -6,6 +6,7 @@ from the best answers and a classical guess: both, where the first of them does 
 
 from __future__ import annotations
 
+import math
 import os
 from collections import Counter
 from collections.abc import Callable
@@ -46,6 +47,7 @@ from pipeline.motion.view import VIEWS
 from pipeline.search.best_of_k import rank
 from pipeline.search.certainty import Certainty
 from pipeline.search.evaluator import Evaluator, Rewards
+from pipeline.vision.recordings.letterbox import of_area
 
 if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
@@ -134,7 +136,7 @@ def find_scenes(
         SimulationError: Where no answer can be simulated.
     """
     taken = clip.taken
-    size = clip.shaped(SEARCH_SIZE)
+    size = of_area(taken.clip.letterbox.size, math.prod(SEARCH_SIZE))
     with ThreadPoolExecutor(2, "tracks") as beside:
         viewing = beside.submit(filmed_world, taken, world)
         evaluating = beside.submit(

@@ -58,11 +58,6 @@ class Arc:
         """px/s², of each coordinate."""
         return float(np.sqrt(self.covariance[2, 2]))
 
-    @property
-    def velocity_sigma(self) -> float:
-        """px/s, of each coordinate."""
-        return float(np.sqrt(self.covariance[1, 1]))
-
     def velocity_at(self, time: float) -> np.ndarray:
         """(2,) px/s at a time, s."""
         return self.velocity + (time - self.time) * self.acceleration

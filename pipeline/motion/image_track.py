@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-LEAST_PIXELS = 4
+LEAST_PIXELS = 4  # of a body, for it to be seen
+LEAST_CENTRES = 6  # from which their error can be estimated
 DISC = 1.25  # largest ratio of the axes of a disc
 LEAST_SEEN = 0.35  # of a disc's area, from which its centre is found where the border of the picture cuts it
 MAD = 1.4826  # median absolute deviation -> standard deviation of a normal distribution
@@ -135,7 +136,7 @@ def centre_sigma(centre: np.ndarray) -> float:
 
     Too few centres: half a pixel.
     """
-    if len(centre) < 6:
+    if len(centre) < LEAST_CENTRES:
         return 0.5
     third = np.diff(centre, 3, axis=0) / _THIRD_DIFFERENCE
     return max(float(MAD * np.median(np.abs(third))), LEAST_SIGMA)

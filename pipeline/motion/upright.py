@@ -8,11 +8,7 @@ import numpy as np
 WITHIN_DEG = 10.0  # of the picture's own vertical and horizontal
 WIDTH_DEG = 0.5  # of the peak of directions
 LEAST_LINE = 0.04  # of the picture's longer side, length of a line that counts
-LEAST_LINES, LEAST_TOTAL, LEAST_SHARE = (
-    3,
-    0.8,
-    0.6,
-)  # upright lines; their length over the picture's height; in one peak
+LEAST_LINES, LEAST_TOTAL, LEAST_SHARE = 3, 0.8, 0.6  # upright lines; length over the picture's height; in one peak
 AGREE_DEG = 2.0  # between upright and level lines
 GRID_DEG = np.linspace(-WITHIN_DEG, WITHIN_DEG, 201)
 

@@ -19,7 +19,7 @@ from pipeline.motion.swing import Swing, arcs_evidence, fit_swing, swing_evidenc
 
 VIEWS = ("table", "side", "incline", "flight", "top", "hanging")
 UPRIGHT = ("side", "incline", "flight")  # views in which bodies move in an upright plane
-SIGNIFICANT = 4.0  # standard errors from which an acceleration counts
+SIGNIFICANT = 4.0  # standard errors from which an acceleration, or a jump of the velocity, counts
 STRAIGHT = 0.012  # of its length: largest sagitta of a straight arc
 STRAIGHT_RADII = 0.15  # of the body: and of one that speeds up downhill, whose outline shading and shadows change
 STEEP_DEG = 78.0  # of a line to the horizontal, from which it counts as vertical

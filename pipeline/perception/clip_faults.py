@@ -7,7 +7,9 @@ import itertools
 import cv2
 import numpy as np
 
-WIDTH, HEIGHT = 480, 320  # px: shifts refer to a picture of this area
+from pipeline.vision.recordings.letterbox import of_area
+from pipeline.vision.recordings.video import AREA
+
 SHAKING_PX = 1.5  # of the background, from the clip's first frame: the camera moves
 FLICKER = 0.04  # change of the whole picture's brightness from frame to frame
 CELLS = 4, 3  # of the picture, across and down, that vote about the camera
@@ -31,8 +33,7 @@ def camera_shift(frames: np.ndarray, masks: np.ndarray) -> float:
         frames: (T, H, W, 3) uint8.
         masks: (T, H, W), 0 for the background.
     """
-    scale = (WIDTH * HEIGHT / (frames.shape[1] * frames.shape[2])) ** 0.5
-    size = (round(frames.shape[2] * scale), round(frames.shape[1] * scale))
+    size = of_area((frames.shape[2], frames.shape[1]), AREA)
     grey = [cv2.resize(cv2.cvtColor(f, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA) for f in frames]
     ever = cv2.resize(np.asarray((masks > 0).any(0), np.uint8), size, interpolation=cv2.INTER_NEAREST)
     first, part = corners(grey[0], cv2.dilate(ever, np.ones((9, 9), np.uint8)) == 0)
@@ -99,7 +100,7 @@ def flicker(frames: np.ndarray) -> float:
 def camera_moves(shift: float) -> str:
     """What is said of a camera that moves; shift: of the background, px of 480x320."""
     return (
-        f"the camera moves: the background shifts by {shift:.1f} px of {WIDTH}x{HEIGHT}; it has to rest, so put it on "
+        f"the camera moves: the background shifts by {shift:.1f} px of 480x320; it has to rest, so put it on "
         "something or stabilise the video first"
     )
 

@@ -14,10 +14,11 @@ from pipeline.motion.rigid_pieces import joined_pieces
 from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.track_choice import TrackChoice
-from pipeline.segmentation.bodies import Candidates, bodies_of, candidate_scores, figure, find_candidates
+from pipeline.segmentation.bodies import Candidates, candidate_scores, draw_masks, find_candidates
 from pipeline.segmentation.mask_networks import MaskNetworks
 from pipeline.segmentation.outlines import sharpen
 from pipeline.segmentation.shadow_tracks import shadows_among
+from pipeline.segmentation.track_score import FIGURES
 from pipeline.vision.recordings.letterbox import letterbox_for
 from pipeline.vision.recordings.mask_file import only
 from pipeline.vision.recordings.video import Clip
@@ -80,7 +81,7 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
     """
     prompts.check(clip.source_size, clip.source_times)
     found = find_candidates(clip.frames, networks.moving)
-    like_other = figure(found, "other")
+    like_other = found.figures[:, FIGURES.index("other")]
     likely = candidate_scores(found, networks.moving)
     choice = TrackChoice(
         found=found,
@@ -93,10 +94,9 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
     kept = choice.chosen()
     if not kept:
         raise VideoError(why_none(clip, found, float(likely.max(initial=0)), choice.notes))
-    scores = np.array([1.0 if c.score is None else c.score for c in kept])
-    drawn = bodies_of([c.track for c in kept], scores, found, clip.frames)
+    drawn = draw_masks([c.track for c in kept], found.probability, clip.frames)
     stiff = [bool(c.track.ends) for c in kept]
-    masks, groups = joined_pieces(drawn.masks, clip.frames, clip.times, [c.marked for c in kept], stiff)
+    masks, groups = joined_pieces(drawn, clip.frames, clip.times, [c.marked for c in kept], stiff)
     masks = without_exchanges(masks, clip.frames, clip.times)
     alone = [k for k, g in enumerate(groups) if len(g) == 1 and not kept[g[0] - 1].marked]
     shadows = {alone[i] for i in shadows_among([kept[groups[k][0] - 1].track for k in alone], found.frames)}
@@ -118,10 +118,11 @@ def find_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts) -> FoundB
         if len(tracks) > 1:
             notes.append(f"{len(tracks)} tracks are body {k}, which moves too far between two frames to be followed")
     groups = [list(itertools.chain.from_iterable(groups[k] for k in g)) for g in same]
+    scale = np.mean([clip.frames.shape[side] / found.frames.shape[side] for side in (1, 2)])
     bodies, doubts = [], []
     for number, group in enumerate(groups, 1):
         first = max((kept[piece - 1] for piece in group), key=lambda c: c.rank)
-        radius = float(drawn.radii[group[0] - 1]) if len(group) == 1 else None
+        radius = float(scale * kept[group[0] - 1].track.typical_radius) if len(group) == 1 else None
         bodies.append(FoundBody(first.score, first.origin, radius))
         if first.like_other > LIKE_OTHER:
             doubts.append(

@@ -187,7 +187,7 @@ def free_way(bodies: Sequence[Track], found: Candidates, times: np.ndarray) -> t
             motions.append((body, seen, radius, speed, speed * np.diff(times[seen], prepend=times[seen[0]])))
     fastest = max((usual_speed(steps, speed) for *_, speed, steps in motions), default=0.0)
     for body, seen, radius, speed, steps in motions:
-        cut = np.array([at_border(body, found, int(k)) for k in seen])
+        cut = np.array([body.pieces[k].at_border(*found.frames.shape[1:3]) for k in seen])
         held = np.array([touched(body, found, int(k)) for k in seen])
         free = (speed > SLOW * fastest) & ~held & ~cut
         out[seen[free]] += steps[free] / radius
@@ -196,13 +196,6 @@ def free_way(bodies: Sequence[Track], found: Candidates, times: np.ndarray) -> t
             first, last = seen[free][[0, -1]]
             breaks[seen[cut & (seen > first) & (seen < last)]] = True
     return out, breaks | ~followed
-
-
-def at_border(body: Track, found: Candidates, k: int) -> bool:
-    """Whether the border of the picture cuts a body in frame k."""
-    height, width = found.frames.shape[1:3]
-    rows, cols = np.divmod(body.pieces[k].pixels, width)
-    return bool(rows.min() == 0 or cols.min() == 0 or rows.max() == height - 1 or cols.max() == width - 1)
 
 
 def steady_speed(place: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from pipeline.perception.prompts import Prompts, frame_of
 from pipeline.segmentation.mask_networks import MaskNetworks
 from pipeline.segmentation.propagation import Prompt, body_prompts, segment_with
 from pipeline.segmentation.published_models import load_published
+from pipeline.vision.recordings.mask_file import only
 from pipeline.vision.recordings.video import Clip
 
 IN_BOX = 0.5  # share of a body's mask that must lie in a box to be the body in it
@@ -52,9 +53,7 @@ def follow_in_clip(clip: Clip, networks: MaskNetworks, prompts: Prompts, family:
     kept = [k for k in range(1, len(seeds) + 1) if (masks == k).any()]
     if not kept:
         raise VideoError(f"{family} finds none of the {len(seeds)} bodies that it is prompted with")
-    table = np.zeros(256, np.uint8)
-    table[kept] = np.arange(1, len(kept) + 1)
-    masks = table[masks]
+    masks = only(masks, kept)
     scores += [None] * len(marks)
     bodies = tuple(FoundBody(scores[k - 1], family, None) for k in kept)
     notes = [

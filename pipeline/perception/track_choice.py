@@ -13,8 +13,8 @@ from pipeline.segmentation.grouping import Piece, Track
 from pipeline.segmentation.grown_track import grown_track, region_at_point, region_in_box
 from pipeline.segmentation.resting import resting
 from pipeline.segmentation.track_ends import with_all_ends
+from pipeline.vision.recordings.mask_file import MOST_BODIES
 
-MOST_BODIES = 255
 NEAR_RADII, NEAR_PX = 0.5, 2.0  # a point so near to a track's pixels is on its body; px of the network's picture
 IN_BOX = 0.7  # share of a track's pixels that must lie in a box
 SAME = 0.5  # median overlap of two tracks that are one body
@@ -221,9 +221,8 @@ def _same(one: Track, other: Track) -> bool:
 
 def _joined(tracks: list[ChosenTrack]) -> Track:
     """The first track, with the pixels of the others."""
-    pieces = dict(tracks[0].track.pieces)
+    whole = replace(tracks[0].track, pieces=dict(tracks[0].track.pieces))
     for other in tracks[1:]:
         for t, piece in other.track.pieces.items():
-            whole = pieces.get(t)
-            pieces[t] = piece if whole is None else replace(whole, pixels=np.union1d(whole.pixels, piece.pixels))
-    return replace(tracks[0].track, pieces=pieces)
+            whole.add(t, piece)
+    return whole

@@ -11,7 +11,6 @@ import numpy as np
 from pipeline.errors import ParamsError, naming
 from pipeline.perception.clip_faults import clip_faults
 from pipeline.perception.found_bodies import FoundBodies, find_in_clip
-from pipeline.perception.free_motion import Stretch, stretch_of
 from pipeline.perception.mask_source import WEIGHTS, MaskSource
 from pipeline.perception.prompts import Prompts
 from pipeline.segmentation import MaskNetworks, load_mask_networks
@@ -105,36 +104,6 @@ def read_frames(
             frames, notes = correction.apply(own.frames)
         own = replace(own, frames=frames, file_notes=[*own.file_notes, *notes])
     return ReadClip(place, scaled(own), source, own, assume_fps)
-
-
-def chosen_stretch(
-    place: Path,
-    *,
-    start: float | None,
-    seconds: float | None,
-    assume_fps: float | None,
-    source: MaskSource,
-) -> Stretch:
-    """The stretch of a clip that is inferred from, as `stretch_of` chooses it.
-
-    Args:
-        place: A video, or a folder with one.
-        start: s; None: the motion chooses.
-        seconds: Its length; None: as long as the motion lasts, or 1 s where the start is given.
-        assume_fps: Frame rate of the recording where its time stamps are wrong; None: they are used.
-        source: Where its masks come from.
-
-    Raises:
-        VideoError: The video cannot be used.
-    """
-    return stretch_of(
-        video_of(place),
-        lambda: mask_networks().moving,
-        start=start,
-        seconds=seconds,
-        assume_fps=assume_fps,
-        masks=source.given,
-    )
 
 
 def with_masks(read: ReadClip, prompts: Prompts) -> UserClip:

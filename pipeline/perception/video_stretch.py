@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.perception.free_motion import Stretch
+from pipeline.perception.free_motion import Stretch, stretch_of
 from pipeline.perception.mask_source import MaskSource
 from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import ReadClip, chosen_stretch, read_frames
+from pipeline.perception.user_clip import ReadClip, mask_networks, read_frames
+from pipeline.vision.recordings.clip_folder import video_of
 from pipeline.vision.recordings.corrections import Correction
 
 
@@ -42,7 +43,14 @@ def read_stretch(clip: VideoStretch, source: MaskSource) -> tuple[ReadClip, Stre
         VideoError: The video cannot be used.
         ParamsError: A correction of frames whose masks are given.
     """
-    part = chosen_stretch(clip.place, start=clip.start, seconds=clip.seconds, assume_fps=clip.fps, source=source)
+    part = stretch_of(
+        video_of(clip.place),
+        lambda: mask_networks().moving,
+        start=clip.start,
+        seconds=clip.seconds,
+        assume_fps=clip.fps,
+        masks=source.given,
+    )
     read = read_frames(
         clip.place,
         start=part.start,

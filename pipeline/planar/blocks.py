@@ -16,10 +16,10 @@ TOLERANCES = np.arange(4.0, 48.0, 2.0)  # CIELAB units from the colour at a poin
 STEADY = 0.15  # largest growth of a region from one tolerance to the next, that ends at the body's edge
 LEAST_PIXELS, MOST_SHARE = 30, 0.4  # of a region; share of the picture
 PATCH = 2  # px on each side of a point, whose median colour counts
-DAMPING = 0.6
-FRONT, BACK = 1.5, 6.0  # from the plane of motion to its near and far side, in radii of the largest body
-DEPTH, HEIGHT = 0.5, 1.5  # of a block on a level plane: share of its width, where that is all that is seen; heights of
-# the tallest body
+DAMPING = 0.6  # of contacts of which nothing is known
+FRONT, BACK = 1.5, 6.0  # from the plane of motion to a fixed body's near and far side, in radii of the largest body
+#: Of a fixed body on level ground: share of its width, where that is all that is seen, and heights of the tallest body.
+DEPTH, HEIGHT = 0.5, 1.5
 
 
 @dataclass(frozen=True)

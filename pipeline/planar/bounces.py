@@ -9,13 +9,13 @@ import numpy as np
 
 from pipeline.motion.arcs import Arc
 from pipeline.motion.image_track import ImageTrack
+from pipeline.motion.view import SIGNIFICANT
 
 SNAP_DEG = 30.0  # a surface that a body bounces off is level or upright if it is within this
 LEAST_JUMP = 0.15  # of the speed: change of velocity that is a bounce
 LEAST_NORMAL = 0.1  # of the speed, that is normal to the surface
 MOST_RESTITUTION = 1.1  # more is no bounce off a body at rest
 LEVEL_AND_UPRIGHT = ([0.0, -1.0], [0.0, 1.0], [1.0, 0.0], [-1.0, 0.0])
-SIGNIFICANT = 4.0  # standard errors
 
 
 @dataclass(frozen=True)

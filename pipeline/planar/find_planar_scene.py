@@ -307,7 +307,7 @@ def _hanging_answer(motion: ClipMotion, gravity: float) -> PlanarAnswer:
 
     def scene_in(plane: Plane) -> Scene:
         objects = [
-            planar_object(motion.view, t, own, s, plane=plane, gravity=gravity, start=0.0, carried=False)
+            planar_object(motion.view, t, own, s, plane=plane, gravity=gravity, carried=False)
             for t, own, s in zip(motion.flat, motion.arcs, motion.silhouettes, strict=True)
         ]
         return hanging_scene(objects, motion.view.swings, plane)
@@ -356,7 +356,6 @@ def _start(motion: ClipMotion, gravity: float, rolls: bool, along: Sequence[np.n
         motion.blocks,
         plane=motion.plane,
         gravity=gravity,
-        start=0.0,
     )
     if motion.table is None:
         start = with_apparent_sizes(start, motion.tracks, motion.flat, motion.plane, [s is None for s in motion.solids])

@@ -13,11 +13,10 @@ from pipeline.physics.batch import BatchSimulator, fixed_kinds, stack_scenes
 from pipeline.planar.parameters import Parameter, changed
 from pipeline.planar.plane import Plane
 from pipeline.planar.robust_descent import DAMPINGS, POPULATION, Residuals, robust_descent
+from pipeline.planar.tilt import LEAST_SIGMA, SYSTEMATIC
 from pipeline.scene.scene import Scene
 from pipeline.scene.time_step import STEPS_PER_SECOND
 
-SYSTEMATIC = 0.02  # radii: errors of outlines that are alike from frame to frame
-LEAST_SIGMA = 0.3  # px
 AFTER = 0.35  # of the time to the next impact, up to which the fit looks after one
 LEAST_PART = 0.1  # of the tracks' time, that a first fit needs
 MOST_CMA_S = 2000.0  # that CMA-ES simulates at most, so that long clips do not take minutes

@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 from pipeline.motion.arcs import Arc, design
 from pipeline.motion.image_track import ImageTrack
 from pipeline.motion.view import View
-from pipeline.planar.blocks import Block, block_body
+from pipeline.planar.blocks import BACK, DAMPING, DEPTH, FRONT, HEIGHT, Block, block_body
 from pipeline.planar.bounces import changes_between
 from pipeline.planar.collisions import find_collisions
 from pipeline.planar.plane import Plane
+from pipeline.planar.scale import ROLLING
 from pipeline.planar.silhouette import Silhouette
 from pipeline.planar.supports import Support
 from pipeline.planar.tumbling import Tumbling
@@ -24,18 +25,15 @@ from pipeline.scene.time_step import STEPS_PER_SECOND
 FRICTION = 0.4  # of bodies whose tracks tell nothing of it
 LEAST_FRICTION, MOST_FRICTION = 0.001, 1.0
 LEAST_BRAKED = 6  # frames of an arc whose deceleration is measured
-DAMPING = 0.6
-DEPTH = 0.5  # of a box, which cannot be seen, over its shorter side that can
+BOX_DEPTH = 0.5  # of a box, which cannot be seen, over its shorter side that can
 THICKNESS, STEPS_INSIDE = 2.0, 8.0  # least thickness of supports: radii of the largest body, and steps at full speed
-NARROW, FRONT, BACK = 0.5, 1.5, 6.0  # from the plane to a support's near and far side, in radii of the largest body
+NARROW = 0.5  # instead of FRONT, where the near side of a support would hide what stands on it
 CYLINDER_LENGTH = 0.5  # of a cylinder that is seen along its axis, in radii: what cannot be seen
 SPRING = 2.36  # -log of the restitution over the damping ratio, of bodies of 10 cm that fall 50 cm (simulated)
 #: Of what is round in all frames: a cylinder in flight is seldom seen along its axis for long, a top view is of pucks.
 ROUND_SHAPES = {"flight": "sphere", "top": "cylinder", "hanging": "sphere"}
-ROLLING_SHARE = (
-    7 / 5
-)  # of a ball's deceleration over gravity: rolling friction over its radius, as a ball's inertia rolls, too
-WALL_DEPTH, WALL_HEIGHT = 0.5, 1.5  # of a wall on level ground: share of its length, and heights of the tallest body
+#: Rolling friction over a ball's radius, as a share of its deceleration over gravity: the ball's inertia rolls, too.
+ROLLING_SHARE = 1 / ROLLING["sphere"]
 PUCK_HEIGHT = 0.6  # of a disc seen from above, in radii
 
 
@@ -50,9 +48,8 @@ def planar_scene(
     *,
     plane: Plane,
     gravity: float,
-    start: float,
 ) -> Scene:
-    """The scene at time `start`, s, in which each body goes on as its first arc.
+    """The scene at time 0 in which each body goes on as its first arc.
 
     Args:
         view: Of the clip: not a table.
@@ -64,11 +61,10 @@ def planar_scene(
         blocks: Fixed bodies that a user pointed at.
         plane: In which they move.
         gravity: m/s².
-        start: s, of the scene's initial state.
     """
     largest = max(s.width for s in silhouettes) / 2 / plane.px_per_m
     objects = [
-        planar_object(view, track, own, outline, plane=plane, gravity=gravity, start=start, carried=bool(supports))
+        planar_object(view, track, own, outline, plane=plane, gravity=gravity, carried=bool(supports))
         for track, own, outline in zip(tracks, arcs, silhouettes, strict=True)
     ]
     objects = [o if s is None else _as_solid(o, s, plane) for o, s in zip(objects, solids, strict=True)]
@@ -103,13 +99,12 @@ def planar_object(
     *,
     plane: Plane,
     gravity: float,
-    start: float,
     carried: bool,
 ) -> SceneObject:
-    """One body at time `start`, s; see `planar_scene`. carried: there are supports, on which a disc rolls."""
+    """One body at time 0; see `planar_scene`. carried: there are supports, on which a disc rolls."""
     first = arcs[0]
     kind = next(m.kind for m in view.arcs if m.arc is first)
-    place_px, velocity_px = initial_motion(view, track, arcs, start)
+    place_px, velocity_px = initial_motion(view, track, arcs)
     position, velocity = plane.to_world(place_px), plane.directions(velocity_px)
     half = 0.5 * np.array([outline.width, outline.height]) / plane.px_per_m
     shape = outline.shape
@@ -126,7 +121,7 @@ def planar_object(
         size = (float(half[0]), CYLINDER_LENGTH * float(half[0]))
         orientation = Rotation.from_euler("x", -90, degrees=True).as_quat(scalar_first=True)
     else:
-        depth = DEPTH * 2 * float(half.min())
+        depth = BOX_DEPTH * 2 * float(half.min())
         angle = float(track.angle[0]) - plane.roll
         if plane.level:
             size = (2 * float(half[0]), 2 * float(half[1]), depth)
@@ -160,8 +155,8 @@ def planar_object(
     )
 
 
-def initial_motion(view: View, track: ImageTrack, arcs: Sequence[Arc], start: float) -> tuple[np.ndarray, np.ndarray]:
-    """Place (2,) px and velocity (2,) px/s of a body at time `start`, s.
+def initial_motion(view: View, track: ImageTrack, arcs: Sequence[Arc]) -> tuple[np.ndarray, np.ndarray]:
+    """Place (2,) px and velocity (2,) px/s of a body at time 0.
 
     All samples count up to the first jump of the velocity. A body that falls does so with the gravity of the clip.
     """
@@ -177,7 +172,7 @@ def initial_motion(view: View, track: ImageTrack, arcs: Sequence[Arc], start: fl
         last += 1
     use = np.arange(arcs[0].start, arcs[last].stop)
     use = use[track.whole[use]]
-    time, centre = track.times[use] - start, track.centre[use]
+    time, centre = track.times[use], track.centre[use]
     matrix = design(time)
     if free and view.gravity_px is not None:
         centre, matrix = centre - 0.5 * time[:, None] ** 2 * view.gravity_px, matrix[:, :2]
@@ -208,10 +203,10 @@ def wall_body(support: Support, plane: Plane, height: float, name: str) -> Fixed
     """The fixed box on level ground one of whose upright sides is a support. height: m, of the tallest body."""
     a, b = plane.to_world(support.start), plane.to_world(support.stop)
     along, into = b - a, plane.directions(support.into)
-    depth = WALL_DEPTH * float(np.linalg.norm(along))
+    depth = DEPTH * float(np.linalg.norm(along))
     middle = 0.5 * (a + b) + 0.5 * depth * into / np.linalg.norm(into)
     turn = Rotation.from_euler("z", np.arctan2(along[1], along[0])).as_quat(scalar_first=True)
-    size = (float(np.linalg.norm(along)), depth, WALL_HEIGHT * height)
+    size = (float(np.linalg.norm(along)), depth, HEIGHT * height)
     damping = None if support.restitution is None else damping_of(support.restitution)
     position = (*middle, size[2] / 2)
     return FixedBody("box", size, position, tuple(turn), damping=damping, name=name)

@@ -18,7 +18,7 @@ from pipeline.planar.blocks import DEPTH, Block
 from pipeline.planar.plane import Plane
 from pipeline.planar.silhouette import Silhouette
 from pipeline.scene.scene import Camera
-from pipeline.vision.rendering.camera import focal_px, pinhole
+from pipeline.vision.rendering.camera import pinhole
 
 USUAL_COT, USUAL_SPREAD = 1.7, 0.8  # cotangent of the angle by which people look down at tables: 30 deg, and its spread
 SIZE_ERROR = 0.03  # of the logarithm of a radius, over the way: shading and blur differ between places
@@ -54,8 +54,7 @@ class TableView:
     def to_ground(self, px: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
         """Places (T, 2) m along x and y, at a height, m, that are seen at px (T, 2), and their depths (T,) m."""
         camera, plane = pinhole(self.camera()), self.plane
-        focal = focal_px(camera.fov_y_deg, plane.height)
-        off = (np.asarray(px, float) - [plane.width / 2, plane.height / 2]) / focal
+        off = (np.asarray(px, float) - [plane.width / 2, plane.height / 2]) / plane.focal
         ways = np.stack([off[:, 0], -off[:, 1], -np.ones(len(off))], 1) @ camera.rotation_world.T
         fall = np.maximum(-ways[:, 2], LOWEST)
         depth = (camera.position_world[2] - height) / fall
@@ -63,8 +62,7 @@ class TableView:
 
     def from_above(self, track: ImageTrack) -> tuple[ImageTrack, float]:
         """The track of a ball as if seen from straight above, and the ball's radius, m."""
-        focal = focal_px(self.plane.fov_y_deg, self.plane.height)
-        radius = self.height
+        focal, radius = self.plane.focal, self.height
         for _ in range(3):
             _, depth = self.to_ground(track.centre, radius)
             radius = float(np.median((np.sqrt(track.area / np.pi) * depth / focal)[track.whole]))
@@ -108,8 +106,7 @@ def table_view(plane: Plane, growth: Growth, tracks: Sequence[ImageTrack]) -> Ta
         growth: Of the bodies' outlines.
         tracks: Of the balls on it.
     """
-    focal = focal_px(plane.fov_y_deg, plane.height)
-    cot, error = focal * growth.slope, focal * slope_error(growth)
+    cot, error = plane.focal * growth.slope, plane.focal * slope_error(growth)
     weight, usual = error**-2, USUAL_SPREAD**-2
     cot = (weight * cot + usual * USUAL_COT) / (weight + usual)
     pitch = float(np.degrees(np.arctan(1 / np.clip(cot, LEAST_COT, MOST_COT))))

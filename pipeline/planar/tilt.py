@@ -14,9 +14,9 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from pipeline.motion.arcs import Arc
+from pipeline.motion.arcs import Arc, design
 from pipeline.motion.image_track import ImageTrack
-from pipeline.motion.view import ArcMotion, View, may_fall
+from pipeline.motion.view import LEAST_SIZES, ArcMotion, View, may_fall
 from pipeline.planar.bounces import changes_between
 from pipeline.planar.silhouette import Silhouette
 
@@ -25,9 +25,8 @@ DETERMINED = 0.25  # of that spread: a larger standard error does not determine 
 MOST_DEG = 25.0
 SIZE_ERROR = 0.05  # of the logarithm of a size, over the way: shading and blur differ between places
 OFF_SIZE = 0.2  # share of a disc's median width, by which an outline is wrong
-LEAST_SIZES = 6  # outlines of a body, from which its growth is measured
 LEAST_SIGMA = 0.3  # px, of a centre
-SYSTEMATIC, INDEPENDENT = 0.02, 4  # radii: errors of outlines that are alike in neighbouring frames; such in one flight
+SYSTEMATIC, INDEPENDENT = 0.02, 4  # radii: errors of outlines that are alike in neighbouring frames; such in one track
 #: Deceleration by the air over the square of the speed, times the radius: 3/8 of the drag coefficient (0.47) times the
 #: density of air over that of the body. A tennis ball has 6e-4.
 DRAG = 5e-4
@@ -207,8 +206,7 @@ def _flight_errors(tilt: Tilt, flown: Sequence[ImageTrack]) -> np.ndarray:
 
 def _braked(place: np.ndarray, times: np.ndarray) -> np.ndarray:
     """(T, 2) px by which a body is displaced, to first order, that the air brakes by its speed squared over 1 px."""
-    matrix = np.stack([np.ones_like(times), times, 0.5 * times**2], 1)
-    path = np.linalg.lstsq(matrix, place, rcond=None)[0]
+    path = np.linalg.lstsq(design(times), place, rcond=None)[0]
     velocity = path[1] + times[:, None] * path[2]
     brake = -np.linalg.norm(velocity, axis=1, keepdims=True) * velocity
     steps = np.diff(times)[:, None]

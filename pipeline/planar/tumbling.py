@@ -19,7 +19,7 @@ from pipeline.scene.solid import unit_inertia
 from pipeline.search.outlines.contour import instance_contour
 from pipeline.search.outlines.registration import Registration
 from pipeline.search.outlines.shape_evidence import shape_evidence
-from pipeline.vision.rendering.camera import focal_px, pinhole
+from pipeline.vision.rendering.camera import pinhole
 
 STEP = 1 / 120  # s, longest step of the integration
 SOFT = 0.2  # rad, of an orientation's error, from which it counts less
@@ -56,8 +56,7 @@ def tumbling(
         times: (T,) s.
         plane: In which its centre moves.
     """
-    view = pinhole(plane.camera())
-    focal = focal_px(view.fov_y_deg, plane.height)
+    view, focal = pinhole(plane.camera()), plane.focal
     contour = instance_contour(np.where(masks == track.body, np.uint8(1), np.uint8(0)), 0)
     if len(contour.frames) < LEAST_FRAMES:
         return None
@@ -65,8 +64,7 @@ def tumbling(
     found = evidence.registrations[evidence.ranked[0]]
     size = np.median(found.focal / np.exp(found.poses[:, 2])) * found.half * flat.radius / track.radius
     own = view.rotation_world @ aligned_with_sight(found, focal)
-    seen = np.asarray(times, float)[found.frames]
-    first, spin = free_rotation_through(found.shape, size, own, seen)
+    first, spin = free_rotation_through(found.shape, size, own, found.times)
     orientation = first.as_quat(canonical=True, scalar_first=True)
     return Tumbling(found.shape, size_from_half(found.shape, size), orientation, spin)
 

@@ -64,7 +64,7 @@ def _scenes(
     known = [i for i, e in enumerate(evidence) if e.registrations]
     if not known:
         return [guess_scene(target, shapes, target_times)]
-    scenes = registered_scenes([evidence[i].registrations[shapes[i]] for i in known], outlines.times, outlines.height)
+    scenes = registered_scenes([evidence[i].registrations[shapes[i]] for i in known], outlines.height)
     assert scenes[0].camera is not None
     view = pinhole(scenes[0].camera)
     others = {

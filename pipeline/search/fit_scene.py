@@ -57,20 +57,13 @@ class BasinHopping:
         budget: Simulations of `record` at which the run stops.
         rng: Random generator.
         start: First scene.
-        pairs: (P, 2), objects of the scene and instances of the target; None: by overlap.
     """
 
     def __init__(
-        self,
-        evaluator: Evaluator,
-        record: SearchRecord,
-        budget: int,
-        rng: np.random.Generator,
-        start: Scene,
-        pairs: np.ndarray | None = None,
+        self, evaluator: Evaluator, record: SearchRecord, budget: int, rng: np.random.Generator, start: Scene
     ) -> None:
         self._evaluator, self._record, self._budget, self._rng = evaluator, record, budget, rng
-        self.pairs = evaluator.pairs(start) if pairs is None else pairs
+        self.pairs = evaluator.pairs(start)
         self.best = self._evaluate(start)
 
     @property

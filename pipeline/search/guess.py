@@ -14,10 +14,10 @@ import numpy as np
 from pipeline.scene.scene import Camera, Scene, SceneObject
 from pipeline.scene.solid import reach_below
 from pipeline.search.target import Target
-from pipeline.vision.rendering.camera import Pinhole, focal_px, fov_deg, pinhole
+from pipeline.vision.rendering.camera import REFERENCE_SIZE, Pinhole, focal_px, fov_deg, pinhole
 
-CAMERA = Camera((0.0, -2.0, 0.95), fov=37.0, pitch=-22.4)
-CAMERA_SIZE = (480, 320)  # px, of the picture that it makes
+USUAL_PITCH, PITCH_SPREAD = -22.4, 8.0  # deg, of cameras
+CAMERA = Camera((0.0, -2.0, 0.95), fov=37.0, pitch=USUAL_PITCH)  # of pictures of REFERENCE_SIZE
 GRAVITY = 7.0  # m/s²; unknown, as is the scale of a clip
 NEAREST, FARTHEST = 0.6, 6.0  # m, range of the planar depth of the lowest point
 LEAST_HALF, MOST_HALF = 0.03, 0.38  # m, range of half extents
@@ -27,7 +27,7 @@ TRACK_SECONDS = 0.35  # part of the track that gives the velocity
 
 def usual_camera(width: int, height: int) -> Camera:
     """An average camera that makes pictures of width x height px: its field of view across the diagonal is usual."""
-    focal = focal_px(CAMERA.fov, CAMERA_SIZE[1]) * np.hypot(width, height) / np.hypot(*CAMERA_SIZE)
+    focal = focal_px(CAMERA.fov, REFERENCE_SIZE[1]) * np.hypot(width, height) / np.hypot(*REFERENCE_SIZE)
     return replace(CAMERA, fov=fov_deg(float(focal), height))
 
 
@@ -119,17 +119,14 @@ def guess_object(shape: str, seen: MaskTrack, target: Target, times: np.ndarray,
     behind = half[0] * (np.tan(np.arctan2(-sight[2], along) / 2) if shape == "sphere" else 1.0)
     middle = feet[0] + behind * np.array([sight[0], sight[1], 0]) / along - velocity * first
     spin = np.cross([0.0, 0.0, 1.0], velocity) / half[0] if shape == "sphere" else np.zeros(3)
-    obj = SceneObject(
-        shape=shape,
-        size=_size(shape, *half),
-        mass=1.0,
-        sliding_friction=0.4,
-        rolling_friction=0.002,
-        damping=0.6,
-        velocity=tuple(velocity),
-        angular_velocity=tuple(spin),
-    )
+    obj = usual_object(shape, _size(shape, *half))
+    obj = replace(obj, velocity=tuple(velocity), angular_velocity=tuple(spin))
     return replace(obj, position=(middle[0], middle[1], reach_below(obj)))
+
+
+def usual_object(shape: str, size: tuple[float, ...]) -> SceneObject:
+    """An object with the material that is assumed where nothing is known of it; at rest."""
+    return SceneObject(shape, size, mass=1.0, sliding_friction=0.4, rolling_friction=0.002, damping=0.6)
 
 
 def _size(shape: str, across: float, up: float) -> tuple[float, ...]:
@@ -141,17 +138,16 @@ def _size(shape: str, across: float, up: float) -> tuple[float, ...]:
     return (1.6 * across, 1.6 * across, 1.8 * up)
 
 
-def guess_scene(target: Target, shapes: Sequence[str], times: np.ndarray, camera: Camera | None = None) -> Scene:
+def guess_scene(target: Target, shapes: Sequence[str], times: np.ndarray) -> Scene:
     """A scene in which object i has shape shapes[i] and represents instance i.
 
     Args:
         target: What is to be shown.
         shapes: Of the instances.
         times: (F,) of the frames, s.
-        camera: None: a usual one.
     """
     assert len(shapes) == target.instances
-    camera = camera or usual_camera(target.width, target.height)
+    camera = usual_camera(target.width, target.height)
     view = pinhole(camera)
     objects = [guess_object(shape, track_mask(target.masks, i), target, times, view) for i, shape in enumerate(shapes)]
     return Scene(tuple(objects), camera, (0.0, 0.0, -GRAVITY))

@@ -103,7 +103,7 @@ class PooledTarget:
         self._centroid_px = CENTROID_PX * scale
         self._centroids = self._place(self._target[:, :, 0], areas)
         self._areas = areas
-        self._halvings = [_halving(n, LEVELS) for n in nodes]
+        self._halvings = [_halvings(n) for n in nodes]
 
     def _place(self, pooled: np.ndarray, areas: np.ndarray) -> np.ndarray:
         """Centroids (..., 2), px. They are exact because bilinear weights reproduce positions."""
@@ -151,10 +151,10 @@ class PooledTarget:
         return Residuals(values, cost)
 
 
-def _halving(nodes: int, levels: int) -> list[np.ndarray]:
+def _halvings(nodes: int) -> list[np.ndarray]:
     """Matrices, level by level, that sum the weights of a grid of `nodes` nodes to those of half as many cells."""
     out = []
-    for _ in range(levels - 1):
+    for _ in range(LEVELS - 1):
         coarse = nodes // 2 + 1
         matrix = np.zeros((coarse, nodes), np.float32)
         for k in range(coarse):

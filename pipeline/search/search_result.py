@@ -80,14 +80,14 @@ class SearchRecord:
     def simulations(self) -> int:
         return self._evaluator.simulations - self._before[0]
 
-    def offer(self, scene: Scene, reward: float, iou: float, pairs: np.ndarray | None = None) -> None:
+    def offer(self, scene: Scene, reward: float, iou: float, pairs: np.ndarray) -> None:
         """Keep the scene if it is the best. Objects that overlap are separated first, and the scene is evaluated again.
 
         Args:
             scene: The scene.
             reward: Its reward.
             iou: Its IoU.
-            pairs: Objects and instances (P, 2) for another evaluation; None: by overlap.
+            pairs: Objects and instances (P, 2) for another evaluation.
         """
         if reward <= self.reward:
             return

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-REFERENCE_AREA = 480 * 320  # px
+from pipeline.vision.rendering.camera import REFERENCE_SIZE
+
+REFERENCE_AREA = math.prod(REFERENCE_SIZE)  # px²
 
 
 @dataclass(frozen=True)

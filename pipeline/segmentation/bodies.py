@@ -15,28 +15,15 @@ from pipeline.segmentation.inputs import ClipFeatures, clip_features, steady_exp
 from pipeline.segmentation.joining import joined
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork
 from pipeline.segmentation.plate import clear_plate
-from pipeline.segmentation.resting import ALIKE, resting, without_ghosts
+from pipeline.segmentation.resting import ALIKE, covered, resting, without_ghosts
 from pipeline.segmentation.track_score import FIGURES, PLAIN, score, track_figures
 from pipeline.segmentation.upsampling import enlarge
 
 WORK_PX = 240 * 160  # of the picture that the network sees
-LEAST_SCORE = 0.4
-PLATE_SCORE = 0.4  # from which a track of the first look is left out of the background of the second
+LEAST_SCORE = 0.4  # from which a track counts as a body; the background of the second look is without such tracks
 LEVEL = 0.38  # of a soft mask, at a body's edge: 0.5 draws bodies 6 % (rendered clips) to 14 % (real ones) too small
 LEAST_PART = 0.2  # of a body's largest connected part: smaller ones are flecks
 IN_SHADOW = 0.2  # factor of the probability where the background's texture is seen, darker
-
-
-@dataclass(frozen=True)
-class BodyTracks:
-    """The bodies that move in a clip, numbered from 1 by first appearance. masks: (T, H, W) uint8, 0 or the id, at the
-    clip's own size. scores: (N,) probability that each is a moving body. centres: (T, N, 2) px of the clip, the
-    projected centre, NaN where it is not seen. radii: (N,) px."""
-
-    masks: np.ndarray
-    scores: np.ndarray
-    centres: np.ndarray
-    radii: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -78,18 +65,15 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     first, features = first_look(frames, network)
     small = first.frames
     scores = candidate_scores(first, network)
-    covered = np.zeros(small.shape[:3], bool)
-    likely = [t for t, s in zip(first.tracks, scores, strict=True) if s >= PLATE_SCORE]
-    probable = [without_ghosts(t, small, features.background) for t in likely]
-    for track in resting(probable, small):
-        for t, piece in track.pieces.items():
-            covered[t].reshape(-1)[piece.pixels] = True
-    plate, filled = clear_plate(small, covered, features.background)
+    likely = [t for t, s in zip(first.tracks, scores, strict=True) if s >= LEAST_SCORE]
+    rests = resting([without_ghosts(t, small, features.background) for t in likely], small)
+    behind = np.stack([covered(rests, t, small.shape[1:3]) for t in range(len(small))])
+    plate, filled = clear_plate(small, behind, features.background)
     if np.array_equal(plate, features.background):
         return first
     again = predict(network, small, replace(features, background=plate))
     # Where the background is not known, a body that the first look saw there stays.
-    moving = np.where(covered & filled, np.maximum(again.moving, first.prediction.moving), again.moving)
+    moving = np.where(behind & filled, np.maximum(again.moving, first.prediction.moving), again.moving)
     return _tracked(replace(again, moving=moving), small, plate)
 
 
@@ -115,29 +99,6 @@ def candidate_scores(found: Candidates, network: SegmentationNetwork) -> np.ndar
     """(N,) the probability that each candidate is a moving body."""
     regression = network.config.get("regression", PLAIN)
     return np.array([score(f, regression) for f in found.figures])
-
-
-def figure(found: Candidates, name: str) -> np.ndarray:
-    """(N,) one of the candidates' figures, as `track_score.FIGURES` names them."""
-    return np.asarray(found.figures[:, FIGURES.index(name)])
-
-
-def bodies_of(tracks: list[Track], scores: np.ndarray, found: Candidates, frames: np.ndarray) -> BodyTracks:
-    """The tracks as bodies, in the order given.
-
-    Args:
-        tracks: At the size of `found.frames`.
-        scores: (N,) of the tracks.
-        found: The candidates among which they were chosen.
-        frames: (T, H, W, 3) uint8, of the size that the masks get.
-    """
-    scale = np.array([frames.shape[2] / found.frames.shape[2], frames.shape[1] / found.frames.shape[1]])
-    centres = np.full((len(frames), len(tracks), 2), np.nan)
-    for k, track in enumerate(tracks):
-        for t, piece in track.pieces.items():
-            centres[t, k] = piece.centre * scale
-    radii = np.array([t.typical_radius for t in tracks]) * scale.mean()
-    return BodyTracks(draw_masks(tracks, found.probability, frames), scores, centres, radii)
 
 
 def draw_masks(tracks: list[Track], probability: np.ndarray, frames: np.ndarray) -> np.ndarray:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
 from pipeline.compiled import kernel
+from pipeline.motion.image_track import LEAST_PIXELS
 from pipeline.segmentation.inference import Prediction
 
 KEEP, BEGIN = 0.4, 0.5  # probability from which a pixel may go to a live track; may start one
 GAP = 6  # frames for which a track that is not seen stays live
-LEAST_PIXELS = 4
 LEAST_MASS = 0.08  # of a disc of the predicted radius, that must be seen for a track to go on
 LEAST_START = 0.12  # and to start
 NEAR_VOTE, NEAR_COLOUR = 0.55, 0.10  # a vote's distance in radii, a colour's in [0, 1], that cost 1
@@ -34,6 +34,11 @@ class Piece:
     centre: np.ndarray
     radius: float
     colour: np.ndarray
+
+    def at_border(self, height: int, width: int) -> bool:
+        """Whether it touches the border of the picture."""
+        rows, cols = np.divmod(self.pixels, width)
+        return bool(rows.min() == 0 or cols.min() == 0 or rows.max() == height - 1 or cols.max() == width - 1)
 
 
 @dataclass
@@ -65,6 +70,11 @@ class Track:
     def typical_area(self) -> float:
         """px²: the median over its pieces."""
         return float(np.median([len(p.pixels) for p in self.pieces.values()]))
+
+    def add(self, t: int, piece: Piece) -> None:
+        """Add a piece of frame t, or its pixels where the track has one there."""
+        whole = self.pieces.get(t)
+        self.pieces[t] = piece if whole is None else replace(whole, pixels=np.union1d(whole.pixels, piece.pixels))
 
 
 @dataclass(frozen=True)
@@ -155,9 +165,7 @@ def _adopt(
     for piece, host in zip(pieces, hosts, strict=True):
         if host is not None:
             whole = host.pieces[t]
-            host.pieces[t] = Piece(
-                np.concatenate([whole.pixels, piece.pixels]), whole.centre, whole.radius, whole.colour
-            )
+            host.pieces[t] = replace(whole, pixels=np.concatenate([whole.pixels, piece.pixels]))
     rest = [k for k, host in enumerate(hosts) if host is None]
     lost = [k for k in live if 0 < t - k.last <= LOST]
     costs = sorted(

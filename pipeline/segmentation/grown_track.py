@@ -9,11 +9,12 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from pipeline.motion.image_track import LEAST_PIXELS
 from pipeline.segmentation.grouping import Piece, Track
 
 LEAST_DIFFERENCE = 12  # of 255, of a channel from the median picture: foreground; and 4 times the clip's noise
 ALIKE = 9  # of 255, of each channel from the point's colour
-LEAST_PIXELS, MOST_SHARE = 4, 0.25  # of a region; share of the picture
+MOST_SHARE = 0.25  # of the picture, of a region
 CHANGES = 0.4, 2.5  # of a region's area from frame to frame: beyond, the body is lost
 ROUNDS = 2  # of GrabCut
 

@@ -65,7 +65,7 @@ def _picture(picture: np.ndarray) -> Tensor:
 
 
 @kernel
-def _steadied(probability: np.ndarray, frames: np.ndarray, alike: int, share: float, out: np.ndarray) -> None:
+def _steadied(probability: np.ndarray, frames: np.ndarray, out: np.ndarray) -> None:
     count, height, width = probability.shape
     for row in range(height):
         for col in range(width):
@@ -80,17 +80,17 @@ def _steadied(probability: np.ndarray, frames: np.ndarray, alike: int, share: fl
                 total, weight = 0.0, 0
                 for s in range(count):
                     if (
-                        abs(np.int64(frames[s, row, col, 0]) - np.int64(frames[t, row, col, 0])) < alike
-                        and abs(np.int64(frames[s, row, col, 1]) - np.int64(frames[t, row, col, 1])) < alike
-                        and abs(np.int64(frames[s, row, col, 2]) - np.int64(frames[t, row, col, 2])) < alike
+                        abs(np.int64(frames[s, row, col, 0]) - np.int64(frames[t, row, col, 0])) < ALIKE
+                        and abs(np.int64(frames[s, row, col, 1]) - np.int64(frames[t, row, col, 1])) < ALIKE
+                        and abs(np.int64(frames[s, row, col, 2]) - np.int64(frames[t, row, col, 2])) < ALIKE
                     ):
                         total += probability[s, row, col]
                         weight += 1
-                out[t, row, col] = (1 - share) * own + share * total / weight
+                out[t, row, col] = (1 - STEADY_SHARE) * own + STEADY_SHARE * total / weight
 
 
 def steadied(probability: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """Probabilities (T, H, W), each pixel's mixed with what is said of it in the frames in which it looks alike."""
     out = np.empty_like(probability)
-    _steadied(probability, frames, ALIKE, STEADY_SHARE, out)
+    _steadied(probability, frames, out)
     return out

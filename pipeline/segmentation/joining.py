@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -89,11 +91,7 @@ def _together(tracks: list[Track], width: int) -> list[Track]:
             out.append(track)
             continue
         for t, piece in track.pieces.items():
-            if t in host.pieces:
-                whole = host.pieces[t]
-                host.pieces[t] = Piece(np.union1d(whole.pixels, piece.pixels), whole.centre, whole.radius, whole.colour)
-            else:
-                host.pieces[t] = piece
+            host.add(t, piece)
     return out
 
 
@@ -153,11 +151,7 @@ def _stiff(tracks: list[Track], probability: np.ndarray) -> list[Track]:
             continue
         host.ends.append(offset)
         for t, piece in track.pieces.items():
-            whole = host.pieces.get(t)
-            if whole is None:
-                host.pieces[t] = Piece(piece.pixels, piece.centre - offset, piece.radius, piece.colour)
-            else:
-                host.pieces[t] = Piece(np.union1d(whole.pixels, piece.pixels), whole.centre, whole.radius, whole.colour)
+            host.add(t, replace(piece, centre=piece.centre - offset))
     return out
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import itertools
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -122,9 +121,7 @@ def load_network(folder: Path | str) -> SegmentationNetwork:
 
     Raises ModelError.
     """
-    network, config = read_weights(
-        Path(folder), WEIGHTS, CONFIG, lambda config: SegmentationNetwork(tuple(config["channels"]))
-    )
+    network, config = read_weights(folder, WEIGHTS, CONFIG, SegmentationNetwork)
     network.config = config
     return network
 
@@ -145,21 +142,17 @@ def write_weights(network: nn.Module, folder: Path, weights: str, config: str, v
     (folder / (config + ".part")).replace(folder / config)
 
 
-def read_weights(
-    folder: Path, weights: str, config: str, build: Callable[[dict[str, Any]], N]
-) -> tuple[N, dict[str, Any]]:
-    """A network, ready to infer, and its configuration, from files of these names; build: of the configuration.
-
-    Raises ModelError.
-    """
+def read_weights(folder: Path | str, weights: str, config: str, kind: type[N]) -> tuple[N, dict[str, Any]]:
+    """A network of a kind, ready to infer, and its configuration, from files of these names. Raises ModelError."""
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
+    folder = Path(folder)
     if not (folder / weights).is_file():
         raise ModelError(f"{folder} has no {weights}: a folder of segmentation weights is needed, as models/masks")
     try:
         values = read_json(folder / config, ModelError)
-        network = build(values)
+        network = kind(tuple(values["channels"]))
         state = {k: v.float() for k, v in load_file(folder / weights).items()}
         missing, unexpected = network.load_state_dict(state, strict=False)
     except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError) as error:

@@ -54,5 +54,5 @@ def save_outline_network(network: OutlineNetwork, folder: Path, config: dict[str
 
 def load_outline_network(folder: Path | str) -> OutlineNetwork:
     """The network of a folder that `save_outline_network` wrote, ready to infer. Raises ModelError."""
-    network, _ = read_weights(Path(folder), WEIGHTS, CONFIG, lambda config: OutlineNetwork(tuple(config["channels"])))
+    network, _ = read_weights(folder, WEIGHTS, CONFIG, OutlineNetwork)
     return network

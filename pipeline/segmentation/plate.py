@@ -25,7 +25,7 @@ def _largest_change(one: np.ndarray, other: np.ndarray) -> float:
 
 
 @kernel
-def _still_covered(frames: np.ndarray, covered: np.ndarray, alike: int, out: np.ndarray) -> None:
+def _still_covered(frames: np.ndarray, covered: np.ndarray, out: np.ndarray) -> None:
     count, height, width = covered.shape
     for row in range(height):
         for col in range(width):
@@ -36,7 +36,7 @@ def _still_covered(frames: np.ndarray, covered: np.ndarray, alike: int, out: np.
                 for step in (-1, 1):
                     s = t + step
                     while 0 <= s < count and not covered[s, row, col]:
-                        if _largest_change(frames[s, row, col], frames[t, row, col]) >= alike:
+                        if _largest_change(frames[s, row, col], frames[t, row, col]) >= ALIKE:
                             break
                         out[s, row, col] = True
                         s += step
@@ -48,12 +48,12 @@ def still_covered(frames: np.ndarray, covered: np.ndarray) -> np.ndarray:
     A body that comes to rest is lost little by little. frames: (T, H, W, 3) uint8, covered: (T, H, W) bool.
     """
     out = np.zeros(covered.shape, np.bool_)
-    _still_covered(frames, covered, ALIKE, out)
+    _still_covered(frames, covered, out)
     return out
 
 
 @kernel
-def _clear_median(frames: np.ndarray, covered: np.ndarray, least: int, out: np.ndarray) -> None:
+def _clear_median(frames: np.ndarray, covered: np.ndarray, out: np.ndarray) -> None:
     count, height, width = covered.shape
     values = np.empty(count, np.uint8)
     for row in range(height):
@@ -61,7 +61,7 @@ def _clear_median(frames: np.ndarray, covered: np.ndarray, least: int, out: np.n
             clear = 0
             for t in range(count):
                 clear += not covered[t, row, col]
-            if clear == count or clear < least:
+            if clear == count or clear < LEAST_CLEAR:
                 continue
             for channel in range(3):
                 k = 0
@@ -87,7 +87,7 @@ def clear_plate(frames: np.ndarray, covered: np.ndarray, background: np.ndarray)
     still = still_covered(frames, covered)
     grown = np.stack([cv2.dilate(c.astype(np.uint8), square) for c in still]) > 0
     out = background.copy()
-    _clear_median(frames, grown, LEAST_CLEAR, out)
+    _clear_median(frames, grown, out)
     always = ((~still).sum(0) < LEAST_CLEAR).astype(np.uint8)
     filled = cv2.dilate(always, square) & ((~grown).sum(0) < LEAST_CLEAR)
     if filled.any():

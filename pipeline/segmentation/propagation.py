@@ -18,11 +18,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipeline.segmentation.published_models import PublishedSegmenter
+from pipeline.vision.recordings.mask_file import MOST_BODIES
 
 #: Of the pictures that SAM 2 and EdgeTAM were trained with (ImageNet's), for channels in 0 to 1.
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 INSIDE, CORNERS = 1, (2, 3)  # labels of points: on the body; first and last corner of a box
-MOST_BODIES = 255
 FREE_PX = 3  # a body whose mask is nearer to another's, or to the border, may be seen in part
 _BODY = 1  # the id of a session's only body
 
@@ -34,15 +34,13 @@ class Prompt:
     Attributes:
         frame: Of the clip.
         mask: (H, W) bool of that frame.
-        points: (K, 2) px of the clip, x and y.
-        labels: (K,) 1 for points on the body, 0 for points beside it; None: all are on it.
+        points: (K, 2) px of the clip, x and y, on the body.
         box: (4,) px, x and y of the first corner and of the last.
     """
 
     frame: int
     mask: np.ndarray | None = None
     points: np.ndarray | None = None
-    labels: np.ndarray | None = None
     box: np.ndarray | None = None
 
     def __post_init__(self) -> None:
@@ -172,7 +170,7 @@ def _resized_mask(mask: np.ndarray, size: tuple[int, int]) -> Tensor:
 def _scaled_points(prompt: Prompt, size: tuple[int, int], model_size: tuple[int, int]) -> dict[str, Tensor]:
     """Points and corners in px of the model's pictures, with their labels."""
     points = np.zeros((0, 2)) if prompt.points is None else np.reshape(prompt.points, (-1, 2))
-    labels = np.full(len(points), INSIDE) if prompt.labels is None else np.asarray(prompt.labels)
+    labels = np.full(len(points), INSIDE)
     if prompt.box is not None:
         points = np.concatenate([np.reshape(prompt.box, (2, 2)), points])
         labels = np.concatenate([CORNERS, labels])

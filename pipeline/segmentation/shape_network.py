@@ -52,8 +52,6 @@ def save_shape_network(network: ShapeNetwork, folder: Path, config: dict[str, An
 
 def load_shape_network(folder: Path | str) -> ShapeNetwork:
     """The network of a folder that `save_shape_network` wrote, ready to infer. Raises ModelError."""
-    network, config = read_weights(
-        Path(folder), WEIGHTS, CONFIG, lambda config: ShapeNetwork(tuple(config["channels"]))
-    )
+    network, config = read_weights(folder, WEIGHTS, CONFIG, ShapeNetwork)
     network.config = config
     return network

@@ -45,8 +45,7 @@ def track_figures(track: Track, prediction: Prediction) -> np.ndarray:
         centres = piece.centre + np.array([np.zeros(2), *track.ends])  # of the body, or of each of its ends
         away = np.linalg.norm(votes[t, piece.pixels][:, None] - centres, axis=-1).min(1)
         spread.append(np.median(away) / max(piece.radius, 1.5))
-        rows, cols = piece.pixels // width, piece.pixels % width
-        edge.append((rows.min() == 0) | (cols.min() == 0) | (rows.max() == height - 1) | (cols.max() == width - 1))
+        edge.append(piece.at_border(height, width))
     moving, strongest, body, other = np.mean(means, axis=0)
     centres = np.array([track.pieces[t].centre for t in sorted(track.pieces)])
     shift = float(np.percentile(np.linalg.norm(centres - np.median(centres[:3], axis=0), axis=1), 90))

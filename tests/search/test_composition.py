@@ -55,15 +55,15 @@ def test_a_silhouette_bounds_the_projection_of_the_solid_and_touches_it(rng: np.
     world = points @ rotation.T + centre
     seen = (world[:, :2] / -world[:, 2:]) @ NORMALS.T
     support = np.empty(DIRECTIONS)
-    assert fill_support(kind, half, rotation, centre, NORMALS, support)
+    assert fill_support(kind, half, rotation, centre, support)
     np.testing.assert_allclose(support, seen.max(0), atol=1e-3)
     assert (support >= seen.max(0) - 1e-9).all()
 
 
 def test_distances_to_a_silhouette_are_signed() -> None:
     support, distance, nearest = np.empty(DIRECTIONS), np.empty(2), np.empty(2, np.int64)
-    fill_support(SPHERE, np.full(3, 0.1), np.eye(3), np.array([0, 0, -10.0]), NORMALS, support)
-    fill_distances(np.array([[3.0, 0.0], [0.0, 0.5]]), 2, 100.0, support, NORMALS, distance, nearest)
+    fill_support(SPHERE, np.full(3, 0.1), np.eye(3), np.array([0, 0, -10.0]), support)
+    fill_distances(np.array([[3.0, 0.0], [0.0, 0.5]]), 2, 100.0, support, distance, nearest)
     np.testing.assert_allclose(distance, [2.0, -0.5], atol=0.01)
 
 
@@ -135,11 +135,11 @@ def test_the_flow_of_a_registered_body_is_that_of_its_motion() -> None:
         extents=np.array([0.2]),
         focal=100.0,
         frames=np.arange(count),
+        times=np.arange(count) / 30,
         poses=np.array([[2.0 * k, 0.0, np.log(2.0)] for k in range(count)]),
         rotations=np.repeat(np.eye(3)[None], count, 0),
         cost=0.0,
         points=1,
-        fitted=np.arange(count),
         turns=np.repeat(np.eye(3)[None], count - 1, 0),
         turns_seen=np.array([True, False]),
     )

@@ -14,7 +14,7 @@ from pipeline.scene.scene import BASIC_SHAPES, Scene, SceneObject
 from pipeline.search.evaluator import Evaluator
 from pipeline.search.fit_scene import RUN_SIMULATIONS, BasinHopping, fit_scene
 from pipeline.search.gauss_newton import Descent, evaluate, linearise, neighbours, perturbation_groups
-from pipeline.search.guess import guess_scene, on_ground, track_mask
+from pipeline.search.guess import guess_object, guess_scene, on_ground, track_mask
 from pipeline.search.jumps import outline, propose_jumps, sizes_for_outline
 from pipeline.search.parameters import search_space
 from pipeline.search.search_result import DEEPEST, SearchRecord
@@ -109,7 +109,7 @@ def test_the_guess_of_a_ball_on_the_ground_is_near_it_where_the_camera_is_known(
     target = exact_target(scene, 240, 160)
     assert track_mask(target.masks, 0).whole.all()
     assert scene.camera is not None
-    (found,) = guess_scene(target, ["sphere"], TIMES, scene.camera).objects
+    found = guess_object("sphere", track_mask(target.masks, 0), target, TIMES, pinhole(scene.camera))
     assert found.size[0] == pytest.approx(ball.size[0], rel=0.2)
     np.testing.assert_allclose(found.position, ball.position, atol=0.08)
     np.testing.assert_allclose(found.velocity[:2], ball.velocity[:2], atol=0.25)

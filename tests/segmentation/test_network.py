@@ -8,7 +8,7 @@ import torch
 
 from pipeline.errors import ModelError
 from pipeline.segmentation import load_mask_networks
-from pipeline.segmentation.bodies import bodies_of, candidate_scores, find_candidates, working_size
+from pipeline.segmentation.bodies import candidate_scores, draw_masks, find_candidates, working_size
 from pipeline.segmentation.inputs import FULL_CHANNELS, HALF_CHANNELS, clip_features, steady_exposure
 from pipeline.segmentation.network import STRIDE, SegmentationNetwork, load_network, save_network, without_norms
 from pipeline.segmentation.track_score import FIGURES
@@ -99,10 +99,9 @@ def test_bodies_of_a_clip_have_ids_from_1_without_gaps():
     candidates = find_candidates(frames, network)
     scores = candidate_scores(candidates, network)
     assert len(scores) == len(candidates.tracks) and ((scores >= 0) & (scores <= 1)).all()
-    found = bodies_of(candidates.tracks, scores, candidates, frames)
-    assert found.masks.shape == frames.shape[:3] and found.masks.dtype == np.uint8
-    assert found.masks.max() <= len(found.scores)
-    assert found.centres.shape == (len(frames), len(found.scores), 2)
+    masks = draw_masks(candidates.tracks, candidates.probability, frames)
+    assert masks.shape == frames.shape[:3] and masks.dtype == np.uint8
+    assert masks.max() <= len(scores)
 
 
 def test_frames_of_another_form_are_refused():

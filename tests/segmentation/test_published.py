@@ -52,7 +52,7 @@ def test_points_and_boxes_prompt_bodies_and_the_answer_is_the_same_twice(saved: 
     frames, _ = two_bodies()
     segmenter = load_published(*saved)
     prompts = [
-        Prompt(2, points=np.array([[22.0, 25.0], [60.0, 50.0]]), labels=np.array([1, 0])),
+        Prompt(2, points=np.array([[22.0, 25.0]])),
         Prompt(0, box=np.array([60.0, 40.0, 71.0, 49.0])),
     ]
     first, again = (segment_with(segmenter, frames, prompts) for _ in range(2))

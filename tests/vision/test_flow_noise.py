@@ -1,14 +1,11 @@
 """Laws of the noise on exact flow."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
 
 from pipeline.vision.flow.flow_noise import (
     CELL_PX,
-    NO_NOISE,
     RAFT_RANGES,
     FlowNoise,
     nearest_foreground,
@@ -34,19 +31,19 @@ def moving_discs(rng, count=12, height=160, width=240):
 
 def test_without_noise_the_flow_is_exact(rng):
     flow, masks = moving_discs(rng, 3)
-    assert np.array_equal(noisy_flow(rng, flow, masks, NO_NOISE), flow)
+    assert np.array_equal(noisy_flow(rng, flow, masks, FlowNoise()), flow)
 
 
 def test_the_same_generator_gives_the_same_noise_and_another_another():
     flow, masks = moving_discs(np.random.default_rng(0), 3)
-    first, again, other = (noisy_flow(np.random.default_rng(s), flow, masks, FlowNoise()) for s in (1, 1, 2))
+    first, again, other = (noisy_flow(r, flow, masks, raft_noise(r)) for r in map(np.random.default_rng, (1, 1, 2)))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
 
 
 def test_drop_outs_have_their_share_and_lie_in_objects(rng):
     flow, masks = moving_discs(rng)
-    noisy = noisy_flow(rng, flow, masks, replace(NO_NOISE, dropout=0.2, dropout_px=6))
+    noisy = noisy_flow(rng, flow, masks, FlowNoise(dropout=0.2, dropout_px=6))
     lost = (noisy != flow).any(-1)
     assert lost[masks > 0].mean() == pytest.approx(0.2, abs=0.02)
     assert not lost[masks == 0].any()
@@ -55,7 +52,7 @@ def test_drop_outs_have_their_share_and_lie_in_objects(rng):
 
 def test_leaks_lie_beside_objects_and_take_their_motion(rng):
     flow, masks = moving_discs(rng)
-    noisy = noisy_flow(rng, flow, masks, replace(NO_NOISE, leak=0.4))
+    noisy = noisy_flow(rng, flow, masks, FlowNoise(leak=0.4))
     for t in range(len(flow)):
         nearest = nearest_foreground(masks[t] > 0, 3.0)
         near = nearest >= 0
@@ -98,7 +95,7 @@ def test_drawn_noise_is_within_its_ranges(rng):
 
 def test_shadows_move_as_their_objects_do_and_hide_none(rng):
     flow, masks = moving_discs(rng, 6)
-    noisy = noisy_flow(rng, flow, masks, replace(NO_NOISE, shadow=0.5))
+    noisy = noisy_flow(rng, flow, masks, FlowNoise(shadow=0.5))
     assert np.array_equal(noisy[masks > 0], flow[masks > 0])
     cast = noisy[masks == 0]
     assert 0 < (cast != 0).any(-1).mean() < 0.5
@@ -107,7 +104,7 @@ def test_shadows_move_as_their_objects_do_and_hide_none(rng):
 
 def test_the_ground_flickers_in_cells_and_blotches_that_reach_as_far_as_rafts(rng):
     flow = np.zeros((40, 160, 240, 2), np.float32)
-    noise = replace(NO_NOISE, still_px=1.0, cell_px=CELL_PX)
+    noise = FlowNoise(still_px=1.0, cell_px=CELL_PX)
     noisy = noisy_flow(rng, flow, np.zeros(flow.shape[:3], np.uint8), noise)
     assert noisy.std() == pytest.approx(0.5, rel=0.2)
     for lag, correlation in ((4, 0.87), (8, 0.67), (16, 0.46), (32, 0.24), (64, 0.08)):  # px of 240

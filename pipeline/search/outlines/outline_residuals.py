@@ -15,7 +15,7 @@ from pipeline.compiled import parallel_kernel
 from pipeline.physics.batch import SceneBatch
 from pipeline.scene.rotation import fill_matrix
 from pipeline.search.outlines.contour import Contour
-from pipeline.search.outlines.silhouette import DIRECTIONS, NORMALS, fill_distances, fill_support
+from pipeline.search.outlines.silhouette import DIRECTIONS, fill_distances, fill_support
 from pipeline.vision.rendering.surface import KINDS
 
 POINTS = 32  # of the outline of an instance in a frame
@@ -38,7 +38,6 @@ def _fill(
     free: np.ndarray,
     count: np.ndarray,
     radius: np.ndarray,
-    normals: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Fill out (B, F, N, P); see `OutlineTarget.residuals`. instances: (N,), -1 for none."""
@@ -62,13 +61,13 @@ def _fill(
                             + camera_rotation[b, 1, r] * body[1, c]
                             + camera_rotation[b, 2, r] * body[2, c]
                         )
-                seen = fill_support(kinds[i], half[b, i], local, centre, normals, support)
+                seen = fill_support(kinds[i], half[b, i], local, centre, support)
                 scale = np.sqrt(1.0 / count[k, j])
                 if not seen:
                     for p in range(count[k, j]):
                         out[b, k, i, p] = MOST * scale
                     continue
-                fill_distances(points[k, j], count[k, j], focal, support, normals, distance, nearest)
+                fill_distances(points[k, j], count[k, j], focal, support, distance, nearest)
                 for p in range(count[k, j]):
                     if free[k, j, p] or distance[p] > 0:
                         d = distance[p] / radius[j]
@@ -135,7 +134,6 @@ class OutlineTarget:
             self._free,
             self._count,
             self._radius,
-            NORMALS,
             out,
         )
         out *= WEIGHT / np.sqrt(frames)

@@ -12,9 +12,10 @@ import math
 import numpy as np
 
 from pipeline.compiled import kernel
-from pipeline.search.outlines.silhouette import DIRECTIONS, NORMALS, fill_distances, fill_support
+from pipeline.search.outlines.silhouette import DIRECTIONS, fill_distances, fill_support
 from pipeline.vision.rendering.surface import CYLINDER, SPHERE
 
+SIGMA_PX = 0.5  # px, standard deviation of the points of an outline
 HUBER = 4.0  # standard deviations beyond which a point counts linearly
 DEPTH_SPREAD = 0.3  # standard deviation of the logarithm of the depth
 FOCAL_SPREAD = 0.15  # of the logarithm of the focal length
@@ -56,8 +57,9 @@ def turn_between(first: np.ndarray, second: np.ndarray) -> tuple[float, float, f
 
 
 @kernel
-def _support_at(kind: int, extents: np.ndarray, focal: float, pose: np.ndarray, rotation: np.ndarray,
-                normals: np.ndarray, out: np.ndarray) -> bool:  # fmt: skip
+def _support_at(
+    kind: int, extents: np.ndarray, focal: float, pose: np.ndarray, rotation: np.ndarray, out: np.ndarray
+) -> bool:
     """The support function (D,), in units of the focal length, of a pose: px, px, log m."""
     half, centre = np.empty(3), np.empty(3)
     half[0] = math.exp(extents[0])
@@ -69,7 +71,7 @@ def _support_at(kind: int, extents: np.ndarray, focal: float, pose: np.ndarray, 
         half[1], half[2] = math.exp(extents[1]), math.exp(extents[2])
     depth = math.exp(pose[2])
     centre[0], centre[1], centre[2] = depth * pose[0] / focal, depth * pose[1] / focal, -depth
-    return fill_support(kind, half, rotation, centre, normals, out)
+    return fill_support(kind, half, rotation, centre, out)
 
 
 @kernel
@@ -79,21 +81,21 @@ def _robust(value: float) -> float:
 
 
 @kernel
-def _cost(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, times: np.ndarray, sigma: float,
-          usual: np.ndarray, predicted: np.ndarray, predicted_turn: np.ndarray, use_predicted: bool,
-          poses: np.ndarray, rotations: np.ndarray, extents: np.ndarray, focal: float, normals: np.ndarray,
-          distance: np.ndarray, nearest: np.ndarray) -> tuple[float, float]:  # fmt: skip
+def _cost(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, times: np.ndarray, usual: np.ndarray,
+          predicted: np.ndarray, predicted_turn: np.ndarray, use_predicted: bool, poses: np.ndarray,
+          rotations: np.ndarray, extents: np.ndarray, focal: float, distance: np.ndarray,
+          nearest: np.ndarray) -> tuple[float, float]:  # fmt: skip
     """The cost with priors, and of the outlines alone. Writes distances (K, P), and their normals."""
     support = np.empty(DIRECTIONS)
     data, prior = 0.0, 0.0
     frames = len(points)
     for k in range(frames):
-        if not _support_at(kind, extents, focal, poses[k], rotations[k], normals, support):
+        if not _support_at(kind, extents, focal, poses[k], rotations[k], support):
             return np.inf, np.inf
-        fill_distances(points[k], count[k], focal, support, normals, distance[k], nearest[k])
+        fill_distances(points[k], count[k], focal, support, distance[k], nearest[k])
         for i in range(count[k]):
             if free[k, i] or distance[k, i] > 0:
-                data += _robust(distance[k, i] / sigma)
+                data += _robust(distance[k, i] / SIGMA_PX)
     sizes = len(extents)
     mean = extents.mean()
     for s in range(sizes):
@@ -119,10 +121,9 @@ def _cost(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, ti
 
 
 @kernel
-def refine(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, times: np.ndarray, sigma: float,
-           usual: np.ndarray, predicted: np.ndarray, predicted_turn: np.ndarray, track: bool, normals: np.ndarray,
-           poses: np.ndarray, rotations: np.ndarray, extents: np.ndarray, focal: float,
-           iterations: int) -> tuple[float, float, float]:  # fmt: skip
+def refine(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, times: np.ndarray, usual: np.ndarray,
+           predicted: np.ndarray, predicted_turn: np.ndarray, track: bool, poses: np.ndarray, rotations: np.ndarray,
+           extents: np.ndarray, focal: float, iterations: int) -> tuple[float, float, float]:  # fmt: skip
     """Refine poses, extents and focal length in place.
 
     Args:
@@ -131,12 +132,10 @@ def refine(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, t
         free: (K, P).
         count: (K,).
         times: (K,) s.
-        sigma: Standard deviation of the points, px.
         usual: (2,) logarithms of the usual depth, m, and focal length, px.
         predicted: (3,) predicted pose, where `track`.
         predicted_turn: (3, 3) predicted rotation, where `track`.
         track: Keep extents and focal length, and the pose of the only frame near its prediction.
-        normals: `NORMALS`.
         poses: (K, 3) projected centre, px, and logarithm of the depth, m; changed in place.
         rotations: (K, 3, 3) from the body frame to the camera frame; changed in place.
         extents: (S,) logarithms of half extents, m, S = 1, 2, 3 for sphere, cylinder, box; changed in place.
@@ -154,8 +153,8 @@ def refine(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, t
     new_distance, new_nearest = np.zeros(points.shape[:2]), np.zeros(points.shape[:2], np.int64)
     support = np.empty(DIRECTIONS)
     changes = np.empty((each + shared, DIRECTIONS))
-    cost, data = _cost(kind, points, free, count, times, sigma, usual, predicted, predicted_turn, track, poses,
-                       rotations, extents, focal, normals, distance, nearest)  # fmt: skip
+    cost, data = _cost(kind, points, free, count, times, usual, predicted, predicted_turn, track, poses, rotations,
+                       extents, focal, distance, nearest)  # fmt: skip
     if not np.isfinite(cost):
         return cost, data, focal
     damping, idle = 1e-2, 0
@@ -165,7 +164,7 @@ def refine(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, t
     for _ in range(iterations):
         matrix, gradient = np.zeros((total, total)), np.zeros(total)
         for k in range(frames):
-            _support_at(kind, extents, focal, poses[k], rotations[k], normals, support)
+            _support_at(kind, extents, focal, poses[k], rotations[k], support)
             for p in range(each + shared):
                 trial_pose[:] = poses[k]
                 trial_turn[:] = rotations[k]
@@ -182,14 +181,14 @@ def refine(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, t
                     trial_extents[p - each] += step
                 else:
                     trial_focal *= math.exp(step)
-                _support_at(kind, trial_extents, trial_focal, trial_pose, trial_turn, normals, changes[p])
+                _support_at(kind, trial_extents, trial_focal, trial_pose, trial_turn, changes[p])
                 for d in range(DIRECTIONS):
-                    changes[p, d] = -(trial_focal * changes[p, d] - focal * support[d]) / step / sigma
+                    changes[p, d] = -(trial_focal * changes[p, d] - focal * support[d]) / step / SIGMA_PX
                 where[p] = k * each + p if p < each else frames * each + p - each
             for i in range(count[k]):
                 if not free[k, i] and distance[k, i] <= 0:
                     continue
-                value = distance[k, i] / sigma
+                value = distance[k, i] / SIGMA_PX
                 weight = 1.0 if abs(value) <= HUBER else HUBER / abs(value)
                 for p in range(each + shared):
                     row[p] = changes[p, nearest[k, i]]
@@ -268,8 +267,8 @@ def refine(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, t
                     new_extents[s] += min(max(move[base + s], -0.7), 0.7)
                 new_focal = math.log(focal) + min(max(move[base + sizes], -0.3), 0.3)
                 new_focal = math.exp(min(max(new_focal, usual[1] - FOCAL_RANGE), usual[1] + FOCAL_RANGE))
-            new_cost, new_data = _cost(kind, points, free, count, times, sigma, usual, predicted, predicted_turn, track,
-                                       new_poses, new_rotations, new_extents, new_focal, normals, new_distance,
+            new_cost, new_data = _cost(kind, points, free, count, times, usual, predicted, predicted_turn, track,
+                                       new_poses, new_rotations, new_extents, new_focal, new_distance,
                                        new_nearest)  # fmt: skip
             if new_cost < cost:
                 idle = idle + 1 if new_cost > 0.998 * cost else 0
@@ -283,6 +282,3 @@ def refine(kind: int, points: np.ndarray, free: np.ndarray, count: np.ndarray, t
         if not improved or idle >= 2:
             break
     return cost, data, focal
-
-
-assert len(NORMALS) == DIRECTIONS

@@ -8,19 +8,19 @@ point keeps its height above the same plane.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.scene.scene import Camera, Scene, SceneObject, size_from_half
+from pipeline.scene.scene import Scene, SceneObject, size_from_half
 from pipeline.scene.solid import reach_below, support
+from pipeline.search.guess import CAMERA, GRAVITY, PITCH_SPREAD, USUAL_PITCH, usual_object
 from pipeline.search.outlines.registration import Registration
 from pipeline.vision.rendering.camera import Pinhole, pinhole
 
 PITCHES = np.arange(-60.0, 0.1, 0.5)  # deg, that are tried
-USUAL_PITCH, PITCH_SPREAD = -22.4, 8.0  # deg
 STANDING = np.radians(1.5)  # rad, spread of the axis of a standing body about the vertical
 LEVEL = 0.01  # spread of the height of the lowest point of a body on the ground, share of the camera's height
 USUAL_HALF = 0.13  # m, mean of half extents, which fixes the scale
@@ -29,7 +29,7 @@ UPRIGHT = np.radians(8.0)  # rad: a body on the ground that leans by less stands
 GROUNDED = 0.12  # gap to the ground, in mean half extents, up to which a body stands on it
 MOTION_SECONDS = 0.24  # part of the track that gives the first velocities
 TURN_SECONDS = 0.15
-GRAVITIES = (7.0, 3.5, 10.5)  # m/s², that are tried
+GRAVITIES = (GRAVITY, 0.5 * GRAVITY, 1.5 * GRAVITY)  # that are tried
 FASTEST, FASTEST_SPIN = 4.0, 20.0  # m/s, rad/s
 
 
@@ -41,49 +41,25 @@ class Support(Enum):
     AIR = "air"
 
 
-@dataclass(frozen=True)
-class _Track:
-    """A registration with half extents (3,) m, centres (K, 3) m and rotations (K, 3, 3) in the camera frame."""
-
-    shape: str
-    half: np.ndarray
-    centres: np.ndarray
-    rotations: np.ndarray
-    times: np.ndarray
-    turns: np.ndarray
-    turns_seen: np.ndarray
-
-    def lowest(self, up: np.ndarray) -> np.ndarray:
-        """(K,) m, height of the lowest point above the camera; up (3,) in the camera frame."""
-        down = self.rotations.transpose(0, 2, 1) @ up
-        return self.centres @ up - support(self.shape, np.repeat(self.half[None], len(down), 0), down)
-
-
-def _track(registration: Registration, times: np.ndarray) -> _Track:
-    return _Track(
-        registration.shape,
-        registration.half,
-        registration.centres,
-        registration.rotations,
-        times[registration.frames],
-        registration.turns,
-        registration.turns_seen,
-    )
-
-
 def up_direction(pitch: float) -> np.ndarray:
     """(3,) the vertical in the frame of a camera with this pitch, deg."""
     return np.array([0.0, np.cos(np.radians(pitch)), -np.sin(np.radians(pitch))])
 
 
-def likely_pitch(tracks: Sequence[_Track]) -> float:
+def lowest_points(track: Registration, up: np.ndarray) -> np.ndarray:
+    """(K,) m, height of a body's lowest point above the camera; up (3,) in the camera frame."""
+    down = track.rotations.transpose(0, 2, 1) @ up
+    return track.centres @ up - support(track.shape, np.repeat(track.half[None], len(down), 0), down)
+
+
+def likely_pitch(tracks: Sequence[Registration]) -> float:
     """The pitch, deg, at which most bodies stand upright or keep the height of their lowest point."""
     scores = []
     for pitch in PITCHES:
         up = up_direction(pitch)
         score = ((pitch - USUAL_PITCH) / PITCH_SPREAD) ** 2
         for track in tracks:
-            lowest = track.lowest(up)
+            lowest = lowest_points(track, up)
             if np.median(lowest) >= 0:
                 score += 4.0 * len(lowest)
                 continue
@@ -95,7 +71,7 @@ def likely_pitch(tracks: Sequence[_Track]) -> float:
     return float(PITCHES[int(np.argmin(scores))])
 
 
-def _lean(track: _Track, up: np.ndarray) -> np.ndarray:
+def _lean(track: Registration, up: np.ndarray) -> np.ndarray:
     """(K,) rad, by how much the body must be turned to stand on a face or, if a cylinder, also to lie on its side."""
     along = np.abs(track.rotations.transpose(0, 2, 1) @ up)
     if track.shape == "cylinder":
@@ -104,39 +80,37 @@ def _lean(track: _Track, up: np.ndarray) -> np.ndarray:
     return np.arccos(np.clip(along.max(1), 0, 1))
 
 
-def registered_scenes(registrations: Sequence[Registration], times: np.ndarray, height_px: int) -> list[Scene]:
+def registered_scenes(registrations: Sequence[Registration], height_px: int) -> list[Scene]:
     """Scenes in which object i is registration i: for each gravity of `GRAVITIES` one for each kind of `Support`.
 
     Args:
         registrations: One of each instance.
-        times: (F,) of the clip's frames, s.
         height_px: Height of the picture.
     """
-    tracks = [_track(r, times) for r in registrations]
     weights = np.array([r.points * np.sqrt(np.exp(2 * np.log(r.extents).mean())) for r in registrations])
     focal = float(np.exp(np.average(np.log([r.focal for r in registrations]), weights=weights)))
-    pitch = likely_pitch(tracks)
+    pitch = likely_pitch(registrations)
     up = up_direction(pitch)
-    scales = np.array([-1 / min(float(np.quantile(t.lowest(up), 0.1)), -0.1) for t in tracks])
-    mean_half = np.array([np.exp(np.log(t.half).mean()) for t in tracks])
+    scales = np.array([-1 / min(float(np.quantile(lowest_points(r, up), 0.1)), -0.1) for r in registrations])
+    mean_half = np.array([np.exp(np.log(r.half).mean()) for r in registrations])
     height = float(np.clip(USUAL_HALF / np.exp(np.log(scales * mean_half).mean()), *HEIGHTS))
     fov = float(np.degrees(2 * np.arctan(0.5 * height_px / focal)))
-    camera = Camera((0.0, -2.0, height), fov=fov, pitch=pitch)
+    camera = replace(CAMERA, position=(*CAMERA.position[:2], height), fov=fov, pitch=pitch)
     view = pinhole(camera)
     scenes = []
     for gravity in GRAVITIES:
         for first in Support:
             objects = []
-            for track, scale in zip(tracks, scales, strict=True):
+            for track, scale in zip(registrations, scales, strict=True):
                 if first is Support.GROUND:  # it is as far away as the ground at its lowest point
                     early = track.times <= track.times[0] + MOTION_SECONDS
-                    scale = -1 / min(float(np.median(track.lowest(up)[early])), -0.1)
+                    scale = -1 / min(float(np.median(lowest_points(track, up)[early])), -0.1)
                 objects.append(_object(track, scale * height, view, gravity, first))
             scenes.append(Scene(tuple(objects), camera, (0.0, 0.0, -gravity)))
     return scenes
 
 
-def _object(track: _Track, scale: float, view: Pinhole, gravity: float, first_support: Support) -> SceneObject:
+def _object(track: Registration, scale: float, view: Pinhole, gravity: float, first_support: Support) -> SceneObject:
     """The object of a track whose lengths are multiplied by `scale`."""
     half = scale * track.half
     position = scale * track.centres @ view.rotation_world.T + view.position_world
@@ -167,13 +141,8 @@ def _object(track: _Track, scale: float, view: Pinhole, gravity: float, first_su
             spin = _rolling(track.shape, turn, half, velocity, spin)
     spin *= min(1.0, FASTEST_SPIN / max(float(np.linalg.norm(spin)), 1e-9))
     start = start - velocity * first
-    obj = SceneObject(
-        shape=track.shape,
-        size=size_from_half(track.shape, half),
-        mass=1.0,
-        sliding_friction=0.4,
-        rolling_friction=0.002,
-        damping=0.6,
+    obj = replace(
+        usual_object(track.shape, size_from_half(track.shape, half)),
         position=tuple(start),
         velocity=tuple(velocity),
         angular_velocity=tuple(spin),
@@ -184,17 +153,17 @@ def _object(track: _Track, scale: float, view: Pinhole, gravity: float, first_su
     return replace(obj, position=(start[0], start[1], z))
 
 
-def _first_turns(track: _Track) -> int:
+def _first_turns(track: Registration) -> int:
     """How many intervals give the first angular velocity."""
     return int(np.searchsorted(track.times[1:], track.times[0] + TURN_SECONDS, side="right"))
 
 
-def _spin_seen(track: _Track) -> bool:
+def _spin_seen(track: Registration) -> bool:
     """Whether the first angular velocity is known, also about the axis of a cylinder."""
     return bool(track.turns_seen[: _first_turns(track)].any())
 
 
-def _first_spin(track: _Track, view: Pinhole) -> np.ndarray:
+def _first_spin(track: Registration, view: Pinhole) -> np.ndarray:
     """(3,) rad/s, world frame, over the first frames."""
     turns = [
         Rotation.from_matrix(view.rotation_world @ track.turns[k] @ view.rotation_world.T).as_rotvec()

@@ -13,11 +13,9 @@ import numpy as np
 
 from pipeline.search.outlines.contour import Contour
 from pipeline.search.outlines.refine import refine, turn_between, turned
-from pipeline.search.outlines.silhouette import NORMALS
 from pipeline.vision.rendering.surface import KINDS
 
 USUAL_DEPTH = 2.3  # m
-SIGMA_PX = 0.5  # px, standard deviation of the points of an outline
 KEPT = 3  # of the starts, that are tracked
 SINGLE_STEPS, TRACK_STEPS, JOINT_STEPS = 15, 4, 25  # most steps of each fit
 LEANING_COST, LEANING = 100.0, np.radians(25.0)  # cost of a body that leans, and the lean at which it sets in, rad
@@ -35,11 +33,11 @@ class Registration:
         extents: (S,) half extents, m: radius; radius and half height; three of a box.
         focal: Focal length, px.
         frames: (K,) indices of the clip's frames in which it was fitted.
+        times: (K,) s, of these frames.
         poses: (K, 3) projected centre, px from the centre of the image, and logarithm of the depth, m.
         rotations: (K, 3, 3) from the body frame.
-        cost: Of the outlines at the frames fitted at once, squares in units of `SIGMA_PX`, with linear tails.
+        cost: Of the outlines at the frames fitted at once, squares in units of `refine.SIGMA_PX`, with linear tails.
         points: How many points that cost has.
-        fitted: (L,) positions in `frames` of the frames fitted at once.
         turns: (K - 1, 3, 3) rotation from a frame to the next, camera frame.
         turns_seen: (K - 1,) whether that is known. Outlines do not show how a round body turns.
     """
@@ -48,11 +46,11 @@ class Registration:
     extents: np.ndarray
     focal: float
     frames: np.ndarray
+    times: np.ndarray
     poses: np.ndarray
     rotations: np.ndarray
     cost: float
     points: int
-    fitted: np.ndarray
     turns: np.ndarray
     turns_seen: np.ndarray
 
@@ -68,13 +66,13 @@ class Registration:
         return np.stack([depth * self.poses[:, 0] / self.focal, depth * self.poses[:, 1] / self.focal, -depth], 1)
 
 
-def spread_frames(contour: Contour, most: int = MOST_FRAMES) -> np.ndarray:
-    """Positions of at most `most` frames of a contour: evenly spread, of those that show the body's own outline."""
+def spread_frames(contour: Contour) -> np.ndarray:
+    """At most MOST_FRAMES positions of a contour's frames: evenly spread, of those that show the body's own outline."""
     own = contour.free.sum(1)
     good = np.flatnonzero(own >= max(8, 0.5 * own.max(initial=0)))
     if not len(good):
         good = np.arange(len(own))
-    return good[np.unique(np.linspace(0, len(good) - 1, min(most, len(good))).round().astype(int))]
+    return good[np.unique(np.linspace(0, len(good) - 1, min(MOST_FRAMES, len(good))).round().astype(int))]
 
 
 def start_orientations(shape: str, upright: np.ndarray) -> np.ndarray:
@@ -139,11 +137,11 @@ def register(contour: Contour, shape: str, times: np.ndarray, focal: float, upri
         extents=np.exp(best.extents),
         focal=best.focal,
         frames=contour.frames,
+        times=job.times,
         poses=whole.poses,
         rotations=whole.rotations,
         cost=best.outline_cost,
         points=int(contour.free[at].sum()),
-        fitted=at,
         turns=whole.rotations[1:] @ whole.rotations[:-1].transpose(0, 2, 1),
         turns_seen=np.zeros(max(len(whole.poses) - 1, 0), bool),
     )
@@ -223,12 +221,10 @@ class _Job:
             contour.free[at],
             contour.count[at],
             self.times[at],
-            SIGMA_PX,
             np.log([USUAL_DEPTH, self.focal]),
             fit.poses[0].copy(),
             fit.rotations[0].copy(),
             predicted,
-            NORMALS,
             poses,
             rotations,
             extents,

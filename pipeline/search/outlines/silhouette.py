@@ -17,21 +17,20 @@ from pipeline.vision.rendering.surface import BOX, CYLINDER
 
 DIRECTIONS = 72  # normals at which a silhouette is computed
 _ANGLES = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-NORMALS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], 1)
+NORMALS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], 1)  # unit vectors, right and up
 LEAST_DEPTH = 1e-3  # m
 
 
 @kernel
-def fill_support(kind: int, half: np.ndarray, rotation: np.ndarray, centre: np.ndarray, normals: np.ndarray,
-                 out: np.ndarray) -> bool:  # fmt: skip
-    """Write the support function of a silhouette into out (D,); returns whether the solid is in front of the camera.
+def fill_support(kind: int, half: np.ndarray, rotation: np.ndarray, centre: np.ndarray, out: np.ndarray) -> bool:
+    """Write the support function of a silhouette at `NORMALS` into out (D,); returns whether the solid is in front of
+    the camera.
 
     Args:
         kind: Code of a sphere, cylinder or box, from `surface.KINDS`.
         half: Half extents (3,) m.
         rotation: (3, 3) from the body frame to the camera frame (right, up, back).
         centre: (3,) m, in the camera frame.
-        normals: (D, 2) unit vectors, right and up.
         out: Output (D,).
     """
     if kind == BOX:
@@ -45,10 +44,10 @@ def fill_support(kind: int, half: np.ndarray, rotation: np.ndarray, centre: np.n
                 return False
             x[piece] = (centre[0] + rotation[0, 0] * sx + rotation[0, 1] * sy + rotation[0, 2] * sz) / depth
             y[piece] = (centre[1] + rotation[1, 0] * sx + rotation[1, 1] * sy + rotation[1, 2] * sz) / depth
-        for d in range(len(normals)):
+        for d in range(DIRECTIONS):
             best = -np.inf
             for piece in range(8):
-                best = max(best, normals[d, 0] * x[piece] + normals[d, 1] * y[piece])
+                best = max(best, NORMALS[d, 0] * x[piece] + NORMALS[d, 1] * y[piece])
             out[d] = best
         return True
     pieces = 2 if kind == CYLINDER else 1
@@ -56,8 +55,8 @@ def fill_support(kind: int, half: np.ndarray, rotation: np.ndarray, centre: np.n
     ax, ay, az = rotation[0, 2], rotation[1, 2], rotation[2, 2]
     flat = 1.0 if kind == CYLINDER else 0.0  # of a disc: Q = r² (1 - axis axisᵀ)
     qzz = square * (1.0 - flat * az * az)
-    for d in range(len(normals)):
-        nx, ny = normals[d, 0], normals[d, 1]
+    for d in range(DIRECTIONS):
+        nx, ny = NORMALS[d, 0], NORMALS[d, 1]
         along = nx * ax + ny * ay
         qnn = square * (1.0 - flat * along * along)
         qnz = -square * flat * along * az
@@ -81,8 +80,8 @@ def fill_support(kind: int, half: np.ndarray, rotation: np.ndarray, centre: np.n
 
 
 @kernel
-def fill_distances(points: np.ndarray, count: int, focal: float, support: np.ndarray, normals: np.ndarray,
-                   distance: np.ndarray, nearest: np.ndarray) -> None:  # fmt: skip
+def fill_distances(points: np.ndarray, count: int, focal: float, support: np.ndarray, distance: np.ndarray,
+                   nearest: np.ndarray) -> None:  # fmt: skip
     """Signed distances of points to a silhouette, positive outside.
 
     Args:
@@ -90,15 +89,14 @@ def fill_distances(points: np.ndarray, count: int, focal: float, support: np.nda
         count: How many of them are used.
         focal: Focal length, px.
         support: (D,) from `fill_support`.
-        normals: (D, 2).
         distance: Output (P,) px; far from corners the distance, beyond a corner less than it.
-        nearest: Output (P,): the normal at which the distance was measured.
+        nearest: Output (P,): the one of `NORMALS` at which the distance was measured.
     """
     for i in range(count):
         best, at = -np.inf, 0
         x, y = points[i, 0], points[i, 1]
-        for d in range(len(normals)):
-            value = normals[d, 0] * x + normals[d, 1] * y - focal * support[d]
+        for d in range(DIRECTIONS):
+            value = NORMALS[d, 0] * x + NORMALS[d, 1] * y - focal * support[d]
             if value > best:
                 best, at = value, d
         distance[i], nearest[i] = best, at

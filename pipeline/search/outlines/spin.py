@@ -271,10 +271,10 @@ class _Surface:
         return Rotation.from_rotvec(cross / max(float(np.linalg.norm(cross)), 1e-12)
                                     * np.arctan2(np.linalg.norm(cross), a @ b)).as_matrix()  # fmt: skip
 
-    def rolling_turn(self, k: int, up: np.ndarray) -> np.ndarray:
-        """The turn over interval k of a body that rolls on a level ground; up (3,) is the vertical."""
+    def rolling_turn(self, k: int) -> np.ndarray:
+        """The turn over interval k of a body that rolls on a level ground before the usual camera."""
         moved = self._centres[k + 1] - self._centres[k]
-        turn = np.cross(up, moved) / self._half[0]
+        turn = np.cross(USUAL_UP, moved) / self._half[0]
         return np.array([turn @ self._axes[k + 1]]) if self._kind == CYLINDER else turn
 
     def _score(self, window: list[int]) -> Callable[[np.ndarray], float] | None:
@@ -318,7 +318,7 @@ class _Surface:
         score = self._score(window)
         if score is None:
             return np.zeros(unknowns), -1.0
-        rolling = self.rolling_turn(k, USUAL_UP)
+        rolling = self.rolling_turn(k)
         rolling, rolling_value = _refined(score, rolling, score(rolling))
         if last is not None:
             turn, value = _refined(score, last, score(last))

@@ -9,10 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-RETURN_PX, RETURN_SHARE = (
-    0.3,
-    0.1,
-)  # px, and share of the flow's length: a larger error of the way back has little weight
+RETURN_PX, RETURN_SHARE = 0.3, 0.1  # px, and share of the flow: a larger error of the way back has little weight
 WINDOW_PX = 7  # side of the window in which texture is looked for
 KNOWN_PX = 0.3  # standard deviation of the flow, by texture and noise, at which the confidence is a half
 LEAST_NOISE = 1.0  # of 255: rounding and compression hide smaller noise

@@ -25,7 +25,7 @@ NEAR_PX = 6.0  # px at 480 px of width: distance from an object within which its
 
 @dataclass(frozen=True)
 class FlowNoise:
-    """Parameters of the noise. Lengths are px of 480x320; `noisy_flow` scales them to the size of the flow.
+    """Parameters of the noise, none unless they are given. Lengths are px of 480x320; `noisy_flow` scales them.
 
     Attributes:
         edge_px: Sigma of the blur of edges.
@@ -41,14 +41,14 @@ class FlowNoise:
         shadow: Flow of shadows, as a share of that of their objects.
     """
 
-    edge_px: float = 1.5
-    waver_px: float = 0.15
-    waver_share: float = 0.05
-    correlation_px: float = 8.0
-    still_px: float = 0.02
-    dropout: float = 0.02
-    dropout_px: float = 6.0
-    leak: float = 0.15
+    edge_px: float = 0.0
+    waver_px: float = 0.0
+    waver_share: float = 0.0
+    correlation_px: float = 0.0
+    still_px: float = 0.0
+    dropout: float = 0.0
+    dropout_px: float = 0.0
+    leak: float = 0.0
     cell_px: float = 0.0
     cell_spread: float = 0.0
     shadow: float = 0.0
@@ -66,10 +66,6 @@ class FlowNoise:
         shares = {name: min(1.0, strength * getattr(self, name)) for name in ("dropout", "leak", "shadow")}
         return replace(self, **shares, **{name: strength * getattr(self, name) for name in sizes})
 
-
-NO_NOISE = FlowNoise(
-    edge_px=0, waver_px=0, waver_share=0, correlation_px=0, still_px=0, dropout=0, dropout_px=0, leak=0
-)
 
 #: Range (low, high) of each parameter over clips, log-uniform: about the 10th to 90th percentile of 60 rendered clips
 #: with the RAFT that ships. Clips differ so much because their light and textures differ.
@@ -100,9 +96,7 @@ def raft_noise(rng: np.random.Generator) -> FlowNoise:
     return FlowNoise(**drawn, cell_px=CELL_PX, shadow=shadow)
 
 
-def add_raft_noise(
-    rng: np.random.Generator, flow_px: np.ndarray, masks: np.ndarray, strength: float = 1.0
-) -> np.ndarray:
+def add_raft_noise(rng: np.random.Generator, flow_px: np.ndarray, masks: np.ndarray, strength: float) -> np.ndarray:
     """`noisy_flow` with random parameters from `raft_noise`, `strength` times as strong."""
     return noisy_flow(rng, flow_px, masks, raft_noise(rng).scaled(strength))
 

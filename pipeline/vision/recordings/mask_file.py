@@ -13,12 +13,11 @@ from pipeline.untrusted import open_png, read_npz
 from pipeline.vision.recordings.letterbox import ALIKE, Letterbox, letterbox_for
 
 MOST_FILES = 10_000
+MOST_BODIES = 255  # that masks of uint8 number
 KEY, TIMES = "masks", "times"
 
 
-def read_masks(
-    path: Path | str, size: tuple[int, int], count: int | None = None, letterbox: Letterbox | None = None
-) -> np.ndarray:
+def read_masks(path: Path | str, size: tuple[int, int], letterbox: Letterbox | None = None) -> np.ndarray:
     """Read instance masks.
 
     PNGs of a folder are read in the order of their names. Grey values, palette indices or colours are ids; black is the
@@ -27,7 +26,6 @@ def read_masks(
     Args:
         path: A folder of PNGs, a PNG, or an NPZ.
         size: (width, height) of the result, px.
-        count: Number of masks that is required; None: any.
         letterbox: That of the clip. Masks with the shape of the recording are brought to its place, others are resized.
 
     Returns:
@@ -38,14 +36,14 @@ def read_masks(
     """
     path = Path(path)
     masks = read_values(path)
-    if count is not None and len(masks) != count:
-        raise VideoError(f"{path} has {len(masks)} masks, the clip has {count} frames: one mask per frame is needed")
     values = np.unique(masks)
     values = values[values != 0]
     if not len(values):
         raise VideoError(f"{path}: the masks are empty (all background)")
-    if len(values) > 255:
-        raise VideoError(f"{path} has {len(values)} different ids, at most 255 are possible: is it a picture?")
+    if len(values) > MOST_BODIES:
+        raise VideoError(
+            f"{path} has {len(values)} different ids, at most {MOST_BODIES} are possible: is it a picture?"
+        )
     ids = np.where(masks == 0, 0, np.searchsorted(values, masks) + 1).astype(np.uint8)
     own = (ids.shape[2], ids.shape[1])
     if letterbox is not None and abs(own[0] * letterbox.source[1] / (own[1] * letterbox.source[0]) - 1) < ALIKE:

@@ -14,6 +14,8 @@ import numpy as np
 from pipeline.scene.rotation import matrix_from_quaternion
 from pipeline.scene.scene import Camera
 
+REFERENCE_SIZE = 480, 320  # px, width and height of the pictures to which lengths in px refer
+
 
 @dataclass(frozen=True)
 class Pinhole:

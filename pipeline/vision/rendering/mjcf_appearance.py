@@ -32,6 +32,7 @@ _FACES = (
 )
 _FLOOR_TILE_M = 8.0  # period of the floor texture
 _SHADOW_MAP = 1024
+_OBJECT_PX, _FLOOR_PX = 64, 512  # side of the faces of an object's cube map; of the floor's texture
 _FIXED_TEXTURE = 4  # side of the texture of a fixed body, over that of an object: ramps and walls are large
 _EXTENT_M = 4.0  # width of the shadow map of a directional light
 
@@ -42,8 +43,6 @@ def add_appearance(
     width: int,
     height: int,
     shadows: bool = True,
-    object_texture_px: int = 64,
-    floor_texture_px: int = 512,
 ) -> None:
     """Add an appearance to the document of a scene (`scene_mjcf`).
 
@@ -56,8 +55,6 @@ def add_appearance(
         width: Width of the pictures, px.
         height: Height of the pictures, px.
         shadows: Whether lights cast shadows.
-        object_texture_px: Side of the faces of the objects' cube maps.
-        floor_texture_px: Side of the floor's texture.
     """
     quality = getattr(root.visual, "global")
     quality.offwidth, quality.offheight = width, height
@@ -98,15 +95,15 @@ def add_appearance(
     for i, (geom, material) in enumerate(zip([*moving, *fixed], materials, strict=True)):
         name = f"material_{i}"
         if geom.type == "plane":
-            _add_floor(root, geom, name, material, floor_texture_px)
+            _add_floor(root, geom, name, material, _FLOOR_PX)
             continue
-        side = object_texture_px * (1 if i < len(moving) else _FIXED_TEXTURE)
+        side = _OBJECT_PX * (1 if i < len(moving) else _FIXED_TEXTURE)
         _add_cube(root, name, _object_faces(geom, material, side), type="cube")
         _add_material(root, name, material, texuniform=False)
         geom.material = name
     ground = root.find("geom", "ground")
     if ground is not None:
-        _add_floor(root, ground, "floor", appearance.floor, floor_texture_px)
+        _add_floor(root, ground, "floor", appearance.floor, _FLOOR_PX)
 
 
 def _add_floor(root: mjcf.RootElement, plane: Any, name: str, material: Material, size: int) -> None:
