@@ -31,11 +31,11 @@ class Filters:
     frame, px of 480x320. visible_px: an object smaller than this is out of view. out_of_view: how many objects may
     be out of view for the whole clip. tries: candidates a clip may use up."""
 
-    overlap_m: float = 0.0
-    area_px: float = 8000.0
-    visible_px: float = 32.0
-    out_of_view: int = 1
-    tries: int = 2000
+    overlap_m: float
+    area_px: float
+    visible_px: float
+    out_of_view: int
+    tries: int
 
 
 @dataclass
