@@ -34,10 +34,8 @@ from pipeline.motion.view import ArcMotion
 from pipeline.perception.prompts import Prompts
 from pipeline.physics.simulate import simulate
 from pipeline.vision.recordings.letterbox import of_area
-from pipeline.vision.recordings.video import frame_times
+from pipeline.vision.recordings.video import AREA, frame_times
 from training.data_folder import needed
-
-PX = 480 * 320  # of the pictures that are compared
 
 
 @dataclass(frozen=True)
@@ -242,7 +240,7 @@ def drawn_iou(clip: DrawnClip, found: Inference, video: Path) -> float:
     frames = sorted(k for k in clip.frames if within[k])
     if not frames:
         return 0.0
-    size = of_area((clip.width, clip.height), PX)
+    size = of_area((clip.width, clip.height), AREA)
     masks = np.zeros((len(frames), size[1], size[0]), np.uint8)
     for mask, k in zip(masks, frames, strict=True):
         for outline in clip.frames[k]:

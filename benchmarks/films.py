@@ -26,11 +26,11 @@ from benchmarks.result_files import write_results
 from pipeline.api.infer import Inference, infer
 from pipeline.clips.replay import masks_at
 from pipeline.errors import DynamicsError
+from pipeline.evaluation.markdown import markdown
 from pipeline.metrics.overlap import overlap
 from pipeline.vision.recordings.letterbox import of_area
-from pipeline.vision.recordings.video import write_video
+from pipeline.vision.recordings.video import AREA, write_video
 
-PX = 480 * 320  # of the masks that are compared
 DESERVED = 0.7  # IoU of an answer that deserves to be graded good
 
 
@@ -67,7 +67,7 @@ def film_iou(film: Film, found: Inference) -> tuple[float, float, float]:
     stamps = found.clip.taken.clip.source_times
     begin, end = float(stamps[0]), float(stamps[-1])
     within = (film.times >= begin - 1e-3) & (film.times <= end + 1e-3)
-    size = of_area(film.way.size, PX)
+    size = of_area(film.way.size, AREA)
     true = np.stack([cv2.resize(m, size, interpolation=cv2.INTER_NEAREST) for m in film.masks[within]])
     seen = masks_at(found.scene, np.maximum(film.times[within] - begin, 0), *size)
     return overlap(seen, true, len(found.scene.objects), len(film.scene.objects)).sequence, begin, end
@@ -102,19 +102,15 @@ def outcome(seed: int, index: int, search: int) -> Outcome:
 def table(outcomes: Sequence[Outcome]) -> str:
     """The outcomes by the way of filming, and all together, as Markdown."""
     rows = pd.DataFrame([asdict(o) | {"right": o.bodies_right, "seen": o.view_right} for o in outcomes])
-    lines = [
-        "| filmed | films | bodies right | view right | IoU | graded good | of these deserved | refused | s, median |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    head = ("filmed", "films", "bodies right", "view right", "IoU", "graded good")
+    lines = []
     for name, own in [*rows.groupby("way", sort=False), ("all", rows)]:
         good = own[own["grade"] == "good"]
         deserved = f"{(good['right'] & (good['iou'] >= DESERVED)).mean():.2f}" if len(good) else "–"
-        lines.append(
-            f"| {name} | {len(own)} | {own['right'].mean():.2f} | {own['seen'].mean():.2f} | {own['iou'].mean():.2f} "
-            f"| {len(good) / len(own):.2f} | {deserved} "
-            f"| {(own['refused'] != '').sum()} | {own['seconds'].median():.0f} |"
-        )
-    return "\n".join(lines) + "\n"
+        means = [own["right"].mean(), own["seen"].mean(), own["iou"].mean(), len(good) / len(own)]
+        last = [deserved, f"{(own['refused'] != '').sum()}", f"{own['seconds'].median():.0f}"]
+        lines.append([str(name), f"{len(own)}", *(f"{mean:.2f}" for mean in means), *last])
+    return markdown((*head, "of these deserved", "refused", "s, median"), lines)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -33,7 +33,6 @@ from transformers.utils import logging
 from benchmarks.kept_answers import kept_answers
 from benchmarks.measured_clips import MEASURED, kept, measure
 from benchmarks.starts import shapes_of
-from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
 from pipeline.evaluation.event_scores import EVENT_METRICS, KIND_METRICS, SAID, SIMULATED, score_events
 from pipeline.evaluation.event_table import EVENTS, events_table
@@ -109,7 +108,7 @@ def rows_of(
     asked: argparse.Namespace, base: Base | WordsModel, suite: Suite, label: str, clip: int, params: Params
 ) -> Iterator[dict[str, Any]]:
     """The scores of the greedy answer to a clip, and of the best of the samples."""
-    schedule = Schedule(**params.clip.model_dump())
+    schedule = params.clip.schedule
     shown = shown_of_clip(suite, label, clip, asked, params, base)
     truth, shapes = reference(suite, clip, schedule), shapes_of(suite, clip, params)
     true_events = [event_of_row(row) for row in suite["events"][clip].rows("events")] if "events" in suite else None

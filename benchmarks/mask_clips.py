@@ -13,7 +13,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.drawn_outlines import read_outlines
-from pipeline.clips.schedule import Schedule
 from pipeline.physics.simulate import simulate
 from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.shards.clip_rng import clip_rng
@@ -89,7 +88,7 @@ def moving_in(truth: dict[str, Any], masks: np.ndarray) -> tuple[int, ...]:
 def sampled_by_mujoco(seed: int, count: int) -> Iterator[MaskClip]:
     """Fresh clips of the project's own sampler, by MuJoCo's renderer, at 480x320."""
     params = read_params_file(PARAMS_FILE, Params)
-    schedule = Schedule(**params.clip.model_dump())
+    schedule = params.clip.schedule
     for index in range(count):
         (scene,) = drawn_scenes(params, seed, "masks", range(index, index + 1), OBJECTS)
         trace = simulate(scene, schedule.seconds)

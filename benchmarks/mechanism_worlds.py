@@ -15,7 +15,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import pandas as pd
 
 from pipeline.mechanisms.kind import MechanismEffect, Target, Values
 from pipeline.mechanisms.law_model import Acting
@@ -247,14 +246,3 @@ def _log(
         seen = np.round((x + rng.normal(0, 1, x.shape) * sigma) / step) * step
         clips.append(Clip(f"{ONE_CLIP}_{k}", np.arange(len(u)) / RATE, seen, u, None))
     return Log(channels, tuple(clips), mechanism.actuators)
-
-
-def log_table(log: Log) -> pd.DataFrame:
-    """A log as the table that a user has."""
-    parts = []
-    for clip in log.clips:
-        columns = {"clip": clip.name, "time": clip.time}
-        columns |= {c.column: clip.values[:, k] for k, c in enumerate(log.channels)}
-        columns |= {a: clip.controls[:, k] for k, a in enumerate(log.driven)}
-        parts.append(pd.DataFrame(columns))
-    return pd.concat(parts)

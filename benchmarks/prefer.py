@@ -117,7 +117,7 @@ def greedy_scores(
     base: Base | WordsModel, clips: Sequence[LabelledClip], which: Sequence[int], params: Params
 ) -> list[dict]:
     """The metrics of the greedy answers to some of the clips."""
-    schedule = Schedule(**params.clip.model_dump())
+    schedule = params.clip.schedule
     greedy = Sampling(reasoning=params.model.reasoning, seconds=schedule.seconds)
     shown = {c: clips[c].shown for c in which}
     answers = draw_answers(base, shown, greedy, dict.fromkeys(which, 0), params.infer.decode_batch_size)
@@ -172,7 +172,7 @@ def main() -> None:
     torch.set_num_threads(int(os.environ.get("OMP_NUM_THREADS", "2")))
     a.work.mkdir(parents=True, exist_ok=True)
     params = read_params_file(PARAMS_FILE, Params)
-    schedule = Schedule(**params.clip.model_dump())
+    schedule = params.clip.schedule
     base = load_answering(a.model, frames=schedule.model_frames)
     began = time.perf_counter()
     clips = read_clips(folder, params, schedule, base, a.work)

@@ -26,6 +26,7 @@ from pipeline.discrepancy.discover import discover
 from pipeline.discrepancy.tracks.known_scene import known_scene
 from pipeline.discrepancy.tracks.track import Track
 from pipeline.errors import DynamicsError
+from pipeline.evaluation.markdown import markdown
 from pipeline.hidden.recipe import Recipe
 from pipeline.hidden.world import make_world
 from pipeline.scene.effects.registry import effect_kinds
@@ -214,8 +215,8 @@ def jobs(damage: Damage, effect_names: Sequence[str | None], seed: int) -> Itera
 def table(scores: Sequence[Score]) -> str:
     """A line for each damage."""
     data = pd.DataFrame(scores)
-    lines = ["| damage | worlds | a law is named | unknown | the fault is named | with a strong effect | right | s |"]
-    lines.append("|" + " --- |" * 8)
+    head = ("damage", "worlds", "a law is named", "unknown", "the fault is named", "with a strong effect", "right", "s")
+    lines = []
     for name, rows in [*data.groupby("damage", sort=False), ("all", data)]:
         none, some = rows[rows.hidden == ""], rows[rows.hidden != ""]
         law = (none.answer != "") & (none.answer != "unknown")
@@ -227,8 +228,8 @@ def table(scores: Sequence[Score]) -> str:
             rows.seconds.median(),
         ]
         a, b, c, d, e = ("–" if np.isnan(v) else f"{v:.2f}" for v in cells)
-        lines.append(f"| {str(name).replace('_', ' ')} | {len(none)} | {a} | {b} | {c} | {len(some)} | {d} | {e} |")
-    return "\n".join(lines) + "\n"
+        lines.append([str(name).replace("_", " "), str(len(none)), a, b, c, str(len(some)), d, e])
+    return markdown(head, lines)
 
 
 def main(argv: Sequence[str]) -> None:

@@ -83,7 +83,7 @@ def main() -> None:
     arguments = parser.parse_args()
     seed = secrets.randbits(32) if arguments.seed is None else arguments.seed
     params = read_params_file(PARAMS_FILE, Params)
-    schedule = Schedule(**params.clip.model_dump())
+    schedule = params.clip.schedule
     scene = drawn_scenes(params, seed, "benchmark", range(1), {OBJECTS: 1.0})[0]
     view = pair_view(
         scene, *trace_pairs(simulate(scene, schedule.seconds), schedule), arguments.width, arguments.height

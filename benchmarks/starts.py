@@ -129,7 +129,7 @@ def answer(job: tuple[str, int, str, int]) -> dict[str, Any]:
     warnings.simplefilter("ignore")
     params = read_params_file(PARAMS_FILE, Params)
     suite = open_suite(name, [*PARTS, *MODEL_PARTS * kind.startswith(BY_MODEL)])
-    schedule = Schedule(**params.clip.model_dump())
+    schedule = params.clip.schedule
     target = target_of(suite, clip, params, schedule, kind == "motion")
     shapes = shapes_of(suite, clip, params)
     found = searched(kind, suite, clip, target, shapes, params, schedule, simulations)

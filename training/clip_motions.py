@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.clips.schedule import Schedule
 from pipeline.errors import SimulationError
 from pipeline.physics.simulate import simulate
 from pipeline.vision.rendering.camera import pinhole
@@ -27,7 +26,7 @@ class ClipMotions:
         self.params = read_params_file(PARAMS_FILE, Params)
         self.seed = seed
         self.pairs = pairs
-        self.schedule = Schedule(**self.params.clip.model_dump())
+        self.schedule = self.params.clip.schedule
         self.next_clip = 0
         self.ready: list[BodyMotion] = []
 

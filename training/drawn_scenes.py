@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from pipeline.clips.draw import Filters, draw_clips
-from pipeline.clips.schedule import Schedule
 from pipeline.scene.sample import Distribution
 from pipeline.scene.scene import Scene
 from stages.graph.params import Params
@@ -36,5 +35,5 @@ def drawn_scenes(
     """
     distribution = Distribution(**params.sample.distribution.model_dump())
     filters = Filters(**params.sample.filters.model_dump())
-    schedule = Schedule(**params.clip.model_dump())
+    schedule = params.clip.schedule
     return draw_clips(seed, suite, indices, distribution, filters, schedule, objects, only, without).scenes

@@ -18,7 +18,6 @@ from pipeline.discrepancy.tracks.track import Track
 
 OUNCE = 0.0283495  # kg
 USUAL = {"volleyball": (9.5, 66.0)}  # ounces, cm around
-SOURCE, LICENCE = "briandesilva/discovery-of-physics-from-data", "MIT"
 
 
 def read_ball_drops(folder: Path) -> list[RealSet]:
@@ -41,7 +40,7 @@ def read_ball_drops(folder: Path) -> list[RealSet]:
             position = np.column_stack([np.zeros((len(mine), 2)), mine[:, 2]])
             tracks.append(Track(f"drop_{int(drop)}", "ball", mine[:, 1], position))
         known = {"ground": None, "objects": [{"name": "ball", "shape": "sphere", "radius": radius, "mass": mass}]}
-        out.append(RealSet(key, tuple(tracks), known, SOURCE, LICENCE))
+        out.append(RealSet(key, tuple(tracks), known))
     return out
 
 
@@ -51,7 +50,7 @@ def together(sets: Sequence[RealSet]) -> RealSet:
     for real in sets:
         tracks += [replace(t, clip=f"{real.name}_{t.clip}", object=real.name) for t in real.tracks]
         objects.append({**real.known["objects"][0], "name": real.name})
-    return RealSet("balls_together", tuple(tracks), {"ground": None, "objects": objects}, SOURCE, LICENCE)
+    return RealSet("balls_together", tuple(tracks), {"ground": None, "objects": objects})
 
 
 def _same(name: str, sheet: str) -> bool:

@@ -14,7 +14,6 @@ from pipeline.discrepancy.tracks.track import Track
 from pipeline.scene.rotation import matrix_from_quaternion
 
 HALF_SIDE, MASS, STEP = 0.0524, 0.37, 1 / 148
-SOURCE, LICENCE = "DAIRLab/contact-nets", "BSD-3-Clause"
 
 
 def read_cube_tosses(folder: Path, most: int | None = None) -> RealSet:
@@ -33,4 +32,4 @@ def read_cube_tosses(folder: Path, most: int | None = None) -> RealSet:
     side = 2 * HALF_SIDE
     cube = {"name": "cube", "shape": "box", "width": side, "depth": side, "height": side, "mass": MASS}
     known = {"ground": {"height": float(np.median(rest))}, "objects": [cube]}
-    return RealSet("cube_tosses", tuple(tracks), known, SOURCE, LICENCE)
+    return RealSet("cube_tosses", tuple(tracks), known)

@@ -18,15 +18,11 @@ class RealSet:
         name: Of the set.
         tracks: Measured motion.
         known: The content of the scene file.
-        source: Repository.
-        licence: Of the data.
     """
 
     name: str
     tracks: tuple[Track, ...]
     known: dict[str, Any]
-    source: str
-    licence: str
 
 
 def real_motion_folder() -> Path | None:

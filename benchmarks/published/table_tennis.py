@@ -20,7 +20,6 @@ from pipeline.discrepancy.tracks.track import Track
 STEP = 1 / 180  # s
 SPEEDS = 21  # rows whose median speed counts: single speeds are noisy, and up to five in a row are twice too large
 BALL = {"name": "ball", "shape": "sphere", "radius": 0.02, "mass": 0.0027}
-SOURCE, LICENCE = "intelligent-soft-robots/context", "BSD-3-Clause"
 
 
 def read_table_tennis(folder: Path, most: int | None = None) -> RealSet:
@@ -38,4 +37,4 @@ def read_table_tennis(folder: Path, most: int | None = None) -> RealSet:
         tracks.append(Track(path.stem, "ball", time, position))
         low.append(np.quantile(position[:, 2], 0.02))
     height = float(np.median(low)) - BALL["radius"]  # type: ignore[operator]
-    return RealSet("table_tennis", tuple(tracks), {"ground": {"height": height}, "objects": [BALL]}, SOURCE, LICENCE)
+    return RealSet("table_tennis", tuple(tracks), {"ground": {"height": height}, "objects": [BALL]})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -93,12 +93,9 @@ class DiscoveryResult(DiscoveryFolder):
             "noise": f"{1e3 * self.found.problem.sigma:.3g} mm",
             "seed": str(self.seed),
         }
-        gap = self.report["gap"]
-        if gap.get("sequence_iou_before") is not None:  # from videos
-            facts["forecast of frames not fitted"] = (
-                f"sequence IoU {gap['sequence_iou_before']:.2f} without, {gap['sequence_iou_after']:.2f} with what was "
-                f"named; end-point error {gap['epe_px_before']:.2f} and {gap['epe_px_after']:.2f} px"
-            )
+        forecast = forecast_text(self.report)
+        if forecast:
+            facts["forecast of frames not fitted"] = forecast
         page = html_page(self.found, self.report, self.residuals, facts)
         (folder / "report.html").write_text(page, encoding="utf-8")
         save_scene(self.scene, folder / "augmented.yaml")
@@ -107,6 +104,17 @@ class DiscoveryResult(DiscoveryFolder):
             save_scene(launch.scene, folder / "next.yaml")
         write_augmented(folder, scene_xml(self.scene), forces_file(self.scene))
         save_measured(self.residuals, Path(self.measured).stem, self.sentence, folder / "recording.rrd")
+
+
+def forecast_text(report: Mapping[str, Any]) -> str:
+    """How well frames of videos that were not fitted are forecast; empty where there are none."""
+    gap = report["gap"]
+    if gap.get("sequence_iou_before") is None:
+        return ""
+    return (
+        f"sequence IoU {gap['sequence_iou_before']:.2f} without, {gap['sequence_iou_after']:.2f} with what was named; "
+        f"end-point error {gap['epe_px_before']:.2f} and {gap['epe_px_after']:.2f} px"
+    )
 
 
 def discover(

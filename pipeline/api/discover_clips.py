@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
+from scipy.ndimage import binary_erosion, generate_binary_structure
 
 from pipeline.api.discover import DiscoveryResult, discover_motion
 from pipeline.api.discovery_folder import HELD_OUT
-from pipeline.api.overlay import caption
+from pipeline.api.overlay import side_by_side
 from pipeline.api.result_folder import FolderResult
 from pipeline.clips.replay import WIDTH
 from pipeline.discrepancy.report.discovery import Discovery
@@ -174,19 +175,11 @@ def _objects(scene: Scene) -> dict[str, Any]:
 
 def _beside(before: ForecastClip, after: ForecastClip) -> np.ndarray:
     """The clip with the outlines of both forecasts, beside each other, (T, H, W, 3)."""
-    panels = []
-    for forecast, words in ((before, "without"), (after, "with what was named")):
-        frames = forecast.clip.frames.copy()
+    left, right = before.clip.frames.copy(), after.clip.frames.copy()
+    for frames, forecast in ((left, before), (right, after)):
         shown = forecast.shown > 0
-        inner = (
-            shown[:, 1:-1, 1:-1] & shown[:, :-2, 1:-1] & shown[:, 2:, 1:-1] & shown[:, 1:-1, :-2] & shown[:, 1:-1, 2:]
-        )
-        edge = shown.copy()
-        edge[:, 1:-1, 1:-1] &= ~inner
-        frames[edge] = OUTLINE
-        panels.append(caption(frames, words))
-    gap = np.full((*panels[0].shape[:2], 4, 3), 255, np.uint8)
-    both = np.concatenate([panels[0], gap, panels[1]], axis=2)
+        frames[shown & ~binary_erosion(shown, generate_binary_structure(2, 1)[None])] = OUTLINE
+    both = side_by_side(left, right, ("without", "with what was named"))
     step = max(1, both.shape[2] // (4 * WIDTH))
     both = both[:, ::step, ::step]
     return both[:, : both.shape[1] // 2 * 2, : both.shape[2] // 2 * 2]

@@ -12,12 +12,14 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.api.discovery_folder import DiscoveryFolder, check_share, write_augmented
+from pipeline.discrepancy.selection.testable import names_among
 from pipeline.inference.progress import Progress
 from pipeline.mechanisms.augmented import augmented_document, augmented_forces
-from pipeline.mechanisms.discovery import MechanismDiscovery, discover_mechanism, names_of_mechanism_effects
+from pipeline.mechanisms.discovery import MechanismDiscovery, discover_mechanism
 from pipeline.mechanisms.html_page import mechanism_page
 from pipeline.mechanisms.log import read_log
 from pipeline.mechanisms.mechanism import Mechanism, read_mechanism
+from pipeline.mechanisms.registry import mechanism_effects
 from pipeline.mechanisms.residual_table import residual_table
 from pipeline.viewer.logged import save_logged
 
@@ -124,7 +126,7 @@ def discover_log(
         ParamsError: For another argument that is not valid.
     """
     check_share(held_out)
-    names = names_of_mechanism_effects(effects)
+    names = names_among(effects, mechanism_effects(), "effects")
     mechanism = read_mechanism(Path(model))
     measured = read_log(Path(log), mechanism)
     with progress.step("discover"):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.api.overlay import outlined
+from pipeline.api.overlay import BETWEEN, outlined
 from pipeline.api.result_folder import RESULT
 from pipeline.api.saved_result import EditResult, InferResult, SimulateResult, read_result
 from pipeline.api.scene_source import SCENE_FILE, with_camera
@@ -207,7 +207,7 @@ def _of_simulate(folder: Path, result: SimulateResult) -> ResultPage:
     runs = _trajectory(folder / "trajectory.csv", scene)
     scene, _ = with_camera(scene, np.concatenate([place for run in runs.values() for place, _ in run.values()]))
     both = _frames(folder / "replay.mp4")[: round(seconds * Schedule().fps)]
-    half = (both.shape[2] - 4) // 2
+    half = (both.shape[2] - BETWEEN) // 2
     paths = []
     for name, run in runs.items():
         for i, (position, quaternion) in run.items():

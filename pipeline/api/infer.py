@@ -19,6 +19,7 @@ from pipeline.inference.measure_clip import FlowSource, measure_clip
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.progress import Progress
 from pipeline.inference.scene_search import LEAST_SEARCH
+from pipeline.model.sampling import Sampling
 from pipeline.perception.prompts import Prompts
 from pipeline.perception.user_clip import UserClip
 from pipeline.perception.video_stretch import VideoStretch
@@ -41,8 +42,8 @@ def infer(
     model: str | Base | WordsModel | LoadingModel = "models/words",
     samples: int = 8,
     temperature: float = 1.0,
-    top_p: float = 0.9,
-    middle: float = 0.4,
+    top_p: float = Sampling.top_p,
+    middle: float = Sampling.middle,
     search: int = 0,
     incline: bool = False,
     world: World | None = None,

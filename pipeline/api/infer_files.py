@@ -119,8 +119,8 @@ def _write_pictures(folder: Path, found: Inference, run: Replay, masks: np.ndarr
         rows=tuple(rows),
     )
     Image.fromarray(draw(sheet)).save(folder / "overlay.png")
-    seen = Pictures(frames, masks, flow=clip.flow, flow_frames=first)
-    replayed = Pictures(drawn, run.masks, run.depth, first, run.flow, first)
+    seen = Pictures(frames, masks, flow=clip.flow, frames=first)
+    replayed = Pictures(drawn, run.masks, run.depth, run.flow, first)
     notes = "\n".join(
         [
             f"### {title}",

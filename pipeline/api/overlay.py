@@ -20,7 +20,7 @@ from pipeline.vision.rendering.appearance import object_colour
 Row = tuple[str, ...]
 
 INK, FAINT, PAPER = (25, 28, 33), (120, 125, 135), (255, 255, 255)
-MARGIN, CAPTION_PX = 8, 15
+MARGIN, CAPTION_PX, BETWEEN = 8, 15, 4  # px; the last: between two clips
 TILE_AREA = 384 * 256  # px² of a picture
 GAP, SIDE, HEADER, LINE = 6, 128, 30, 21  # px
 MOMENTS = 5
@@ -155,9 +155,9 @@ def caption(frames: np.ndarray, text: str) -> np.ndarray:
     return out
 
 
-def side_by_side(left: np.ndarray, right: np.ndarray, captions: tuple[str, str], gap: int = 4) -> np.ndarray:
+def side_by_side(left: np.ndarray, right: np.ndarray, captions: tuple[str, str]) -> np.ndarray:
     """Two clips (T, H, W, 3) beside each other, with a caption each."""
-    between = np.full((*left.shape[:2], gap, 3), 255, np.uint8)
+    between = np.full((*left.shape[:2], BETWEEN, 3), 255, np.uint8)
     return np.concatenate([caption(left, captions[0]), between, caption(right, captions[1])], axis=2)
 
 

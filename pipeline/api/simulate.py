@@ -15,8 +15,9 @@ import numpy as np
 from pipeline.api.overlay import Row, side_by_side
 from pipeline.api.result_folder import FolderResult, write_result
 from pipeline.api.scene_source import SCENE_FILE, read_scene_source, with_camera
-from pipeline.clips.replay import HEIGHT, WIDTH, replay_trace
+from pipeline.clips.replay import replay_trace
 from pipeline.clips.schedule import Schedule
+from pipeline.clips.view import HEIGHT, WIDTH, rendering_of
 from pipeline.editing.edit_list import Edit, in_order
 from pipeline.editing.edited_motion import Run, edited_runs
 from pipeline.errors import SceneError
@@ -31,8 +32,6 @@ from pipeline.viewer.footage import Footage, MotionLayer, Pictures
 from pipeline.viewer.recording import save
 from pipeline.vision.recordings.video import write_video
 from pipeline.vision.rendering.appearance import plain_appearance
-from pipeline.vision.rendering.camera import pinhole
-from pipeline.vision.rendering.rasteriser import rasterise
 from pipeline.vision.rendering.render import render_rgb
 from pipeline.vision.rendering.render_backend import choose_backend
 
@@ -269,14 +268,11 @@ def _drawn(runs: Sequence[Run], schedule: Schedule, names: Sequence[str], camera
         if not len(own):
             continue
         scene = run.scene if run.scene.camera is not None else replace(run.scene, camera=camera.camera)
-        assert scene.camera is not None
         index = [names.index(o.name) for o in scene.objects]
         look = replace(plain_appearance(0, len(scene.fixed)), materials=tuple(plain.materials[i] for i in index))
         poses = run.trace.position[own], run.trace.quaternion[own]
         frames.append(render_rgb(scene, *poses, look, WIDTH, HEIGHT, backend))
-        pose = *poses, pinhole(scene.camera)
-        seen = rasterise(scene.objects, *pose, WIDTH, HEIGHT, scene.ground, scene.fixed).mask
-        masks.append(np.array([0, *(i + 1 for i in index)], np.uint8)[seen])
+        masks.append(np.array([0, *(i + 1 for i in index)], np.uint8)[rendering_of(scene, *poses, WIDTH, HEIGHT).mask])
     return Pictures(np.concatenate(frames), np.concatenate(masks))
 
 

@@ -85,9 +85,7 @@ def split(masks: np.ndarray, frame: int, first: Point, second: Point) -> np.ndar
         raise ParamsError("the clicks are on two bodies; click on two parts of one body to split it")
     if np.hypot(first[0] - second[0], first[1] - second[1]) < 2:
         raise ParamsError("both clicks are at the same place; click on two parts of the body")
-    new = int(masks.max()) + 1
-    if new > 255:
-        raise ParamsError("there are 255 bodies already")
+    new = _next_number(masks)
     out = masks.copy()
     for frames in (range(frame, len(masks)), range(frame - 1, -1, -1)):
         centres = np.array([first, second], float)
@@ -122,10 +120,15 @@ def added(masks: np.ndarray, body: np.ndarray) -> np.ndarray:
     """With one more body (T, H, W) bool, which takes the pixels of others. Raises ParamsError where it is empty."""
     if not body.any():
         raise ParamsError("no body was found at that place")
+    return np.where(body, _next_number(masks), masks).astype(np.uint8)
+
+
+def _next_number(masks: np.ndarray) -> int:
+    """Of another body. Raises ParamsError where masks have no room for one."""
     new = int(masks.max(initial=0)) + 1
     if new > 255:
         raise ParamsError("there are 255 bodies already")
-    return np.where(body, new, masks).astype(np.uint8)
+    return new
 
 
 def outlines(masks: np.ndarray) -> list[list[list[list[int]]]]:

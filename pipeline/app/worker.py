@@ -105,7 +105,7 @@ def infer_scene(request: Request, folder: Path, tell: Callable[..., None]) -> di
     from pipeline.inference.filmed_world import World
 
     progress = ToldProgress(9 + 2 * bool(request["search"]), tell)
-    length = request.get("length")
+    length = request["length"]
     found = infer(
         request["clip"],
         start=request["start"],
@@ -113,7 +113,7 @@ def infer_scene(request: Request, folder: Path, tell: Callable[..., None]) -> di
         fps=request.get("fps"),
         masks=request["masks"],
         search=request["search"],
-        world=World.of("auto", request.get("gravity", 9.81), length=None if length is None else tuple(length)),
+        world=World.of("auto", request["gravity"], length=None if length is None else tuple(length)),
         progress=progress,
     )
     for line in found.doubts:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import areas_px
+from pipeline.clips.view import areas_px, rendering_of
 from pipeline.errors import DynamicsError
 from pipeline.physics.batch import BatchSimulator, stack_scenes
 from pipeline.physics.overlap import penetration
@@ -21,10 +21,8 @@ from pipeline.scene.sample import Distribution, draw_composition, draw_scene
 from pipeline.scene.scene import Scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.rendering.camera import pinhole, project
-from pipeline.vision.rendering.rasteriser import rasterise
 
 _WIDTH, _HEIGHT = 120, 80  # the filters look at small masks: areas are stated for 480x320, 16 times as many pixels
-_AREA_SCALE = (480 * 320) / (_WIDTH * _HEIGHT)
 
 
 @dataclass(frozen=True)
@@ -33,11 +31,11 @@ class Filters:
     frame, px of 480x320. visible_px: an object smaller than this is out of view. out_of_view: how many objects may
     be out of view for the whole clip. tries: candidates a clip may use up."""
 
-    overlap_m: float = 0.0
-    area_px: float = 8000.0
-    visible_px: float = 32.0
-    out_of_view: int = 1
-    tries: int = 2000
+    overlap_m: float
+    area_px: float
+    visible_px: float
+    out_of_view: int
+    tries: int
 
 
 @dataclass
@@ -124,13 +122,9 @@ def _draw_still(
 
 def initial_area_px(scene: Scene) -> float:
     """Area of all objects together in the initial state, px of 480x320."""
-    assert scene.camera is not None
     position = np.array([[o.position for o in scene.objects]])
     quaternion = np.array([[o.orientation for o in scene.objects]])
-    view = rasterise(
-        scene.objects, position, quaternion, pinhole(scene.camera), _WIDTH, _HEIGHT, scene.ground, scene.fixed
-    )
-    return np.count_nonzero(view.mask) * _AREA_SCALE
+    return float(areas_px(rendering_of(scene, position, quaternion, _WIDTH, _HEIGHT).mask, len(scene.objects)).sum())
 
 
 def first_seen(scene: Scene, position: np.ndarray, quaternion: np.ndarray, filters: Filters) -> np.ndarray:
@@ -144,11 +138,7 @@ def in_view(scene: Scene, position: np.ndarray, quaternion: np.ndarray, visible_
 
     visible_px: area from which an object is in view, px of 480x320.
     """
-    assert scene.camera is not None
-    view = rasterise(
-        scene.objects, position, quaternion, pinhole(scene.camera), _WIDTH, _HEIGHT, scene.ground, scene.fixed
-    )
-    return areas_px(view.mask, len(scene.objects)) >= visible_px
+    return areas_px(rendering_of(scene, position, quaternion, _WIDTH, _HEIGHT).mask, len(scene.objects)) >= visible_px
 
 
 def left_to_right(scene: Scene, position: np.ndarray, seen: np.ndarray) -> Scene:

@@ -20,7 +20,7 @@ from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.rendering.camera import pinhole, project
 
 #: Bodies are smaller here than in the other suites: a ball in flight has 1 % of the picture.
-VIEW_FILTERS = Filters(area_px=1200.0, visible_px=150.0, tries=500)
+VIEW_FILTERS = Filters(overlap_m=0.0, area_px=1200.0, visible_px=150.0, out_of_view=1, tries=500)
 LEAST_SHARE = 0.35  # of the frames in which each object is in view
 LEAST_MOTION = 0.15  # of the picture's height, of the object that moves most while it is in view
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
-from pipeline.clips.view import View, event_areas, pair_view
+from pipeline.clips.view import HEIGHT, WIDTH, View, event_areas, pair_view, rendering_of
 from pipeline.errors import SimulationError
 from pipeline.language.events import DEFAULT_THRESHOLDS, Event, find_events
 from pipeline.physics.batch import BatchSimulator, States, stack_scenes
@@ -20,12 +20,10 @@ from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 from pipeline.scene.time_step import frame_steps
 from pipeline.vision.rendering.appearance import plain_appearance
-from pipeline.vision.rendering.camera import REFERENCE_SIZE, pinhole
+from pipeline.vision.rendering.camera import pinhole
 from pipeline.vision.rendering.exact_flow import exact_flow
-from pipeline.vision.rendering.rasteriser import Rendering, rasterise
+from pipeline.vision.rendering.rasteriser import Rendering
 from pipeline.vision.rendering.render import render_rgb
-
-WIDTH, HEIGHT = REFERENCE_SIZE
 
 
 @dataclass(frozen=True)
@@ -116,17 +114,7 @@ class Replay:
 
     @cached_property
     def _rendering(self) -> Rendering:
-        assert self.scene.camera is not None
-        return rasterise(
-            self.scene.objects,
-            self.position,
-            self.quaternion,
-            pinhole(self.scene.camera),
-            self.width,
-            self.height,
-            self.scene.ground,
-            self.scene.fixed,
-        )
+        return rendering_of(self.scene, self.position, self.quaternion, self.width, self.height)
 
     @cached_property
     def _pairs(self) -> View:
@@ -181,10 +169,7 @@ def masks_at(scene: Scene, times: np.ndarray, width: int, height: int) -> np.nda
         SimulationError: Where the simulation becomes unstable.
     """
     states = states_at(scene, frame_steps(times))
-    assert scene.camera is not None
-    camera = pinhole(scene.camera)
-    position, quaternion = states.position[0], states.quaternion[0]
-    return rasterise(scene.objects, position, quaternion, camera, width, height, scene.ground, scene.fixed).mask
+    return rendering_of(scene, states.position[0], states.quaternion[0], width, height).mask
 
 
 def states_at(scene: Scene, steps: np.ndarray) -> States:

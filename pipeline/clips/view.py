@@ -11,10 +11,11 @@ from pipeline.clips.schedule import Schedule
 from pipeline.compiled import kernel
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
-from pipeline.vision.rendering.camera import pinhole
+from pipeline.vision.rendering.camera import REFERENCE_SIZE, pinhole
 from pipeline.vision.rendering.exact_flow import exact_flow
-from pipeline.vision.rendering.rasteriser import rasterise
+from pipeline.vision.rendering.rasteriser import Rendering, rasterise
 
+WIDTH, HEIGHT = REFERENCE_SIZE  # of replays; areas are stated in px of this size, whatever a picture has
 #: px, width and height, of the masks from which events take what is in view: in the graph, in training, everywhere.
 EVENT_SIZE = (240, 160)
 
@@ -34,27 +35,32 @@ class View:
     flow: np.ndarray
 
 
+def rendering_of(scene: Scene, position: np.ndarray, quaternion: np.ndarray, width: int, height: int) -> Rendering:
+    """Masks and depth of a scene, as its camera sees it.
+
+    Args:
+        scene: With a camera.
+        position: (F, N, 3), m, of the objects in every frame.
+        quaternion: (F, N, 4), w x y z.
+        width: Of the picture, px.
+        height: Of the picture, px.
+    """
+    assert scene.camera is not None
+    eye = pinhole(scene.camera)
+    return rasterise(scene.objects, position, quaternion, eye, width, height, scene.ground, scene.fixed)
+
+
 def frame_masks(scene: Scene, trace: Trace, schedule: Schedule, width: int, height: int) -> np.ndarray:
     """(F, H, W) masks of every frame of the clip."""
-    assert scene.camera is not None
     steps = schedule.frame_steps
-    return rasterise(
-        scene.objects,
-        trace.position[steps],
-        trace.quaternion[steps],
-        pinhole(scene.camera),
-        width,
-        height,
-        scene.ground,
-        scene.fixed,
-    ).mask
+    return rendering_of(scene, trace.position[steps], trace.quaternion[steps], width, height).mask
 
 
 def areas_px(masks: np.ndarray, objects: int) -> np.ndarray:
     """(F, N) area of each object in masks (F, H, W), px of 480x320."""
     counts = np.zeros((len(masks), objects + 1), np.int64)
     _count(masks.reshape(len(masks), -1), counts)
-    return counts[:, 1:] * (480 * 320 / masks[0].size)
+    return counts[:, 1:] * (WIDTH * HEIGHT / masks[0].size)
 
 
 @kernel
@@ -94,7 +100,7 @@ def pair_view(scene: Scene, position: np.ndarray, quaternion: np.ndarray, width:
     assert scene.camera is not None
     masks, depths, flows = [], [], []
     for p, q in zip(position, quaternion, strict=True):
-        first = rasterise(scene.objects, p[:1], q[:1], pinhole(scene.camera), width, height, scene.ground, scene.fixed)
+        first = rendering_of(scene, p[:1], q[:1], width, height)
         moved = exact_flow(scene.objects, p, q, pinhole(scene.camera), width, height, scene.ground, rendering=first)
         masks.append(first.mask[0])
         depths.append(first.depth[0])

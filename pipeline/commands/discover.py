@@ -96,7 +96,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    from pipeline.api.discover import DiscoveryResult, discover
+    from pipeline.api.discover import DiscoveryResult, discover, forecast_text
     from pipeline.api.discover_log import LogDiscoveryResult
     from pipeline.api.result_folder import check_replaceable
     from pipeline.inference.progress import Progress
@@ -144,14 +144,9 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"{'verdict':<11}{found.sentence}")
     for note in found.report["notes"]:
         print(f"{'note':<11}{note}")
-    if not table:
-        gap = found.report["gap"]
-        if gap["sequence_iou_before"] is not None:
-            print(
-                f"{'forecast':<11}of frames not fitted: sequence IoU {gap['sequence_iou_before']:.2f} without, "
-                f"{gap['sequence_iou_after']:.2f} with what was named; end-point error {gap['epe_px_before']:.2f} and "
-                f"{gap['epe_px_after']:.2f} px"
-            )
+    forecast = forecast_text(found.report)
+    if forecast:
+        print(f"{'forecast':<11}of frames not fitted: {forecast}")
     print(f"{'written':<11}{a.out}: look at report.html first")
 
 

@@ -103,8 +103,7 @@ def scene_footage(scene: Scene, name: str, seconds: float) -> Footage:
 
 
 def _run_pictures(run: Replay) -> Pictures:
-    first = run.schedule.pairs[:, 0]
-    return Pictures(run.pictures("raycast"), run.masks, run.depth, first, run.flow, first)
+    return Pictures(run.pictures("raycast"), run.masks, run.depth, run.flow, run.schedule.pairs[:, 0])
 
 
 def _table_scene(path: Path, clip: int | None) -> tuple[Scene, str]:
@@ -141,7 +140,7 @@ def _array_footage(path: Path, clip: int) -> Footage:
         f"{path.stem}/{clip}",
         f"### clip {clip} of `{path}`",
         (),
-        Pictures(read.get("rgb"), read.get("mask"), flow=flow, flow_frames=frames),
+        Pictures(read.get("rgb"), read.get("mask"), flow=flow, frames=frames),
         times=Schedule().times,
     )
 
@@ -283,12 +282,13 @@ def _pictures(opened: Opened) -> Pictures:
         for name in ("rgb", "mask", "depth", "flow"):
             if name in clip.shard.arrays and name not in found:
                 found[name] = clip.array(name)
-    first = opened.schedule.pairs[:, 0]
     sizes = {a.shape[1:3] for a in found.values()}
     if len(sizes) > 1:
         found.pop("flow", None)
         opened.notes.append("the flow has another size than the pictures and is left out")
-    return Pictures(found.get("rgb"), found.get("mask"), found.get("depth"), first, found.get("flow"), first)
+    return Pictures(
+        found.get("rgb"), found.get("mask"), found.get("depth"), found.get("flow"), opened.schedule.pairs[:, 0]
+    )
 
 
 def _replayed(motions: list[MotionLayer], seen: Pictures, schedule: Schedule) -> Pictures:

@@ -12,8 +12,8 @@ from pipeline.scene.scene import Scene, half_extents
 RATE = 240
 
 
-def run_bullet(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions (T, N, 3), quaternions (T, N, 4) and angular velocities (T, N, 3) at `times`.
+def run_bullet(scene: Scene, seconds: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions (S, N, 3), quaternions (S, N, 4) and angular velocities (S, N, 3), RATE a second, past `seconds`.
 
     Bullet multiplies the two bodies' friction and restitution, so that those of the ground are 1.
     Raises ImportError where Bullet is not installed.
@@ -33,7 +33,7 @@ def run_bullet(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray,
         bodies = [_add(world, pybullet, o) for o in scene.objects]
         effects, body, halfway = chosen_effects([scene], with_force), resting_body([scene]), HalfwayVelocity()
         history = []
-        for step in range(int(np.ceil(times[-1] * RATE)) + 2):
+        for step in range(int(np.ceil(seconds * RATE)) + 2):
             poses = [world.getBasePositionAndOrientation(b) for b in bodies]
             rates = [world.getBaseVelocity(b) for b in bodies]
             x, v, w = (
@@ -47,12 +47,8 @@ def run_bullet(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray,
             world.stepSimulation()
     finally:
         world.disconnect()
-    place = times * RATE
-    k = place.astype(int)
-    u = (place - k)[:, None, None]
-    columns = [np.array(c) for c in zip(*history, strict=True)]
-    position, quaternion, spin = ((1 - u) * c[k] + u * c[k + 1] for c in columns)
-    return position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), spin
+    position, quaternion, spin = (np.array(c) for c in zip(*history, strict=True))
+    return position, quaternion, spin
 
 
 def _add(world, pybullet, obj) -> int:  # type: ignore[no-untyped-def]

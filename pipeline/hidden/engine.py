@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.hidden.bullet import run_bullet
+from pipeline.hidden.bullet import RATE, run_bullet
 from pipeline.hidden.events import run_events
 from pipeline.hidden.law_perturbation import LawPerturbation
 from pipeline.physics.simulate import simulate
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Scene
+from pipeline.scene.time_step import STEPS_PER_SECOND
 
 
 @dataclass(frozen=True)
@@ -25,15 +26,10 @@ class SimulatedMotion:
 
 
 def run_mujoco(scene: Scene, times: np.ndarray, perturbation: LawPerturbation) -> SimulatedMotion:
-    """By MuJoCo, 240 steps per second, interpolated linearly."""
+    """By MuJoCo, interpolated linearly."""
     assert perturbation.is_none, "MuJoCo runs the laws as they are named"
-    trace = simulate(scene, float(times[-1]) + 2 / 240)
-    place = times * trace.rate
-    k = np.minimum(place.astype(int), len(trace.position) - 2)
-    u = (place - k)[:, None, None]
-    blend = [(1 - u) * a[k] + u * a[k + 1] for a in (trace.position, trace.quaternion, trace.angular_velocity)]
-    quaternion = blend[1] / np.linalg.norm(blend[1], axis=-1, keepdims=True)
-    return SimulatedMotion(blend[0], quaternion, blend[2])
+    trace = simulate(scene, float(times[-1]) + 2 / STEPS_PER_SECOND)
+    return _at(times, trace.rate, trace.position, trace.quaternion, trace.angular_velocity)
 
 
 def run_event_driven(scene: Scene, times: np.ndarray, perturbation: LawPerturbation) -> SimulatedMotion:
@@ -44,9 +40,18 @@ def run_event_driven(scene: Scene, times: np.ndarray, perturbation: LawPerturbat
 
 
 def run_with_bullet(scene: Scene, times: np.ndarray, perturbation: LawPerturbation) -> SimulatedMotion:
-    """By Bullet, where it is installed."""
+    """By Bullet, where it is installed, interpolated linearly."""
     assert perturbation.is_none, "Bullet runs the laws as they are named"
-    return SimulatedMotion(*run_bullet(scene, times))
+    return _at(times, RATE, *run_bullet(scene, float(times[-1])))
+
+
+def _at(times: np.ndarray, rate: int, *states: np.ndarray) -> SimulatedMotion:
+    """The motion at times (T,), s, between states of `rate` steps a second: positions, quaternions, spins."""
+    place = times * rate
+    k = np.minimum(place.astype(int), len(states[0]) - 2)
+    u = (place - k)[:, None, None]
+    position, quaternion, spin = ((1 - u) * a[k] + u * a[k + 1] for a in states)
+    return SimulatedMotion(position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), spin)
 
 
 ENGINES: dict[str, Callable[[Scene, np.ndarray, LawPerturbation], SimulatedMotion]] = {

@@ -57,7 +57,7 @@ EVENT_PHRASES: dict[str, str] = {
     "starts_sliding": " starts sliding",
     "stops_sliding": " stops sliding",
 }
-_PHRASE_KINDS = {phrase: kind for kind, phrase in EVENT_PHRASES.items()}
+PHRASE_KINDS = {phrase: kind for kind, phrase in EVENT_PHRASES.items()}
 _COUNTS = tuple(f"{n} object: " if n == 1 else f"{n} objects: " for n in range(1, MAX_OBJECTS + 1))
 _END_OF_ANSWER = "effects: []\n</answer>"
 _END_OF_THINK = ".\n</think>\n<answer>\n"
@@ -91,7 +91,7 @@ def _events(objects: int, seconds: float) -> Grammar:
         yield Literal("s: object ")
         first = yield Choice(names)
         phrase = yield Choice(kinds)
-        if _PHRASE_KINDS[phrase] == "hits_object":
+        if PHRASE_KINDS[phrase] == "hits_object":
             yield Choice(tuple(n for n in names if n != first))
     yield Literal(_END_OF_THINK)
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 
 from pipeline.errors import SceneError
-from pipeline.language.completion import EVENT_PHRASES
+from pipeline.language.completion import PHRASE_KINDS
 from pipeline.language.events import Event
 
-_KINDS = {phrase: kind for kind, phrase in EVENT_PHRASES.items()}
-_LINE = re.compile(rf"t=(\d+\.\d+)s: object ([1-9]\d*)({'|'.join(map(re.escape, _KINDS))})([1-9]\d*)?\.")
+_LINE = re.compile(rf"t=(\d+\.\d+)s: object ([1-9]\d*)({'|'.join(map(re.escape, PHRASE_KINDS))})([1-9]\d*)?\.")
 
 
 def said_events(think: str) -> list[Event]:
@@ -29,9 +28,9 @@ def said_events(think: str) -> list[Event]:
 
 def _event(line: str) -> Event:
     match = _LINE.fullmatch(line)
-    kind = None if match is None else _KINDS[match[3]]
+    kind = None if match is None else PHRASE_KINDS[match[3]]
     if match is None or (kind == "hits_object") != (match[4] is not None):
-        phrases = ", ".join(f"`{phrase.strip()}`" for phrase in _KINDS)
+        phrases = ", ".join(f"`{phrase.strip()}`" for phrase in PHRASE_KINDS)
         raise SceneError(f"think: {line!r} is no event; valid: `t=0.13s: object 1 …`, with one of {phrases}")
     second = None if match[4] is None else int(match[4]) - 1
-    return Event(float(match[1]), _KINDS[match[3]], int(match[2]) - 1, second)
+    return Event(float(match[1]), PHRASE_KINDS[match[3]], int(match[2]) - 1, second)

@@ -17,7 +17,6 @@ from pipeline.discrepancy.selection.confidence import IMPERFECT, confidence_by_m
 from pipeline.discrepancy.selection.equivalence import next_experiment
 from pipeline.discrepancy.selection.gap import Gap
 from pipeline.discrepancy.selection.shorter import LEAST_REMAINDER
-from pipeline.discrepancy.selection.testable import names_among
 from pipeline.discrepancy.selection.unexplained import UNEXPLAINED_Z
 from pipeline.mechanisms.disagreement import MissingForce, disagreement, missing_forces, row, where_dict
 from pipeline.mechanisms.estimates import calibrated, effect_estimates
@@ -137,14 +136,6 @@ def discover_mechanism(
         probability=probabilities(found),
         notes=_notes(found),
     )
-
-
-def names_of_mechanism_effects(text: str, place: str = "effects") -> tuple[str, ...]:
-    """The effects that may be named: "all", or names with commas between.
-
-    place: what has this value, for the error. Raises ParamsError for another name.
-    """
-    return names_among(text, mechanism_effects(), place)
 
 
 def _verdict(found: MechanismSelection, gap: Gap) -> Verdict:

@@ -103,15 +103,7 @@ class LawModel:
 
     def values(self, theta: np.ndarray) -> list[Values]:
         """The parameters of each acting effect."""
-        out: list[Values] = []
-        k = len(self.numbers)
-        for a in self.acting:
-            own = {}
-            for p in a.kind.parameters:
-                own[p.name] = theta[k : k + p.length]
-                k += p.length
-            out.append(own)
-        return out
+        return [{name: theta[part] for name, part in self.columns(k).items()} for k in range(len(self.acting))]
 
     def columns(self, acting: int) -> dict[str, slice]:
         """Where the parameters of an acting effect are in the vector."""

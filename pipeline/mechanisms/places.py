@@ -78,8 +78,7 @@ def _joint_place(mechanism: Mechanism, log: Log, joint: Joint, interval: float) 
 def _actuator_place(mechanism: Mechanism, log: Log, name: str, interval: float) -> Place:
     column = mechanism.actuators.index(name)
     u = np.concatenate([c.controls[:, column] for c in log.clips])
-    spread = Place(Target.ACTUATOR, name, low=float(u.min()), high=float(u.max()), interval=interval)
-    return spread if u.max() > u.min() else Place(Target.ACTUATOR, name, low=0.0, high=0.0)
+    return Place(Target.ACTUATOR, name, low=float(u.min()), high=float(u.max()), interval=interval)
 
 
 def _body_place(mechanism: Mechanism, name: str) -> Place:
@@ -98,5 +97,5 @@ def _body_place(mechanism: Mechanism, name: str) -> Place:
 
 
 def _geoms(model: mujoco.MjModel, body: int) -> range:
-    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-    return range(first, first + count) if count else range(0)
+    first = int(model.body_geomadr[body])
+    return range(first, first + int(model.body_geomnum[body]))

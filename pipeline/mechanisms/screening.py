@@ -44,30 +44,32 @@ class _Trial:
     def scaled(self, share: float) -> np.ndarray:
         """The numbers with that share of the effect."""
         out = self.start.copy()
-        k = 0
-        for p in self.acting.kind.parameters:
-            if p.name == self.acting.kind.linear:
-                low, high = self.acting.bounds(p)
-                part = slice(k, k + p.length)
-                out[part] = np.clip(self.neutral[part] + share * (self.start - self.neutral)[part], low, high)
-            k += p.length
+        if self._linear is not None:
+            part, low, high = self._linear
+            out[part] = np.clip(self.neutral[part] + share * (self.start - self.neutral)[part], low, high)
         return out
 
     @property
     def largest_shares(self) -> tuple[float, float]:
         """The shares of the effect at which its number is at its bounds."""
+        if self._linear is None:
+            return 1.0, 1.0
+        part, low, high = self._linear
+        change, here = (self.start - self.neutral)[part], self.neutral[part]
+        with np.errstate(divide="ignore"):
+            ends = np.array([(low - here) / change, (high - here) / change])
+        ends = ends[:, change != 0]
+        return float(ends.min(0).max()), float(ends.max(0).min())
+
+    @property
+    def _linear(self) -> tuple[slice, float, float] | None:
+        """Where the number in whose size the law is linear stands, and its bounds."""
         k = 0
         for p in self.acting.kind.parameters:
             if p.name == self.acting.kind.linear:
-                low, high = self.acting.bounds(p)
-                change = (self.start - self.neutral)[k : k + p.length]
-                here = self.neutral[k : k + p.length]
-                with np.errstate(divide="ignore"):
-                    ends = np.array([(low - here) / change, (high - here) / change])
-                ends = ends[:, change != 0]
-                return float(ends.min(0).max()), float(ends.max(0).min())
+                return slice(k, k + p.length), *self.acting.bounds(p)
             k += p.length
-        return 1.0, 1.0
+        return None
 
 
 def guesses(problem: Problem, found: Fit, kinds: Sequence[MechanismEffect], price: float) -> dict[str, list[Guess]]:

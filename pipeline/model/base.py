@@ -70,7 +70,7 @@ class Base:
             write_input(folder, self.input)
 
 
-def load_base(name: str, width: int = 336, height: int = 224, frames: int = 10, dtype: str = "float32") -> Base:
+def load_base(name: str, width: int, height: int, frames: int, dtype: str) -> Base:
     """The model in a folder, or of that name in the local hub cache.
 
     Nothing is downloaded here.

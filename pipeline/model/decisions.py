@@ -20,7 +20,6 @@ from pipeline.model.fields import FREE, NOTHING, OBJECT_FIELDS, SCENE_FIELDS, Fi
 KINDS = ANSWERED_KINDS
 MOST_EVENTS = 12
 PLACES = 8  # of bodies, in prompt and answer
-MOST_IN_FRAME = 6  # bodies that are asked for where none are pointed out
 
 # Tokens. The first are what the prompt says of itself.
 PAD, FLOW, RGB, BODIES, FRAME, REASON, DIRECT, AT, ENOUGH, UNSEEN, VIDEO, END = range(12)

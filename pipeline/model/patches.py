@@ -33,7 +33,7 @@ class PatchLayout:
     width: int
     height: int
     frames: int
-    patch: int = 14
+    patch: int
     temporal: int = 2
     merge: int = 2
     mean: tuple[float, float, float] = (0.48145466, 0.4578275, 0.40821073)

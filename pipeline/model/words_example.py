@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pipeline.language.completion import MAX_OBJECTS
 from pipeline.language.events import Event
 from pipeline.model import decisions as d
 from pipeline.model.fields import (
@@ -132,7 +133,7 @@ def answers_example(seen: SeenBodies | SeenFrames, answers: Sequence[d.Said], re
         crops and places, or frames; order and numbers (A, N) of bodies, and the arrays of `Answer` (A, L).
     """
     if isinstance(seen, SeenFrames):
-        rows = [vars(d.answer_of(range(d.MOST_IN_FRAME), reasoning, True, said)) for said in answers]
+        rows = [vars(d.answer_of(range(MAX_OBJECTS), reasoning, True, said)) for said in answers]
         return {"frames": seen.frames} | _joined(rows)
     n = len(seen.instances)
     asked = {"order": np.arange(n, dtype=np.int8), "numbers": np.arange(n, dtype=np.int16)}
@@ -144,7 +145,7 @@ def frames_example(seen: SeenFrames, truth: Truth, reasons: Sequence[bool]) -> A
     """An example of whole frames: frames, and the arrays of `Answer` (A, L). Bodies stand in the order of the truth."""
     told = _told(truth.events, {i: i for i in range(len(truth.shapes))})
     said = d.Said(truth.shapes.tolist(), told, truth.scene.tolist(), truth.values.tolist())
-    rows = [vars(d.answer_of(range(d.MOST_IN_FRAME), reason, True, said)) for reason in reasons]
+    rows = [vars(d.answer_of(range(MAX_OBJECTS), reason, True, said)) for reason in reasons]
     return {"frames": seen.frames} | _joined(rows)
 
 

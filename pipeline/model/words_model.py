@@ -87,7 +87,7 @@ def prompt_of(network: WordsNetwork, seen: SeenBodies | SeenFrames) -> tuple[tup
     """The prompt of one clip with its rotary positions, and the places that its bodies have there."""
     if isinstance(seen, SeenFrames):
         frames = torch.from_numpy(np.ascontiguousarray(seen.frames))[None]
-        return network.frame_prompt(frames, seen.colours), list(range(d.MOST_IN_FRAME))
+        return network.frame_prompt(frames, seen.colours), list(range(MAX_OBJECTS))
     places = list(range(len(seen.instances)))
     crops, where = torch.from_numpy(seen.crops)[None], torch.from_numpy(seen.instances.places)[None]
     return network.bodies_prompt(crops, seen.colours is not None, where, torch.tensor([places])), places

@@ -17,7 +17,7 @@ from transformers import PretrainedConfig, PreTrainedModel, Qwen2_5_VLConfig, Qw
 
 from pipeline.model import decisions as d
 from pipeline.model.fields import BINS, MOTION, NOTHING
-from pipeline.model.instances import HEIGHT, SIDE, WIDTH
+from pipeline.model.instances import FULL, HEIGHT, SIDE, WIDTH
 
 FRAMES = 10
 PATCH, MERGE = 8, 2
@@ -192,7 +192,7 @@ class WordsNetwork(PreTrainedModel):
 
     def as_pictures(self, crops: Tensor, colours: bool) -> Tensor:
         """Pictures (…, 6, h, w) of crops (…, C, h, w) int8: colours or flow, then the mask where there is one."""
-        x = crops.float() / 127
+        x = crops.float() / FULL
         out = x.new_zeros(*x.shape[:-3], len(CHANNELS), *x.shape[-2:])
         first, count = (0, 3) if colours else (3, 2)
         out[..., first : first + count, :, :] = x[..., :count, :, :]

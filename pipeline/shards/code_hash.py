@@ -48,24 +48,21 @@ def hash_code(files: Iterable[Path], root: Path = ROOT) -> str:
     return digest.hexdigest()
 
 
-def module_closure(
-    file: Path, root: Path = ROOT, packages: tuple[str, ...] = PACKAGES, without: tuple[str, ...] = PLUMBING
-) -> frozenset[Path]:
-    """The files of a module and of all modules that it imports, directly or not.
+def module_closure(file: Path, root: Path = ROOT, without: tuple[str, ...] = PLUMBING) -> frozenset[Path]:
+    """The files of a module and of all modules of PACKAGES that it imports, directly or not.
 
     Imports inside functions count; those under `if TYPE_CHECKING:` do not.
 
     Args:
         file: The module's file.
         root: The folder that holds the packages.
-        packages: The packages whose modules count.
         without: Modules and packages that are not followed.
     """
     file = file.resolve()
     found, waiting = {file}, [file]
     while waiting:
         for name in _imported_names(waiting.pop(), root):
-            if name.split(".")[0] not in packages or _is_one_of(name, without):
+            if name.split(".")[0] not in PACKAGES or _is_one_of(name, without):
                 continue
             path = _find(name, root)
             if path is not None and path not in found:

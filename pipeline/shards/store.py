@@ -67,14 +67,14 @@ class Store:
         cache = os.environ.get(CACHE_ENVIRONMENT)
         return Store(Path(cache), self.remote) if self.remote and cache else self
 
-    def lookup(self, key: str, warn: Callable[[str], None] | None = None) -> StoredShard | None:
+    def lookup(self, key: str) -> StoredShard | None:
         """The shard of that key, or None. Every byte is checked; a damaged shard is reported and removed."""
         folder = self.folder_of(key)
         if not folder.is_dir():
             return self._fetched(key)
         shard, damage = read_stored(folder, key)
         if shard is None:
-            (warn or _print_warning)(f"{folder} is damaged ({damage}); it is removed and computed again")
+            _print_warning(f"{folder} is damaged ({damage}); it is removed and computed again")
             self.discard(folder)
             return self._fetched(key)
         self._publish(shard)

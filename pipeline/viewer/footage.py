@@ -39,17 +39,15 @@ class Pictures:
         rgb: (F, H, W, 3) uint8, of every frame.
         masks: (F, H, W) uint8, 0 for the background, of every frame.
         depth: (P, H, W) m, inf for the background.
-        depth_frames: (P,) the frames of `depth`.
         flow: (P, H, W, 2) px per frame interval.
-        flow_frames: (P,) the frames of `flow`.
+        frames: (P,) the frames of `depth` and `flow`.
     """
 
     rgb: np.ndarray | None = None
     masks: np.ndarray | None = None
     depth: np.ndarray | None = None
-    depth_frames: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     flow: np.ndarray | None = None
-    flow_frames: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    frames: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
     @property
     def size(self) -> tuple[int, int] | None:

@@ -62,7 +62,7 @@ def shape(obj: SceneObject | FixedBody, rgb: tuple[int, int, int], solid: bool) 
     if obj.shape == "mesh":
         assert obj.file is not None
         vertices = mesh_vertices(obj.file) * obj.size[0]
-        triangles = hull_triangles(vertices)
+        triangles = ConvexHull(vertices).simplices  # the shape that MuJoCo uses for collisions
         return rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles, albedo_factor=[*rgb, 255])
     half = half_extents(obj)
     fill = rr.components.FillMode.Solid if solid else rr.components.FillMode.MajorWireframe
@@ -77,11 +77,6 @@ def shape(obj: SceneObject | FixedBody, rgb: tuple[int, int, int], solid: bool) 
         return rr.Cylinders3D(lengths=[2 * half[2]], radii=[half[0]], **style)
     straight = 2 * (half[2] - half[0])
     return rr.Capsules3D(lengths=[straight], radii=[half[0]], translations=[[0, 0, -straight / 2]], **style)
-
-
-def hull_triangles(vertices: np.ndarray) -> np.ndarray:
-    """Triangles (F, 3) of the convex hull of vertices (V, 3), the shape that MuJoCo uses for collisions."""
-    return ConvexHull(vertices).simplices
 
 
 def log_contacts(recording: rr.RecordingStream, motion: MotionLayer, clock: np.ndarray) -> None:

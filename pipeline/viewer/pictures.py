@@ -25,9 +25,9 @@ def log_pictures(recording: rr.RecordingStream, path: str, pictures: Pictures, c
         longest = max(float(np.linalg.norm(pictures.flow, axis=-1).max(initial=0.0)), 1e-3)
         shown = flow_picture(pictures.flow, "wheel", longest)
         blobs = [_encoded(".png", p[..., ::-1]) for p in shown]
-        _send_blobs(recording, f"{path}/flow", pictures.flow_frames, clock, blobs, "image/png", draw_order=-9.0)
+        _send_blobs(recording, f"{path}/flow", pictures.frames, clock, blobs, "image/png", draw_order=-9.0)
     if pictures.depth is not None:
-        log_depth(recording, f"{path}/depth", pictures.depth, pictures.depth_frames, clock)
+        log_depth(recording, f"{path}/depth", pictures.depth, pictures.frames, clock)
     if pictures.masks is not None:
         log_masks(recording, f"{path}/masks", pictures.masks, clock)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import rerun as rr
 import rerun.blueprint as rrb
 
+from pipeline.clips.view import HEIGHT, WIDTH
 from pipeline.scene.mjcf import camera_quaternion
 from pipeline.scene.scene import Camera
 from pipeline.shards.output_errors import writing_to
@@ -21,7 +22,6 @@ from pipeline.viewer.pictures import log_pictures, mask_classes
 from pipeline.vision.rendering.camera import focal_px
 
 APPLICATION = "dynamics"
-DEFAULT_SIZE = (480, 320)
 
 
 def save_recording(
@@ -90,7 +90,7 @@ def log(recording: rr.RecordingStream, footage: Footage) -> None:
     names += [f"object {i}" for i in range(len(names), count)]
     recording.log("/", mask_classes(names), static=True, strict=True)
     if footage.motions and footage.motions[0].scene.camera is not None:
-        log_camera(recording, footage.motions[0].scene.camera, footage.seen.size or DEFAULT_SIZE)
+        log_camera(recording, footage.motions[0].scene.camera, footage.seen.size or (WIDTH, HEIGHT))
     log_pictures(recording, CAMERA, footage.seen, footage.times)
     log_pictures(recording, REPLAYED, footage.replayed, footage.times)
     for motion in footage.motions:

@@ -1,14 +1,11 @@
 """What the model is shown of a clip, and whether it is what a checkpoint was trained with."""
 
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from pipeline.clips.schedule import Schedule
 from pipeline.model.model_input import ModelInput, missing_input, read_input
-
-if TYPE_CHECKING:
-    pass
 
 #: The parameters behind the fields of a checkpoint's record.
 PARAMETERS = {

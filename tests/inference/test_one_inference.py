@@ -21,7 +21,7 @@ from pipeline.api.infer import infer
 from pipeline.errors import ModelError
 from pipeline.inference.answers import answer_seed
 from pipeline.language.completion import write_completion
-from pipeline.model.base import load_base
+from pipeline.model.answering import load_answering
 from pipeline.model.generate import generate
 from pipeline.model.model_input import ModelInput, read_input
 from pipeline.model.words_model import WordsModel
@@ -69,7 +69,7 @@ def write_params(**changes: Any) -> None:
 
 def tokens(shard: Shard, inputs: Sequence[OpenShard], parameters: Any) -> ShardResult:
     """In the place of `tokenize`."""
-    base = load_base("base")
+    base = load_answering("base")
     text = write_completion(rounded_scene(small_clip.scene()), [], 1.0)
     made = base.codec.encode(text, True, 1.0)
     row = {

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.mechanisms.discovery import MechanismDiscovery, discover_mechanism, names_of_mechanism_effects
+from pipeline.mechanisms.discovery import MechanismDiscovery, discover_mechanism
 from pipeline.mechanisms.log import read_log
 from pipeline.mechanisms.mechanism import read_mechanism
+from pipeline.mechanisms.registry import mechanism_effects
 
 PENDULUM = """
 <mujoco model="pendulum">
@@ -77,5 +78,5 @@ def write_log(
 
 def discovered(log: Path, model: Path, fit: tuple[str, ...] = (), held_out: float = 0.3) -> MechanismDiscovery:
     mechanism = read_mechanism(model)
-    names = names_of_mechanism_effects("all")
+    names = tuple(mechanism_effects())
     return discover_mechanism(read_log(log, mechanism), mechanism, held_out, names, fit, np.random.default_rng(0))

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pipeline.language.completion import MAX_OBJECTS
 from pipeline.model import decisions as d
 from pipeline.model.fields import FREE, NOTHING, OBJECT_FIELDS, SCENE_FIELDS
 
@@ -17,8 +18,8 @@ def questions(draw: st.DrawFn) -> tuple[list[int], bool, bool, d.Said]:
     frame, reason = draw(st.booleans()), draw(st.booleans())
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     if frame:
-        places = list(range(d.MOST_IN_FRAME))
-        shapes = rng.integers(NOTHING, size=draw(st.integers(1, d.MOST_IN_FRAME))).tolist()
+        places = list(range(MAX_OBJECTS))
+        shapes = rng.integers(NOTHING, size=draw(st.integers(1, MAX_OBJECTS))).tolist()
     else:
         places = sorted(draw(st.sets(st.integers(0, d.PLACES - 1), min_size=1)))
         shapes = rng.integers(NOTHING + 1, size=len(places)).tolist()

@@ -23,7 +23,7 @@ def test_pairs_of_equal_frames_are_packed_as_the_official_processor_packs_pictur
 
 
 def test_a_batch_is_packed_clip_by_clip(rng: np.random.Generator) -> None:
-    layout = PatchLayout(56, 28, 4)
+    layout = PatchLayout(56, 28, 4, 14)
     clips = torch.as_tensor(rng.integers(0, 256, (3, 4, 28, 56, 3), dtype=np.uint8))
     together = pack_video(clips, layout)
     for part, clip in zip(together.chunk(3), clips, strict=True):
@@ -31,7 +31,7 @@ def test_a_batch_is_packed_clip_by_clip(rng: np.random.Generator) -> None:
 
 
 def test_a_patch_holds_its_two_frames_in_order() -> None:
-    layout = PatchLayout(28, 28, 2, mean=(0, 0, 0), std=(1, 1, 1))
+    layout = PatchLayout(28, 28, 2, 14, mean=(0, 0, 0), std=(1, 1, 1))
     frames = torch.zeros(1, 2, 28, 28, 3, dtype=torch.uint8)
     frames[0, 1] = 255
     patches = pack_video(frames, layout).reshape(4, 3, 2, 14, 14)
@@ -51,7 +51,7 @@ def test_frames_are_resized_only_where_their_size_differs(rng: np.random.Generat
 @pytest.mark.parametrize("size", [(100, 56, 4), (84, 50, 4), (84, 56, 3)])
 def test_a_layout_that_does_not_divide_is_refused(size: tuple[int, int, int]) -> None:
     with pytest.raises(AssertionError):
-        PatchLayout(*size)
+        PatchLayout(*size, patch=14)
 
 
 def test_the_third_channel_tells_a_patch_its_column_row_and_time(rng: np.random.Generator) -> None:

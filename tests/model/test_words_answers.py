@@ -9,7 +9,7 @@ from tiny_words import tiny_words
 from torch import Tensor, nn
 
 from pipeline.errors import ModelError
-from pipeline.language.completion import read_completion
+from pipeline.language.completion import MAX_OBJECTS, read_completion
 from pipeline.model import decisions as d
 from pipeline.model.deciding import decide
 from pipeline.model.fields import NOTHING
@@ -99,7 +99,7 @@ def test_answers_about_frames_are_read(network: WordsNetwork, rgb: bool, reasoni
     for sampling in (Sampling(reasoning=reasoning), replace(DRAWN, reasoning=reasoning)):
         answers = write_answers(WordsModel(network), seen, sampling, 1)
         assert len(answers) == sampling.samples
-        assert_readable([a.text for a in answers], reasoning, d.MOST_IN_FRAME)
+        assert_readable([a.text for a in answers], reasoning, MAX_OBJECTS)
 
 
 @pytest.mark.parametrize("reasoning", [True, False])

@@ -88,7 +88,7 @@ def test_a_damaged_cache_is_mended_from_the_server(tmp_path: Path, remote: Remot
     folder = store.commit(KEY, write, {}).folder
     (folder / "b").chmod(0o644)
     (folder / "b").write_text("flipped")
-    found = store.lookup(KEY, lambda text: None)
+    found = store.lookup(KEY)
     assert found is not None
     assert (found.folder / "b").read_text() == "b"
 

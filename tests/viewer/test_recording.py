@@ -43,7 +43,7 @@ def footage(trace: Trace) -> Footage:
     view = pair_view(SCENE, *trace_pairs(trace, SCHEDULE), WIDTH, HEIGHT)
     first = SCHEDULE.pairs[:, 0]
     rgb = np.repeat(80 * masks[..., None], 3, -1)
-    pictures = Pictures(rgb, masks, view.depth, first, view.flow, first)
+    pictures = Pictures(rgb, masks, view.depth, view.flow, first)
     return Footage(
         "suite/7", "# notes", (MotionLayer("truth", SCENE, trace, True, EVENTS),), pictures, times=SCHEDULE.times
     )

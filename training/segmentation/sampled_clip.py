@@ -5,7 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from pipeline.clips.schedule import Schedule
 from pipeline.errors import DynamicsError
 from pipeline.physics.simulate import simulate
 from pipeline.vision.rendering.appearance import Appearance, apply_sensor, sample_appearance, sample_sensor
@@ -41,7 +40,7 @@ def sensed(rng: np.random.Generator, frames: np.ndarray) -> np.ndarray:
 def draw_sampled_clip(rng: np.random.Generator, width: int, height: int) -> DrawnClip | None:
     """A random clip of width x height px, its frames with a sensor's noise; None where nothing moves."""
     params = read_params_file(PARAMS_FILE, Params)
-    schedule = Schedule(**params.clip.model_dump())
+    schedule = params.clip.schedule
     seed = int(rng.integers(1 << 31))
     try:
         (scene,) = drawn_scenes(params, seed, "segmentation", range(1), OBJECTS)

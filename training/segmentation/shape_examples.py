@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from pipeline.clips.schedule import Schedule
 from pipeline.errors import DynamicsError
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import BASIC_SHAPES, SceneObject
@@ -57,7 +56,7 @@ class ShapeExamples:
 
 def _sampled_scene(rng: np.random.Generator, params: Params) -> tuple[np.ndarray, np.ndarray, Sequence[SceneObject]]:
     """Frames, masks and objects of a scene of the project's sampler; raises DynamicsError."""
-    schedule = Schedule(**params.clip.model_dump())
+    schedule = params.clip.schedule
     (scene,) = drawn_scenes(params, int(rng.integers(1 << 31)), "shapes", range(1), OBJECTS)
     trace = simulate(scene, schedule.seconds)
     at = np.sort(rng.choice(schedule.frame_steps, FRAMES, replace=False))

@@ -10,7 +10,6 @@ the shipped form, WORK/log.csv the losses. --start: a folder of weights to begin
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import time
 from pathlib import Path
@@ -19,6 +18,7 @@ import cv2
 import numpy as np
 import torch
 
+from pipeline.csv_rows import append_row
 from pipeline.segmentation.network import SegmentationNetwork, load_network, save_network
 from training.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from training.segmentation.clip import TrainingClip
@@ -115,7 +115,6 @@ def main() -> None:
     )
     mean: torch.Tensor | None = None
     before, total = time.monotonic(), 60 * arguments.minutes
-    log = arguments.work / "log.csv"
 
     def save() -> None:
         state = {
@@ -158,11 +157,7 @@ def main() -> None:
                 **{k: round(float(v), 4) for k, v in zip(PARTS, mean, strict=True)},
             }
             print(row, flush=True)
-            with log.open("a", newline="") as file:
-                writer = csv.DictWriter(file, list(row))
-                if file.tell() == 0:
-                    writer.writeheader()
-                writer.writerow(row)
+            append_row(arguments.work / "log.csv", row)
         if step % 250 == 0:
             save()
     save()

@@ -18,9 +18,9 @@ from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
 from pipeline.evaluation.event_scores import simulated_events
 from pipeline.evaluation.scene_scores import score, true_reference
+from pipeline.language.completion import MAX_OBJECTS
 from pipeline.language.events import ANSWERED_KINDS, DEFAULT_THRESHOLDS
 from pipeline.metrics.events import EventCounts, count_by_kind, with_objects
-from pipeline.model import decisions as d
 from pipeline.model.deciding import decide
 from pipeline.model.instances import HEIGHT, WIDTH
 from pipeline.model.mask_errors import with_errors
@@ -57,7 +57,7 @@ def shown(scene: Scene, trace: Trace, schedule: Schedule, rng: np.random.Generat
         frames = shade(scene.objects, *first, pinhole(scene.camera), looks, WIDTH, HEIGHT)
         frames = apply_sensor(frames, sample_sensor(rng), rng)
     seen = seen_clip(a.input, a.sees, masks, flow, frames)
-    return seen, np.arange(d.MOST_IN_FRAME) if isinstance(seen, SeenFrames) else seen.instances.ids - 1
+    return seen, np.arange(MAX_OBJECTS) if isinstance(seen, SeenFrames) else seen.instances.ids - 1
 
 
 def main() -> None:

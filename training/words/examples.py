@@ -1,6 +1,6 @@
 """Workers that make training examples: views of motions with their answers, in files for the trainer beside them.
 
-    python -m training.words.examples MOTIONS OUT --worker 0 --workers 14 --seconds 700
+    python -m training.words.examples MOTIONS OUT --worker 0 --seconds 700
 
 A file holds CHUNK views as arrays KIND.N.NAME: KIND is what is shown, N the number of bodies in the prompt (0 for whole
 frames). Each view has ANSWERS answers: other orders and places of the bodies, with or without `<think>`.

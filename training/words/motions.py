@@ -116,7 +116,7 @@ def read_motions(path: Path) -> list[Motion]:
     return motions
 
 
-def drawn_motions(params, seed: int, suite: str, indices: range, objects=OBJECTS, without=(), only=()) -> list[Motion]:
+def drawn_motions(params, seed: int, suite: str, indices: range, objects=OBJECTS, without=()) -> list[Motion]:
     """Motions of scenes drawn as those of the suites; those whose simulation fails are left out."""
     from pipeline.errors import SimulationError
     from pipeline.language.events import Thresholds, physical_events
@@ -127,7 +127,7 @@ def drawn_motions(params, seed: int, suite: str, indices: range, objects=OBJECTS
     schedule = params.clip.schedule
     thresholds = Thresholds(**params.events.model_dump(), visible_px=params.sample.filters.visible_px)
     motions = []
-    for scene in drawn_scenes(params, seed, suite, indices, objects, without, only):
+    for scene in drawn_scenes(params, seed, suite, indices, objects, without):
         try:
             trace = simulate_model(scene_model(scene), schedule.seconds)
         except SimulationError:

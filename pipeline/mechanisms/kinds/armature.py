@@ -5,16 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from pipeline.mechanisms.kind import MechanismEffect, Place, Target, Values
+from pipeline.mechanisms.kind import MechanismEffect, Target, Values
 from pipeline.scene.effects.kind import Parameter
 
 
 def edit(spec: mujoco.MjSpec, name: str, values: Values) -> None:
     spec.joint(name).armature += values["inertia"][0]
-
-
-def sizes(place: Place) -> dict[str, float]:
-    return {"inertia": place.inertia}
 
 
 EFFECT = MechanismEffect(
@@ -23,8 +19,8 @@ EFFECT = MechanismEffect(
     parameters=(Parameter("inertia", "kg m^2", low=0),),
     target=Target.JOINT,
     experiment="drive it without gravity: more inertia lowers the acceleration of every torque alike",
-    sizes=sizes,
-    starts=lambda place: ({"inertia": np.array([0.1 * sizes(place)["inertia"]])},),
+    sizes=lambda place: {"inertia": place.inertia},
+    starts=lambda place: ({"inertia": np.array([0.1 * place.inertia])},),
     edit=edit,
     linear="inertia",
 )

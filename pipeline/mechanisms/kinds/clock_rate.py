@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.mechanisms.kind import MechanismEffect, Target, Values
+from pipeline.mechanisms.kind import MechanismEffect, Target
 from pipeline.scene.effects.kind import Parameter
-
-
-def clock(values: Values) -> float:
-    return float(values["ratio"][0])
-
 
 EFFECT = MechanismEffect(
     name="clock_rate",
@@ -20,6 +15,6 @@ EFFECT = MechanismEffect(
     experiment="record a second clock",
     sizes=lambda place: {"ratio": 0.05},
     starts=lambda place: ({"ratio": np.array([1.005])},),
-    clock=clock,
+    clock=lambda values: float(values["ratio"][0]),
     linear="ratio",
 )

@@ -5,19 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from pipeline.mechanisms.kind import MechanismEffect, Place, Target, Values
-from pipeline.mechanisms.log import Log
-from pipeline.mechanisms.mechanism import Mechanism
+from pipeline.mechanisms.kind import MechanismEffect, Target, Values
 from pipeline.scene.effects.kind import Parameter
 
 
 def edit(spec: mujoco.MjSpec, name: str, values: Values) -> None:
     stated = np.array(spec.option.gravity)
     spec.option.gravity = stated / np.linalg.norm(stated) * values["gravity"][0]
-
-
-def may_act(mechanism: Mechanism, log: Log, place: Place) -> bool:
-    return place.torque > 0
 
 
 EFFECT = MechanismEffect(
@@ -29,7 +23,7 @@ EFFECT = MechanismEffect(
     sizes=lambda place: {"gravity": 0.2 * place.torque},
     starts=lambda place: ({"gravity": np.array([1.02 * place.torque])},),
     edit=edit,
-    may_act=may_act,
+    may_act=lambda mechanism, log, place: place.torque > 0,
     linear="gravity",
     neutral=lambda place: {"gravity": place.torque},
 )

@@ -5,16 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from pipeline.mechanisms.kind import MechanismEffect, Place, Target, Values
+from pipeline.mechanisms.kind import MechanismEffect, Target, Values
 from pipeline.scene.effects.kind import Parameter
 
 
 def edit(spec: mujoco.MjSpec, name: str, values: Values) -> None:
     spec.joint(name).frictionloss += values["f"][0]
-
-
-def sizes(place: Place) -> dict[str, float]:
-    return {"f": place.torque}
 
 
 EFFECT = MechanismEffect(
@@ -23,8 +19,8 @@ EFFECT = MechanismEffect(
     parameters=(Parameter("f", "N m", low=0),),
     target=Target.JOINT,
     experiment="let it come to rest: dry friction takes the same angle of each swing, and stops it beside the middle",
-    sizes=sizes,
-    starts=lambda place: ({"f": np.array([0.1 * sizes(place)["f"]])},),
+    sizes=lambda place: {"f": place.torque},
+    starts=lambda place: ({"f": np.array([0.1 * place.torque])},),
     edit=edit,
     linear="f",
 )

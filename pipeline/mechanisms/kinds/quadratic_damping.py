@@ -5,16 +5,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from pipeline.mechanisms.kind import MechanismEffect, Place, Target, Values
+from pipeline.mechanisms.kind import MechanismEffect, Target, Values
 from pipeline.scene.effects.kind import Parameter
 
 
 def edit(spec: mujoco.MjSpec, name: str, values: Values) -> None:
     spec.joint(name).damping[1] += values["coefficient"][0]
-
-
-def sizes(place: Place) -> dict[str, float]:
-    return {"coefficient": place.torque / place.speed**2}
 
 
 EFFECT = MechanismEffect(
@@ -23,8 +19,8 @@ EFFECT = MechanismEffect(
     parameters=(Parameter("coefficient", "N m s^2/rad^2", low=0),),
     target=Target.JOINT,
     experiment="swing at half and at twice the amplitude: it takes twice the share of a swing at twice the amplitude",
-    sizes=sizes,
-    starts=lambda place: ({"coefficient": np.array([0.1 * sizes(place)["coefficient"]])},),
+    sizes=lambda place: {"coefficient": place.torque / place.speed**2},
+    starts=lambda place: ({"coefficient": np.array([0.1 * (place.torque / place.speed**2)])},),
     edit=edit,
     linear="coefficient",
 )

@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.mechanisms.kind import MechanismEffect, Target, Values
+from pipeline.mechanisms.kind import MechanismEffect, Target
 from pipeline.scene.effects.kind import Parameter
-
-
-def lag(values: Values) -> float:
-    return float(values["value"][0])
-
 
 EFFECT = MechanismEffect(
     name="sensor_delay",
@@ -20,6 +15,6 @@ EFFECT = MechanismEffect(
     experiment="compare with a second sensor at high speed",
     sizes=lambda place: {"value": 3 * place.interval},
     starts=lambda place: ({"value": np.array([place.interval])},),
-    sensor_lag=lag,
+    sensor_lag=lambda values: float(values["value"][0]),
     linear="value",
 )

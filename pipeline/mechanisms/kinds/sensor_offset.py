@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.mechanisms.kind import MechanismEffect, Target, Values
+from pipeline.mechanisms.kind import MechanismEffect, Target
 from pipeline.scene.effects.kind import Parameter
-
-
-def measured(values: Values, position: np.ndarray) -> np.ndarray:
-    return np.asarray(position + values["value"][0])
-
 
 EFFECT = MechanismEffect(
     name="sensor_offset",
@@ -20,6 +15,6 @@ EFFECT = MechanismEffect(
     experiment="move it to a position that is known, such as a stop",
     sizes=lambda place: {"value": place.spread},
     starts=lambda place: ({"value": np.array([0.02 * place.spread])},),
-    measured=measured,
+    measured=lambda values, position: np.asarray(position + values["value"][0]),
     linear="value",
 )

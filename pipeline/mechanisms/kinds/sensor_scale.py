@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.mechanisms.kind import MechanismEffect, Target, Values
+from pipeline.mechanisms.kind import MechanismEffect, Target
 from pipeline.scene.effects.kind import Parameter
-
-
-def measured(values: Values, position: np.ndarray) -> np.ndarray:
-    return np.asarray(position * values["value"][0])
-
 
 EFFECT = MechanismEffect(
     name="sensor_scale",
@@ -20,6 +15,6 @@ EFFECT = MechanismEffect(
     experiment="move it by a whole turn, or by a length that is known",
     sizes=lambda place: {"value": 0.2},
     starts=lambda place: ({"value": np.array([1.02])},),
-    measured=measured,
+    measured=lambda values, position: np.asarray(position * values["value"][0]),
     linear="value",
 )

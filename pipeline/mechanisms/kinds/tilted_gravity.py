@@ -5,19 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from pipeline.mechanisms.kind import MechanismEffect, Place, Target, Values
-from pipeline.mechanisms.log import Log
-from pipeline.mechanisms.mechanism import Mechanism
+from pipeline.mechanisms.kind import MechanismEffect, Target, Values
 from pipeline.scene.effects.kind import Parameter
 from pipeline.scene.effects.kinds.tilted_gravity import tilted
 
 
 def edit(spec: mujoco.MjSpec, name: str, values: Values) -> None:
     spec.option.gravity = tilted(np.array(spec.option.gravity), np.array(values["tilt"]))
-
-
-def may_act(mechanism: Mechanism, log: Log, place: Place) -> bool:
-    return place.torque > 0
 
 
 EFFECT = MechanismEffect(
@@ -29,6 +23,6 @@ EFFECT = MechanismEffect(
     sizes=lambda place: {"tilt": 0.1},
     starts=lambda place: ({"tilt": np.array([0.02, 0.0])}, {"tilt": np.array([0.0, 0.02])}),
     edit=edit,
-    may_act=may_act,
+    may_act=lambda mechanism, log, place: place.torque > 0,
     linear="tilt",
 )
