@@ -118,6 +118,7 @@ def generate(
         )
         logits = out.logits[:, -1].float().cpu()
         fed += step
+        assert fed < sampling.most_tokens, "the grammar's texts are finite"
     done = [Completed(s.text, float(p)) for s, p in zip(states, log_probability, strict=True)]
     return [done[i * each : (i + 1) * each] for i in range(len(clips))]
 

@@ -22,6 +22,7 @@ class Sampling:
         seconds: Length of the clip.
         numbers: "quantiles", or "tokens": as words.
         middle: Share of a number's distribution, about its median, from which samples draw its quantile.
+        most_tokens: An upper limit, more than the longest text has letters, whatever the tokenizer.
     """
 
     samples: int = 1
@@ -31,6 +32,7 @@ class Sampling:
     seconds: float = 1.0
     numbers: str = "quantiles"
     middle: float = 0.4
+    most_tokens: int = 4000
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import torch
+from random_walk import random_walk
 from scipy.special import softmax
 from small_base import LAYOUT, SIZE, exact_base, random_clips, small_base
 
@@ -197,6 +198,12 @@ def test_batches_cover_the_clips_once_and_hold_no_more_than_fits() -> None:
         parts = list(batches(clips, samples, size))
         assert [c for part in parts for c in part] == list(range(clips))
         assert all(len(part) == 1 or len(part) * samples <= size for part in parts)
+
+
+def test_the_longest_answer_fits_even_letter_by_letter(rng: np.random.Generator) -> None:
+    longest = max((random_walk(rng, completion_grammar(True, 1.0), end=0.0)[0] for _ in range(200)), key=len)
+    assert len(longest) < Sampling().most_tokens
+    assert len(BASE.codec.encode(longest, True, 1.0).ids) < Sampling().most_tokens
 
 
 def test_the_state_knows_only_the_grammars_texts() -> None:
