@@ -67,8 +67,11 @@ def confidence_by_margin(found: Compared, names: tuple[str, ...]) -> float:
         return float(np.interp(found.excess_z - UNEXPLAINED_Z, MARGINS, RIGHT_CLAIM))
     known = {n for group in found.alike for n in group} | set(names)
     others = (*found.singles, *(c for c in found.tried if len(c.effects) == len(names)))
-    others = [c for c in others if not set(c.effects) & set(found.ruled_out) and not _contains(c.effects, names)]
-    rivals = [c.score for c in others if not set(c.effects) <= known]
+    rivals = [
+        c.score
+        for c in others
+        if not set(c.effects) <= known and not set(c.effects) & set(found.ruled_out) and not _contains(c.effects, names)
+    ]
     margin = min([found.none.score - CLAIM, *rivals]) - found.chosen.score
     return float(np.interp(max(margin - ALIKE, 0.0), MARGINS, RIGHT_CLAIM))
 

@@ -95,11 +95,11 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     if where.local and not _is_enough(singles):
         local = _select_local(calibration, where, singles, effects, progress)
     everywhere = where.in_all(problem.clips)  # laws that act everywhere would show in every recording
-    found = local
-    if local is None or everywhere:
-        sparing = where.mostly_clean and not everywhere
-        found = select_once(calibration, effects, progress, sparing=sparing, singles=singles)
-    if local is not None and (found is local or not _explains_more(found, local)):
+    if local is not None and not everywhere:
+        return replace(local, where=where_with(local.chosen, where))
+    sparing = where.mostly_clean and not everywhere
+    found = select_once(calibration, effects, progress, sparing=sparing, singles=singles)
+    if local is not None and not _explains_more(found, local):
         return replace(local, where=where_with(local.chosen, where))
     if local is None and not where.mostly_clean:
         found = _with_nuisances(calibration, found, effects, progress)
