@@ -6,7 +6,6 @@ from the best answers and a classical guess: both, where the first of them does 
 
 from __future__ import annotations
 
-import math
 import os
 from collections import Counter
 from collections.abc import Callable
@@ -47,7 +46,6 @@ from pipeline.motion.view import VIEWS
 from pipeline.search.best_of_k import rank
 from pipeline.search.certainty import Certainty
 from pipeline.search.evaluator import Evaluator, Rewards
-from pipeline.vision.recordings.letterbox import of_area
 
 if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
@@ -136,7 +134,7 @@ def find_scenes(
         SimulationError: Where no answer can be simulated.
     """
     taken = clip.taken
-    size = of_area(taken.clip.letterbox.size, math.prod(SEARCH_SIZE))
+    size = clip.shaped(SEARCH_SIZE)
     with ThreadPoolExecutor(2, "tracks") as beside:
         viewing = beside.submit(filmed_world, taken, world)
         evaluating = beside.submit(

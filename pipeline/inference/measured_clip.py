@@ -15,6 +15,7 @@ from pipeline.perception.free_motion import LEAST_SECONDS
 from pipeline.perception.user_clip import WEIGHTS, UserClip
 from pipeline.segmentation.body_shapes import shape_probabilities
 from pipeline.segmentation.shape_network import ShapeNetwork, load_shape_network
+from pipeline.vision.recordings.letterbox import of_area
 
 LEAST_FRAMES = 5  # of a clip
 STILL_PX = 0.3  # px of 480x320 per frame interval: a slower body does not move
@@ -49,6 +50,10 @@ class MeasuredClip:
     def objects(self) -> int:
         """How many instances the masks have."""
         return self.taken.objects
+
+    def shaped(self, size: tuple[int, int]) -> tuple[int, int]:
+        """px, width and height, of pictures with the clip's shape and the area of a size."""
+        return of_area(self.taken.clip.letterbox.size, size[0] * size[1])
 
 
 def clip_schedule(place: Path, times: np.ndarray) -> FilmedSchedule:
