@@ -71,13 +71,15 @@ def file_circle(root: Path) -> list[str]:
     return []
 
 
-def is_number(node: ast.AST | None) -> bool:
-    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
+def number_of(node: ast.AST | None) -> float | None:
+    """The number that a node states; None for other nodes."""
+    value = node.value if isinstance(node, ast.Constant) else None
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 def is_chosen(node: ast.AST | None) -> bool:
     """Whether it is a number that somebody chose: any but 0, 1 and 2."""
-    return is_number(node) and ast.literal_eval(ast.unparse(node)) not in (0, 1, 2) if node else False
+    return number_of(node) not in (None, 0, 1, 2)
 
 
 def hand_set_numbers(root: Path) -> Iterator[str]:
@@ -94,7 +96,7 @@ def hand_set_numbers(root: Path) -> Iterator[str]:
                 found += [n for side in (node.left, *node.comparators) for n in ast.walk(side) if is_chosen(n)]
         for line in (line for line in tree.body if isinstance(line, ast.Assign | ast.AnnAssign)):
             names = [n.id for n in ast.walk(line) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
-            if names and names[0].isupper() and any(map(is_number, ast.walk(line))):
+            if names and names[0].isupper() and any(number_of(n) is not None for n in ast.walk(line)):
                 found.append(line)
         yield from (f"{file.relative_to(root)}:{getattr(node, 'lineno', 0)}" for node in found)
 

@@ -193,9 +193,10 @@ def find_scenes(
             break
     with progress.step("forecast"):
         if best_of(methods).name == TRACKS:
-            filmed = with_forecast(filmed, cores())
-            again = _tracks_method(filmed, evaluator, clip, world, budget.simulations > 0)
-            methods = [again if m.name == TRACKS and again is not None else m for m in methods]
+            before, filmed = filmed.answer, with_forecast(filmed, cores())
+            if filmed.answer is not before:  # fitted again from the scene of the first part
+                again = _tracks_method(filmed, evaluator, clip, world, budget.simulations > 0)
+                methods = [again if m.name == TRACKS and again is not None else m for m in methods]
     if filmed.motion.view.kind != told.kind:
         progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
     best = best_of(methods)
@@ -232,7 +233,7 @@ def from_tracks(
 ) -> tuple[FilmedWorld, Method | None]:
     """The scene that fits the tracks in the likeliest view or, where that does not explain the clip, in the best one.
 
-    All views are then fitted quickly, and those that so fit better than the likeliest are fitted well.
+    To find that one, all views are fitted quickly, and those that beat the likeliest are fitted well.
 
     Args:
         filmed: The world that the tracks tell of.
@@ -242,8 +243,7 @@ def from_tracks(
         searched: There is a search as well, which knows tables.
     """
 
-    def method_of(seen: FilmedWorld) -> Method | None:
-        return _tracks_method(seen, evaluator, clip, world, searched)
+    method_of = partial(_tracks_method, evaluator=evaluator, clip=clip, world=world, searched=searched)
 
     def merit(method: Method | None) -> float:
         return -1.0 if method is None else method.merit

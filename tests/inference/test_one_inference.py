@@ -99,9 +99,8 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     small_clip.write(tmp_path / "clips" / "one" / "clip.mp4")
     np.savez(tmp_path / "clips" / "one" / "masks.npz", masks=small_clip.masks())
     monkeypatch.setattr("pipeline.api.infer_files.choose_backend", lambda choice: ("raycast", "our own ray caster"))
-    monkeypatch.setattr(
-        "pipeline.inference.find_scenes.with_scene", lambda filmed, *_, **__: filmed
-    )  # no scene from tracks
+    # no scene from tracks
+    monkeypatch.setattr("pipeline.inference.find_scenes.with_scene", lambda filmed, *_, **__: filmed)
     small_clip.write_model(tmp_path / "base")
     for name, compute in (("tokenize", tokens), ("flow", gray), ("render", gray)):
         for suite in ("train", "val"):

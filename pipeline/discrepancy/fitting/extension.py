@@ -236,9 +236,9 @@ def without_one(calibration: Calibration, found: Candidate) -> list[Candidate]:
 
 
 def with_special_cases(calibration: Calibration, found: Candidate) -> list[Candidate]:
-    """`found` with an effect that it contains in the place of each one, fitted from where `found` ended.
+    """`found` with one of its effects replaced by the simpler one that it contains, fitted from where `found` ended.
 
-    An effect with more numbers may have stood in for later ones, as wind does for drag on a tilted table.
+    The larger effect may have stood in for a law that was added later: wind explains drag and a part of a tilt.
     """
     out = []
     for name, special in ((n, effect_kinds()[n].discovery.contains) for n in found.effects):

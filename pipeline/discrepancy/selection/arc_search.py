@@ -39,7 +39,7 @@ class ArcSearch:
         return extend(self.calibration, base, self.kinds, self.progress, MOST_FITTED_MORE)
 
     def shorter(self, found: Candidate) -> list[Candidate]:
-        """`found` without each one of its effects, and with effects that one of them contains."""
+        """`found` without each one of its effects, and with simpler ones that they contain."""
         return [*without_one(self.calibration, found), *with_special_cases(self.calibration, found)]
 
     def rank(self, found: Candidate) -> float:

@@ -77,7 +77,7 @@ def confidence_by_margin(found: Compared, names: tuple[str, ...]) -> float:
 
 
 def _contains(effects: tuple[str, ...], names: tuple[str, ...]) -> bool:
-    """Whether effects are the named ones, where some of their numbers are neutral."""
+    """Whether these effects, with some of their numbers neutral, are the named ones."""
     kinds = effect_kinds()
     special = {(kinds[n].discovery.contains or n) if n in kinds else n for n in effects}
     return set(effects) != set(names) and special == set(names)

@@ -135,8 +135,8 @@ def _select_local(
 
     Args:
         calibration: Of the problem.
-        where: The known scene fails.
-        everywhere: Models of effects that act everywhere; without arcs that the best one misses, they say nothing.
+        where: Where the known scene fails.
+        everywhere: Models of effects that act everywhere. They are rivals if they were fitted to the same arcs.
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
     """
