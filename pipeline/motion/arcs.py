@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.compiled import kernel
 from pipeline.motion.image_track import ImageTrack
 
 CONTACT_SAMPLES = 5  # of an arc that may be an impact
@@ -113,19 +114,9 @@ def _partition(times: np.ndarray, centre: np.ndarray, sigma: float) -> list[tupl
     """The best partition of samples at times (T,) with centres (T, 2): start, stop and degree of each part."""
     count = len(times)
     price = PRICE * np.log(max(2 * count, 2))
-    best, before = np.full(count + 1, np.inf), np.zeros((count + 1, 2), int)
-    best[0] = 0.0
-    for stop in range(LEAST_SAMPLES, count + 1):
-        for start in range(0, stop - LEAST_SAMPLES + 1):
-            if not np.isfinite(best[start]):
-                continue
-            costs = _costs(times[start:stop], centre[start:stop], sigma)
-            for degree, cost in zip(DEGREES, costs, strict=True):
-                if stop - start < degree + 2:
-                    continue
-                total = best[start] + 2 * (degree + 1) * price + cost
-                if total < best[stop]:
-                    best[stop], before[stop] = total, (start, degree)
+    before = np.zeros((count + 1, 2), np.int64)
+    scaled = (times - times[0]) / max(times[-1] - times[0], 1e-9)
+    _best_parts(scaled, (centre - centre[0]) / sigma, price, before)
     parts = [(int(before[count, 0]), count, int(before[count, 1]))]
     while parts[-1][0]:
         stop = parts[-1][0]
@@ -133,14 +124,49 @@ def _partition(times: np.ndarray, centre: np.ndarray, sigma: float) -> list[tupl
     return parts[::-1]
 
 
-def _costs(times: np.ndarray, centre: np.ndarray, sigma: float) -> list[float]:
-    """Capped squared residuals, in sigmas, of the best polynomial of each degree through centres (T, 2)."""
-    scale = max(times[-1] - times[0], 1e-9)
-    basis, _ = np.linalg.qr(design((times - times.mean()) / scale))
-    parts = basis.T @ centre
-    residual = (centre - basis @ parts) / sigma
-    straight = residual + basis[:, 2:] @ parts[2:] / sigma
-    return [float(np.minimum(r**2, CAP**2).sum()) for r in (straight, residual)]
+@kernel
+def _best_parts(times: np.ndarray, centre: np.ndarray, price: float, before: np.ndarray) -> None:
+    """Write start and degree of the last part of the best partition of the first n samples into before[n].
+
+    The start of a part moves back sample by sample, so that the sums that its polynomials follow from grow by one term.
+    times: (T,); centre: (T, 2), in standard errors; before: (T + 1, 2).
+    """
+    count = len(times)
+    best = np.full(count + 1, np.inf)
+    best[0] = 0.0
+    for stop in range(LEAST_SAMPLES, count + 1):
+        n = m1 = m2 = m3 = m4 = 0.0  # sums of powers of the time before the last sample
+        y, ty, tty = np.zeros(2), np.zeros(2), np.zeros(2)
+        for start in range(stop - 1, -1, -1):
+            t = times[start] - times[stop - 1]
+            n, m1, m2, m3, m4 = n + 1, m1 + t, m2 + t**2, m3 + t**3, m4 + t**4
+            y += centre[start]
+            ty += t * centre[start]
+            tty += t**2 * centre[start]
+            if stop - start < LEAST_SAMPLES or not np.isfinite(best[start]):
+                continue
+            # Orthogonal polynomials: 1, u = t - mean, u² less its mean and its part along u.
+            mean, square = m1 / n, m2 - m1 * m1 / n
+            along = (m3 - m1 * m2 / n) / square
+            level = (m2 - along * m1) / n
+            bend = m4 - along * m3 - level * m2
+            slope = (ty - mean * y) / square
+            curve = (tty - along * ty - level * y) / max(bend, 1e-300)
+            for degree in DEGREES:
+                if stop - start < degree + 2:
+                    continue
+                total = best[start] + 2 * (degree + 1) * price
+                for k in range(start, stop):
+                    t = times[k] - times[stop - 1]
+                    for axis in range(2):
+                        off = centre[k, axis] - y[axis] / n - slope[axis] * (t - mean)
+                        if degree == 2:
+                            off -= curve[axis] * (t * t - along * t - level)
+                        total += min(off * off, CAP**2)
+                    if total > best[stop]:
+                        break
+                if total < best[stop]:
+                    best[stop], before[stop, 0], before[stop, 1] = total, start, degree
 
 
 def _fit(track: ImageTrack, index: np.ndarray, degree: int, sigma: float) -> Arc:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pipeline.planar.plane import Plane
+from pipeline.scene.rotation import matrix_from_quaternion, quaternion_from_rotation_vector, quaternion_multiply
 from pipeline.scene.scene import HOLLOW_SHAPES, Scene
 
 MOST_HOLLOW = 0.98
@@ -159,18 +159,19 @@ def _shift(part: int) -> Edit:
     """Along an axis of the support's own frame."""
 
     def edit(body: Fields, difference: float) -> None:
-        axis = Rotation.from_quat(body["orientation"], scalar_first=True).as_matrix()[:, part]
-        body["position"] = tuple(np.array(body["position"]) + difference * axis)
+        axis = matrix_from_quaternion(np.array(body["orientation"]))[:, part]
+        body["position"] = _moved(body["position"], axis, difference)
 
     return edit
 
 
 def _turn(axis: str) -> Edit:
     """About an axis of the world, through the support's centre."""
+    way = np.eye(3)["xyz".index(axis)]
 
     def edit(body: Fields, difference: float) -> None:
-        turn = Rotation.from_euler(axis, difference) * Rotation.from_quat(body["orientation"], scalar_first=True)
-        body["orientation"] = tuple(turn.as_quat(canonical=True, scalar_first=True))
+        turned = quaternion_multiply(quaternion_from_rotation_vector(difference * way), np.array(body["orientation"]))
+        body["orientation"] = tuple((turned if turned[0] >= 0 else -turned).tolist())
 
     return edit
 
