@@ -14,6 +14,10 @@ install: .venv/installed
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || (echo "error: Python 3.11 or newer is needed (make PYTHON=python3.12)"; exit 2)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt torch==2.13.0
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test]"
+	@echo "compiling the functions that a first infer and edit need: a minute or two, once"
+	@folder=$$(mktemp -d) && dynamics infer data/films/tennisball_toss_wall.mp4 -o $$folder/clip > $$folder/log 2>&1 \
+		&& dynamics edit $$folder/clip --set gravity=24.8 -o $$folder/edited >> $$folder/log 2>&1 \
+		&& rm -rf $$folder || (cat $$folder/log; exit 1)
 	@touch $@
 
 # data/samples, data/measured and data/films are in git; after `rm -rf data` they are restored from there.

@@ -1,10 +1,12 @@
 """Rendered films with what phones and people do to them, one plain command each: bodies, view, overlap, grade.
 
-    python -m benchmarks.films [--films 100] [--first 0] [--seed 5] [--way NAME ...] [--search 2000] [--out FOLDER]
+    python -m benchmarks.films [--suite joints] [--films 100] [--first 0] [--seed 5] [--way NAME ...] [--search 2000]
+        [--out FOLDER]
 
-Films: benchmarks/rendered_films.py. Each is written as a video file and asked for as `dynamics infer` would be, without
-any option. A film's overlap is that of the answer's replay with the true masks in the stretch that the answer is of; a
-body that moves and has no counterpart counts as 0. --out: the table, a row of films.csv for each film.
+Films: benchmarks/rendered_films.py; those of the suite `joints` show pendulums. Each is written as a video file and
+asked for as `dynamics infer` would be, without any option. A film's overlap is that of the answer's replay with the
+true masks in the stretch that the answer is of; a body that moves and has no counterpart counts as 0. --out: the table,
+and a row for each film.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from benchmarks.rendered_films import WAYS, Film, draw_film
+from benchmarks.rendered_films import SUITES, WAYS, Film, draw_film, film_way
 from benchmarks.result_files import write_results
 from pipeline.api.infer import Inference, infer
 from pipeline.clips.replay import masks_at
@@ -73,9 +75,9 @@ def film_iou(film: Film, found: Inference) -> tuple[float, float, float]:
     return overlap(seen, true, len(found.scene.objects), len(film.scene.objects)).sequence, begin, end
 
 
-def outcome(seed: int, index: int, search: int) -> Outcome:
-    """Of the film with this index. search: simulations."""
-    film = draw_film(seed, index)
+def outcome(suite: str, seed: int, index: int, search: int) -> Outcome:
+    """Of the film of a suite with this index. search: simulations."""
+    film = draw_film(seed, index, suite)
     of = {"film": index, "way": film.way.name, "kind": film.kind, "bodies": len(film.scene.objects)}
     start = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
@@ -115,6 +117,7 @@ def table(outcomes: Sequence[Outcome]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--suite", choices=SUITES, default=SUITES[0])
     parser.add_argument("--films", type=int, default=5 * len(WAYS))
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seed", type=int, default=5)
@@ -123,15 +126,17 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args(argv)
     indices = range(arguments.first, arguments.first + arguments.films)
-    asked = [i for i in indices if not arguments.way or WAYS[i // 5 % len(WAYS)].name in arguments.way]
+    asked = [i for i in indices if not arguments.way or film_way(i, arguments.suite).name in arguments.way]
     outcomes = []
     for index in tqdm(asked, unit="film"):
-        outcomes.append(outcome(arguments.seed, index, arguments.search))
+        outcomes.append(outcome(arguments.suite, arguments.seed, index, arguments.search))
         tqdm.write(" | ".join(str(v) for v in asdict(outcomes[-1]).values()))
     print("\n" + table(outcomes))
     if arguments.out is not None:
-        command = f"python -m benchmarks.films --films {arguments.films} --seed {arguments.seed}"
-        write_results(arguments.out, "films", "Rendered films", command, table(outcomes), outcomes)
+        suite = arguments.suite
+        command = f"python -m benchmarks.films --suite {suite} --films {arguments.films} --seed {arguments.seed}"
+        title = {"films": "Rendered films", "joints": "Rendered films of pendulums"}[suite]
+        write_results(arguments.out, suite, title, command, table(outcomes), outcomes)
 
 
 if __name__ == "__main__":

@@ -1,19 +1,21 @@
 """Films that are rendered with what phones and people do to them: shape, frame rate, blur, hands, distance.
 
-The scenes are those of `pipeline.scene.sample_views`; how one is filmed comes from `WAYS`.
+The scenes are those of `pipeline.scene.sample_views`, or pendulums; how one is filmed comes from `WAYS`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
+from benchmarks.hanging_scenes import draw_hanging_scene
 from pipeline.clips.draw_views import draw_view_clips, view_kind
 from pipeline.clips.schedule import Schedule
 from pipeline.physics.simulate import simulate
 from pipeline.scene.sample_views import ASPECT
-from pipeline.scene.scene import Scene
+from pipeline.scene.scene import Scene, half_extents
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
 from pipeline.vision.rendering.camera import pinhole, project
@@ -21,8 +23,9 @@ from pipeline.vision.rendering.rasteriser import rasterise
 from pipeline.vision.rendering.render import render_rgb
 from training.segmentation.hands import draw_hand, sample_hand
 
-SUITE = "films"
+SUITES = ("films", "joints")  # free bodies; pendulums
 WIDE, UPRIGHT = (640, 360), (360, 640)  # px
+SWINGING = 3.0  # s, of a film of a pendulum
 HELD = 0.4  # s before a hand lets go
 SUBFRAMES = 8  # of a blurred frame
 DRAWN_FPS = 30  # of the schedule by which scenes are accepted
@@ -77,13 +80,16 @@ WAYS = (
 )
 
 
+SWUNG = tuple(w for w in WAYS if not w.hand and w.seconds == 1.0)
+
+
 @dataclass(frozen=True)
 class Film:
     """A film and its truth.
 
     Attributes:
         way: How it was filmed.
-        kind: Of `pipeline.scene.sample_views.VIEWS`.
+        kind: Of `pipeline.scene.sample_views.VIEWS`, or "hanging".
         scene: From the moment on at which bodies are free.
         times: (T,) s, of the frames.
         frames: (T, H, W, 3) uint8 RGB.
@@ -98,23 +104,36 @@ class Film:
     masks: np.ndarray
 
 
-def draw_film(seed: int, index: int) -> Film:
+def film_way(index: int, suite: str) -> Way:
+    """How the film with this index is made."""
+    if suite == "joints":
+        return replace(SWUNG[index % len(SWUNG)], seconds=SWINGING)
+    return WAYS[index // 5 % len(WAYS)]
+
+
+def draw_film(seed: int, index: int, suite: str = SUITES[0]) -> Film:
     """The film with this index: its view alternates fastest, then its way.
 
     Raises:
         DynamicsError: The draw of its scene uses up its tries.
     """
-    way, kind = WAYS[index // 5 % len(WAYS)], view_kind(index)
-    schedule = Schedule(way.seconds, DRAWN_FPS) if way.seconds >= 0.5 else Schedule()
-    (scene,) = draw_view_clips(seed, SUITE, [index], schedule).scenes
+    way = film_way(index, suite)
+    if suite == "joints":
+        kind = "hanging"
+        scene = draw_hanging_scene(clip_rng(seed, suite, index, "sample"), way.seconds)
+    else:
+        kind = view_kind(index)
+        schedule = Schedule(way.seconds, DRAWN_FPS) if way.seconds >= 0.5 else Schedule()
+        (scene,) = draw_view_clips(seed, suite, [index], schedule).scenes
     scene = seen_by(scene, way)
-    rng = clip_rng(seed, SUITE, index, "film")
+    rng = clip_rng(seed, suite, index, "film")
     free = HELD if way.hand else 0.0
     times = frame_times(rng, way, free + way.seconds)
     opened = np.linspace(0, way.exposure, SUBFRAMES) if way.exposure > 1 / 250 else np.zeros(1)
     position, quaternion = poses(scene, (times[:, None] + opened).ravel() - free)
     appearance = sample_appearance(rng, len(scene.objects), n_fixed=len(scene.fixed))
     frames = render_rgb(scene, position, quaternion, appearance, *way.size, "raycast")
+    _draw_rods(frames, scene, position, rng)
     frames = frames.reshape(len(times), len(opened), *frames.shape[1:]).astype(np.float32).mean(1)
     middle = slice(len(opened) // 2, None, len(opened))
     assert scene.camera is not None
@@ -132,6 +151,21 @@ def draw_film(seed: int, index: int) -> Film:
             masks[t][layer[..., 3] > 0.5] = 0
     frames = apply_sensor(np.clip(frames, 0, 255).astype(np.uint8), sample_sensor(rng), rng)
     return Film(way, kind, scene, times, frames, masks)
+
+
+def _draw_rods(frames: np.ndarray, scene: Scene, position: np.ndarray, rng: np.random.Generator) -> None:
+    """Draw a thin rod from each anchor to its body. frames: (T, H, W, 3) uint8; position: (T, N, 3) m."""
+    assert scene.camera is not None
+    height, width = frames.shape[1:3]
+    for i, body in enumerate(scene.objects):
+        if body.joint is None:
+            continue
+        rod = np.array(body.joint.anchor) - position[:, i]
+        tip = position[:, i] + half_extents(body).min() * rod / np.linalg.norm(rod, axis=1, keepdims=True)
+        ends, _ = project(np.stack([position[:, i] + rod, tip], 1), pinhole(scene.camera), width, height)
+        colour, thick = tuple(int(c) for c in rng.integers(20, 236, 3)), int(rng.integers(1, 4))
+        for frame, (start, end) in zip(frames, np.round(ends * 16).astype(int), strict=True):
+            cv2.line(frame, tuple(start.tolist()), tuple(end.tolist()), colour, thick, cv2.LINE_AA, 4)
 
 
 def seen_by(scene: Scene, way: Way) -> Scene:
