@@ -42,7 +42,7 @@ from pipeline.inference.scene_search import (
     search_forecast,
 )
 from pipeline.inference.trust import Forecast
-from pipeline.motion.view import VIEWS
+from pipeline.motion.view import CLOSE, PLAUSIBLE, VIEWS
 from pipeline.search.best_of_k import rank
 from pipeline.search.certainty import Certainty
 from pipeline.search.evaluator import Evaluator, Rewards
@@ -189,7 +189,7 @@ def find_scenes(
                     budget.incline,
                 )
                 methods.append(search_method(searched, answers, ranking, clip))
-        if settled(methods):
+        if settled(methods) and not told.rivals(CLOSE):
             break
     with progress.step("forecast"):
         if best_of(methods).name == TRACKS:
@@ -233,7 +233,8 @@ def from_tracks(
 ) -> tuple[FilmedWorld, Method | None]:
     """The scene that fits the tracks in the likeliest view or, where that does not explain the clip, in the best one.
 
-    To find that one, all views are fitted quickly, and those that beat the likeliest are fitted well.
+    Where another view is nearly as likely, or the likeliest does not explain the clip, those that the tracks do not
+    exclude are fitted quickly, and those that beat the likeliest are fitted well.
 
     Args:
         filmed: The world that the tracks tell of.
@@ -248,12 +249,13 @@ def from_tracks(
     def merit(method: Method | None) -> float:
         return -1.0 if method is None else method.merit
 
-    best = with_scene(filmed, cores())
+    best, told = with_scene(filmed, cores()), filmed.motion.view
     method = method_of(best)
     alone = world.view is not None or len(clip.taken.masks) > MOST_FRAMES
-    if alone or (method is not None and settled([method])):
+    if alone or (method is not None and settled([method]) and not told.rivals(CLOSE)):
         return best, method
-    others = [seen_as(filmed, kind) for kind in VIEWS if kind != filmed.motion.view.kind]
+    plausible = told.rivals(PLAUSIBLE) if told.costs else [k for k in VIEWS if k != told.kind]
+    others = [seen_as(filmed, kind) for kind in plausible]
     seen = [filmed, *(other for other in others if other is not None)]
     least, *merits = [merit(method_of(with_scene(each, cores(), quick=True))) for each in seen]
     for k in sorted(np.flatnonzero(np.array(merits) > least), key=lambda k: -merits[k]):

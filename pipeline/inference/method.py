@@ -14,7 +14,7 @@ from pipeline.inference.filmed_world import World
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.scene_search import ClipSearch
 from pipeline.metrics.overlap import Overlap, overlap
-from pipeline.motion.view import View
+from pipeline.motion.view import CLOSE, View
 from pipeline.planar.find_planar_scene import PlanarAnswer
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
@@ -92,7 +92,9 @@ def settled(methods: Sequence[Method]) -> bool:
 
 def steady_line_doubt(view: View, world: World) -> str | None:
     """A sentence where bodies move along one line without speeding up, which is seen from above as from the side."""
-    if view.kind != "top" or not is_ambiguous(view, world):
+    slopes = np.array([m.slope_deg for m in view.arcs if m.kind != "rest"])
+    along_one = len(slopes) > 0 and float(np.ptp(slopes)) < ONE_DIRECTION_DEG
+    if view.kind != "top" or world.view is not None or world.measured or not along_one:
         return None
     return (
         "bodies move along one line at a steady speed: they may be seen from above, or sink steadily and be seen from "
@@ -101,11 +103,8 @@ def steady_line_doubt(view: View, world: World) -> str | None:
 
 
 def is_ambiguous(view: View, world: World) -> bool:
-    """Whether the tracks fit another view as well: all motion is along one direction, as it may be on a table, too."""
-    if world.view is not None or world.measured or view.kind not in ("top", "incline"):
-        return False
-    slopes = np.array([m.slope_deg for m in view.arcs if m.kind != "rest"])
-    return len(slopes) > 0 and float(np.ptp(slopes)) < ONE_DIRECTION_DEG
+    """Whether the tracks show a table, the commonest view, nearly as well; the search knows tables best."""
+    return world.view is None and not world.measured and "table" in view.rivals(CLOSE)
 
 
 def answer_method(

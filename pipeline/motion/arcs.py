@@ -41,6 +41,7 @@ class Arc:
         acceleration: (2,) px/s²; 0 where a straight line at constant speed explains the arc as well.
         covariance: (3, 3) of (position, velocity, acceleration), the same for both coordinates; that of a quadratic.
         rms: px, of its residuals.
+        bend: (2,) px/s², the acceleration of a quadratic, whether a line explains the arc as well or not.
     """
 
     body: int
@@ -53,6 +54,7 @@ class Arc:
     acceleration: np.ndarray
     covariance: np.ndarray
     rms: float
+    bend: np.ndarray
 
     @property
     def acceleration_sigma(self) -> float:
@@ -189,4 +191,5 @@ def _fit(track: ImageTrack, index: np.ndarray, degree: int, sigma: float) -> Arc
         acceleration=found[2],
         covariance=covariance,
         rms=rms,
+        bend=np.linalg.lstsq(matrix, centre, rcond=None)[0][2],
     )

@@ -1,40 +1,44 @@
 """Which view of the world a clip shows, from the tracks in the picture alone.
 
-A camera that looks from the side sees free fall as one acceleration, down the picture, of whatever flies; what rolls or
-slides on a slope speeds up along a straight line. From above, bodies move along straight lines in any direction and
-only slow down. Over a table, bodies that come nearer grow. Bodies hang from points where swings explain all tracks
-better than arcs of constant acceleration do, at the price of their numbers.
+The kinds of views compete (`view_evidence`). Bodies hang from points where swings explain all tracks better than arcs
+of constant acceleration do, at the price of their numbers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pipeline.motion.arcs import Arc
 from pipeline.motion.image_track import ImageTrack
 from pipeline.motion.swing import Swing, arcs_evidence, fit_swing, swing_evidence
+from pipeline.motion.view_evidence import (
+    LEAST_ERROR,
+    LEVEL_DEG,
+    LINE_DEG,
+    OUTLINES,
+    SIZE_ERROR,
+    STEEP_DEG,
+    Growing,
+    Moving,
+    view_costs,
+)
 
 VIEWS = ("table", "side", "incline", "flight", "top", "hanging")
 UPRIGHT = ("side", "incline", "flight")  # views in which bodies move in an upright plane
+CLOSE, PLAUSIBLE = 20.0, 1e4  # times less likely: a view may as well be this one; is worth a fit where none explains
 SIGNIFICANT = 4.0  # standard errors from which an acceleration, or a jump of the velocity, counts
 STRAIGHT = 0.012  # of its length: largest sagitta of a straight arc
 STRAIGHT_RADII = 0.15  # of the body: and of one that speeds up downhill, whose outline shading and shadows change
-STEEP_DEG = 78.0  # of a line to the horizontal, from which it counts as vertical
-LEVEL_DEG = 2.0  # of a line to the horizontal, below which it counts as level
+FOCAL = 377.0  # px, of a phone's main camera, in a picture of 480 px
 NEARLY_LEVEL_DEG = 6.0  # and by which a level line may be turned, with the camera
 UNKNOWN_ROLL_DEG, EDGES_ROLL_DEG = 3.0, 1.0  # standard deviation of a camera's roll; its error where edges tell it
 OFF_DOWN_DEG = 25.0  # largest angle of free fall to the picture's vertical
 LEAST_PATH, SLOW = 0.6, 0.2  # radii, and share of the body's fastest arc: what goes less far and as slow rests
-LEAST_SHARE_FREE, LEAST_SHARE_SLOPE = 0.2, 0.5  # of the way of all bodies that must fall, or speed up on a slope
-LEAST_SHARE_BENT = 0.5  # of the way, along curves of one acceleration: more tells of falls, whatever bodies' sizes do
 ALIKE = 0.3  # largest mean deviation of the accelerations of free arcs, as a share
-ALIKE_DEG = 3.0  # largest deviation of slopes of one incline from their median
-LEAST_ERROR = 0.05  # of an acceleration, as a share: outlines are blurred and shaded alike
 LEAST_SIZES = 6  # outlines of a body, from which its growth is measured
-LEAST_GROWTH = 0.12  # change of the logarithm of a body's radius over its way that perspective must explain
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,7 @@ class View:
         roll_deg: By which the world's vertical is turned in the picture, clockwise.
         reason: What told, in words.
         swings: Of each track, where bodies hang.
+        costs: Of each kind of view that tracks were compared with, the likeliest first (`view_costs`).
     """
 
     kind: str
@@ -75,6 +80,16 @@ class View:
     roll_deg: float
     reason: str
     swings: tuple[Swing, ...] = ()
+    costs: dict[str, float] = field(default_factory=dict)
+
+    def rivals(self, odds: float) -> tuple[str, ...]:
+        """The other kinds of views that are at most so many times less likely, the likeliest first.
+
+        A flight is a side view without supports, so that neither is a rival of the other.
+        """
+        own = self.costs.get(self.kind, -np.inf)
+        others = [k for k in self.costs if k != self.kind and {k, self.kind} != {"side", "flight"}]
+        return tuple(k for k in others if self.costs[k] - own <= 2 * np.log(odds))
 
     @property
     def gravity_error(self) -> float:
@@ -150,16 +165,13 @@ class Growth:
         slope: 1/px, of the logarithm of the radius against the way down.
         error: 1/px, its standard error; infinite where bodies do not move down or up.
         way: px, the largest way down or up that one body makes.
+        spread: Of the logarithms of radii about that.
     """
 
     slope: float
     error: float
     way: float
-
-    @property
-    def over_way(self) -> float:
-        """Change of the logarithm of the radius over the way; 0 where that is not more than its own error."""
-        return self.slope * self.way if abs(self.slope) > SIGNIFICANT * self.error else 0.0
+    spread: float
 
 
 def growth(tracks: Sequence[ImageTrack]) -> Growth:
@@ -176,10 +188,11 @@ def growth(tracks: Sequence[ImageTrack]) -> Growth:
         ways.append(float(np.ptp(height)))
     spread = float(sum((h**2).sum() for h in x))
     if spread < 1e-6:
-        return Growth(0.0, np.inf, max(ways))
+        return Growth(0.0, np.inf, max(ways), np.inf)
     height, log_radius = np.concatenate(x), np.concatenate(y)
     slope = float((height * log_radius).sum()) / spread
-    return Growth(slope, float(np.std(log_radius - slope * height)) / np.sqrt(spread), max(ways))
+    left = float(np.std(log_radius - slope * height))
+    return Growth(slope, left / np.sqrt(spread), max(ways), left)
 
 
 def find_view(
@@ -187,8 +200,7 @@ def find_view(
     arcs: Sequence[Sequence[Arc]],
     roll_deg: float | None = None,
     kind: str | None = None,
-    *,
-    oblique: bool = False,
+    focal: float = FOCAL,
 ) -> View:
     """The view that the tracks of a clip and their arcs tell of.
 
@@ -198,41 +210,102 @@ def find_view(
         roll_deg: By which the world's vertical is turned in the picture, clockwise, where edges tell it; free fall may
             tell it better. None: not known; lines along which bodies move from the side are level then.
         kind: Of `VIEWS`, where it is known; None: the tracks decide.
-        oblique: What moves may be balls that are seen from aside.
+        focal: px, of the camera.
 
     Raises:
         ValueError: The tracks show nothing of what a view of this kind needs.
     """
     lines_are_level, roll_deg = roll_deg is None, roll_deg or 0.0
     edges = roll_deg, UNKNOWN_ROLL_DEG if lines_are_level else EDGES_ROLL_DEG
-    motions, gravity, slope = _described(tracks, arcs, roll_deg)
-    if gravity is not None:
-        roll_deg = fall_roll(gravity, motions, *edges)
-        motions, _, slope = _described(tracks, arcs, roll_deg)
-    moving = [m for m in motions if m.kind != "rest"]
-    total = sum(m.path for m in moving)
     if kind in (None, "hanging"):
         swings = find_swings(tracks, arcs, *edges, certain=kind == "hanging")
         if swings:
-            return _hanging(motions, swings)
+            return _hanging(_described(tracks, arcs, roll_deg), swings)
         if kind == "hanging":
             raise ValueError("no body swings")
-    if kind is None:
-        kind, reason = _likely_kind(tracks, motions, gravity, slope, oblique)
-    else:
-        reason = "as it was asked for"
-        if kind == "flight" and gravity is None:
-            raise ValueError("no body falls freely")
-        if kind == "incline" and slope is None:
+    if kind is not None:
+        return _seen_as(kind, tracks, arcs, edges, lines_are_level)
+    if all(m.kind == "rest" for m in _described(tracks, arcs, roll_deg)):
+        view = _seen_as("table", tracks, arcs, edges, lines_are_level)
+        return replace(view, reason="no body moves far enough to tell the view")
+    costs = view_costs(_moving(tracks, arcs, roll_deg), _growing(growth(tracks)), *edges, focal)
+    for likely in costs:
+        try:
+            view = _seen_as(likely, tracks, arcs, edges, lines_are_level)
+        except ValueError:  # what the evidence takes for a fall or a slope may be too short to be measured
+            continue
+        if likely != "incline" or abs(view.slope_deg) > LEVEL_DEG:
+            return replace(view, costs=costs, reason=_reason(view, costs))
+    raise AssertionError("a view from above can always be measured")
+
+
+def _seen_as(
+    kind: str,
+    tracks: Sequence[ImageTrack],
+    arcs: Sequence[Sequence[Arc]],
+    edges: tuple[float, float],
+    lines_are_level: bool,
+) -> View:
+    """The view of a kind. edges: roll, deg, and its standard error. Raises ValueError as `find_view` does."""
+    roll_deg = edges[0]
+    motions = _described(tracks, arcs, roll_deg)
+    gravity = None if kind in ("table", "top") else free_fall(_of_kind(motions, "free"))
+    if gravity is not None:
+        roll_deg = fall_roll(gravity, motions, *edges)
+        motions = _described(tracks, arcs, roll_deg)
+    elif kind == "flight":
+        raise ValueError("no body falls freely")
+    moving = [m for m in motions if m.kind != "rest"]
+    slope = None
+    if kind == "incline":
+        total = sum(m.path for m in moving)
+        slope = common_slope(_of_kind(moving, "slope"), total)
+        if slope is None:
             slope = common_slope([m for m in moving if m.kind in ("slope", "straight")], total)
-            if slope is None:
-                raise ValueError("no body moves along a line")
+        if slope is None:
+            raise ValueError("no body moves along a line")
     if kind in ("table", "top"):
-        gravity, roll_deg = None, 0.0
+        roll_deg = 0.0
     if kind == "side" and gravity is None and lines_are_level:
         roll_deg = level_roll(moving)
-        motions, _, _ = _described(tracks, arcs, roll_deg)
-    return View(kind, motions, gravity, slope or 0.0 if kind == "incline" else 0.0, roll_deg, reason)
+        motions = _described(tracks, arcs, roll_deg)
+    return View(kind, motions, gravity, slope or 0.0, roll_deg, "as it was asked for")
+
+
+def _moving(tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]], roll_deg: float) -> Moving:
+    """The arcs in which bodies do not rest."""
+    rows = []
+    for track, own in zip(tracks, arcs, strict=True):
+        fastest = fastest_arc(own, track.radius)
+        for arc in own:
+            motion = describe_arc(arc, track.radius, fastest, roll_deg)
+            if motion.kind != "rest":
+                outlines = OUTLINES * track.radius / arc.span**2
+                sigma = float(np.hypot(arc.acceleration_sigma, outlines))
+                rows.append((*arc.velocity, *arc.bend, sigma, motion.path, motion.slope_deg, arc.span, track.radius))
+    table = np.array(rows).reshape(-1, 9).T
+    return Moving(table[:2].T, table[2:4].T, *table[4:])
+
+
+def _growing(growth: Growth) -> Growing:
+    known = np.isfinite(growth.error)
+    error = float(np.hypot(SIZE_ERROR, growth.spread))
+    return Growing(growth.slope * growth.way if known else 0.0, error, growth.way)
+
+
+def _reason(view: View, costs: dict[str, float]) -> str:
+    """What told the view, and others that are hardly less likely."""
+    told = {
+        "table": "bodies move, and grow, as on a table seen from aside",
+        "top": "bodies go straight on, or slow down, and grow nowhere",
+        "incline": f"bodies speed up along a line of {abs(view.slope_deg):.1f}°",
+        "side": "bodies move along level lines",
+        "flight": "",
+    }[view.kind]
+    if view.gravity_px is not None and view.kind != "incline":
+        told = f"bodies fall with {np.linalg.norm(view.gravity_px):.0f} px/s²"
+    close = replace(view, costs=costs).rivals(CLOSE)
+    return f"{told}; it may be {' or '.join(close)}" if close else told
 
 
 def find_swings(
@@ -273,53 +346,17 @@ def _hanging(motions: tuple[ArcMotion, ...], swings: tuple[Swing, ...]) -> View:
     return View("hanging", motions, size * down(turned), 0.0, turned, reason, swings)
 
 
-def _described(
-    tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]], roll_deg: float
-) -> tuple[tuple[ArcMotion, ...], np.ndarray | None, float | None]:
-    """The motion of each arc, the acceleration (2,) px/s² of free fall and the slope, deg, of an incline, if any."""
-    motions = tuple(
+def _described(tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]], roll_deg: float) -> tuple[ArcMotion, ...]:
+    """The motion of each arc."""
+    return tuple(
         describe_arc(arc, track.radius, fastest_arc(own, track.radius), roll_deg)
         for track, own in zip(tracks, arcs, strict=True)
         for arc in own
     )
-    moving = [m for m in motions if m.kind != "rest"]
-    total = sum(m.path for m in moving)
-    return motions, free_fall(_of_kind(moving, "free"), total), common_slope(_of_kind(moving, "slope"), total)
 
 
 def _of_kind(motions: Sequence[ArcMotion], kind: str) -> list[ArcMotion]:
     return [m for m in motions if m.kind == kind]
-
-
-def _likely_kind(
-    tracks: Sequence[ImageTrack],
-    motions: Sequence[ArcMotion],
-    gravity: np.ndarray | None,
-    slope: float | None,
-    oblique: bool,
-) -> tuple[str, str]:
-    """The kind of view, and what told. gravity: px/s², slope: deg, where bodies show them."""
-    moving = [m for m in motions if m.kind != "rest"]
-    total = sum(m.path for m in moving)
-    larger = growth(tracks).over_way
-    if total == 0:
-        return "table", "no body moves far enough to tell the view"
-    # A body that turns in the air shows more or less of itself, too.
-    thrown = gravity is not None and sum(m.path for m in _of_kind(moving, "free") if bent(m)) > LEAST_SHARE_BENT * total
-    if larger > LEAST_GROWTH and not thrown:
-        return "table", f"bodies are {np.expm1(larger):.0%} larger where they are lower in the picture"
-    if slope is not None:
-        return "incline", f"bodies speed up along a line of {abs(slope):.1f}°"
-    if gravity is not None:
-        kind = "flight" if all(m.kind in ("free", "rest") or may_fall(m, gravity) for m in motions) else "side"
-        return kind, f"bodies fall with {np.linalg.norm(gravity):.0f} px/s²"
-    if sum(m.path for m in _of_kind(moving, "other")) > LEAST_SHARE_FREE * total:
-        return "table", "paths bend, and not as free fall does"
-    if max(abs(m.slope_deg) for m in moving) > NEARLY_LEVEL_DEG:
-        if oblique:
-            return "table", "balls move along straight lines in several directions, and may come nearer"
-        return "top", "bodies move along straight lines that are not level, and grow nowhere"
-    return "side", "bodies move along level lines"
 
 
 def fall_roll(gravity: np.ndarray, motions: Sequence[ArcMotion], known_deg: float, error_deg: float) -> float:
@@ -349,19 +386,11 @@ def may_fall(motion: ArcMotion, gravity: np.ndarray) -> bool:
     return bool(off <= SIGNIFICANT * motion.arc.acceleration_sigma)
 
 
-def bent(motion: ArcMotion) -> bool:
-    """Whether an arc that falls is a curve, and not the steep line of a body that comes nearer, or drops."""
-    return motion.kind == "free" and abs(motion.slope_deg) <= STEEP_DEG
-
-
-def free_fall(free: Sequence[ArcMotion], total: float) -> np.ndarray | None:
-    """The common acceleration (2,) px/s² of arcs that fall; None where they are too few or do not agree.
-
-    total: px, the way of all bodies.
-    """
-    paths = np.array([m.path for m in free])
-    if paths.sum() <= LEAST_SHARE_FREE * total:
+def free_fall(free: Sequence[ArcMotion]) -> np.ndarray | None:
+    """The common acceleration (2,) px/s² of arcs that fall; None where there are none, or they do not agree."""
+    if not free:
         return None
+    paths = np.array([m.path for m in free])
     found = np.array([m.arc.acceleration for m in free])
     errors = np.hypot(LEAST_ERROR * np.linalg.norm(found, axis=1), [m.arc.acceleration_sigma for m in free])
     gravity = np.average(found, axis=0, weights=1 / errors**2)
@@ -370,7 +399,7 @@ def free_fall(free: Sequence[ArcMotion], total: float) -> np.ndarray | None:
 
 
 def common_slope(sloping: Sequence[ArcMotion], total: float) -> float | None:
-    """The slope, deg, of the line along which bodies speed up downhill; None where there is none.
+    """The slope, deg, of the line along which bodies speed up downhill; None where less than half of the way is on one.
 
     total: px, the way of all bodies.
     """
@@ -380,7 +409,7 @@ def common_slope(sloping: Sequence[ArcMotion], total: float) -> float | None:
     slopes = np.array([m.slope_deg for m in sloping])
     order = np.argsort(slopes)
     median = slopes[order][np.searchsorted(np.cumsum(paths[order]), paths.sum() / 2)]
-    alike = np.abs(slopes - median) < ALIKE_DEG
-    if paths[alike].sum() <= LEAST_SHARE_SLOPE * total:
+    alike = np.abs(slopes - median) < 2 * LINE_DEG
+    if 2 * paths[alike].sum() <= total:
         return None
     return float(np.average(slopes[alike], weights=paths[alike]))

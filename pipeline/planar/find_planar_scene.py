@@ -23,7 +23,7 @@ from pipeline.planar.plane import Plane
 from pipeline.planar.scale import GRAVITY, KNOWN, Scale, find_scale
 from pipeline.planar.silhouette import Silhouette, silhouette
 from pipeline.planar.supports import Support, find_supports, find_walls
-from pipeline.planar.table_view import TableView, may_be_oblique, table_view
+from pipeline.planar.table_view import TableView, table_view
 from pipeline.planar.tilt import Tilt, find_tilt
 from pipeline.planar.tumbling import Tumbling, tumbling
 from pipeline.scene.scene import HOLLOW_SHAPES, Scene, SceneObject
@@ -132,8 +132,7 @@ def measure_motion(
             arcs.append(tuple(own))
     silhouettes = tuple(silhouette(t, masks, frames) for t in tracks)
     level, sizes = Plane(masks.shape[2], masks.shape[1], 1.0, level=True), growth(tracks)
-    oblique = may_be_oblique(sizes, silhouettes, level.focal)
-    found = find_view(tracks, arcs, camera_roll(background(frames)), view, oblique=oblique)
+    found = find_view(tracks, arcs, camera_roll(background(frames)), view, level.focal)
     flat = tracks
     turned = _turned(tracks, arcs, found, silhouettes, level) if found.kind in UPRIGHT else None
     if turned is not None:

@@ -14,16 +14,12 @@ import numpy as np
 
 from pipeline.motion.image_track import ImageTrack
 from pipeline.motion.view import Growth
+from pipeline.motion.view_evidence import LEAST_COT, MOST_COT, SIZE_ERROR, USUAL_COT, USUAL_SPREAD
 from pipeline.planar.blocks import DEPTH, Block
 from pipeline.planar.plane import Plane
-from pipeline.planar.silhouette import Silhouette
 from pipeline.scene.scene import Camera
 from pipeline.vision.rendering.camera import pinhole
 
-USUAL_COT, USUAL_SPREAD = 1.7, 0.8  # cotangent of the angle by which people look down at tables: 30 deg, and its spread
-SIZE_ERROR = 0.03  # of the logarithm of a radius, over the way: shading and blur differ between places
-TOP_COT = 0.6  # below it a table is seen from above
-LEAST_COT, MOST_COT = 0.3, 5.0
 LOWEST = 0.15  # sine of the angle between a line of sight and the table, below which a place is not known
 
 
@@ -90,12 +86,6 @@ class TableView:
 def slope_error(growth: Growth) -> float:
     """1/px, standard error of the growth, with what outlines err alike."""
     return float(np.hypot(growth.error, SIZE_ERROR / max(growth.way, 1.0)))
-
-
-def may_be_oblique(growth: Growth, silhouettes: Sequence[Silhouette], focal: float) -> bool:
-    """Whether bodies look like balls whose sizes do not exclude that the camera looks from aside. focal: px."""
-    balls = bool(silhouettes) and all(s.shape == "sphere" for s in silhouettes)
-    return balls and focal * (growth.slope + 2 * slope_error(growth)) > TOP_COT
 
 
 def table_view(plane: Plane, growth: Growth, tracks: Sequence[ImageTrack]) -> TableView:

@@ -149,7 +149,7 @@ def test_friction_brakes_what_slides_up_an_incline_and_what_slides_down(speed: f
     slope, friction, gravity = np.radians(20.0), 0.2, 9.81
     way = np.array([np.cos(slope), np.sin(slope)])  # down, in the picture
     pull = gravity * (np.sin(slope) + np.sign(speed) * friction * np.cos(slope))
-    arc = Arc(1, 0, 9, 0.1, 0.2, np.zeros(2), -200 * speed * way, 200 * pull * way, np.eye(3), 0.1)
+    arc = Arc(1, 0, 9, 0.1, 0.2, np.zeros(2), -200 * speed * way, 200 * pull * way, np.eye(3), 0.1, 200 * pull * way)
     assert sliding_friction(arc, 20.0, SIDE, gravity) == pytest.approx(friction)
 
 

@@ -47,10 +47,10 @@ def test_places_on_the_table_are_those_of_its_camera() -> None:
 def test_growth_tells_how_steeply_the_camera_looks_down() -> None:
     table = TableView(PLANE, 30.0, RADIUS)
     focal = PLANE.distance * PLANE.px_per_m
-    sure = Growth(float(1 / np.tan(np.radians(40)) / focal), 1e-5, 300.0)
+    sure = Growth(float(1 / np.tan(np.radians(40)) / focal), 1e-5, 300.0, 0.0)
     track = image_tracks(replay_poses(Scene((rolling(-0.5, (1.0, 0.3)),), table.camera()), SCHEDULE).masks, TIMES)
     assert table_view(PLANE, sure, track).pitch_deg == pytest.approx(40, abs=2)
-    assert table_view(PLANE, Growth(0.0, np.inf, 0.0), track).pitch_deg == pytest.approx(30, abs=2)
+    assert table_view(PLANE, Growth(0.0, np.inf, 0.0, np.inf), track).pitch_deg == pytest.approx(30, abs=2)
 
 
 def test_a_ball_that_turns_back_at_something_still_tells_of_a_wall() -> None:

@@ -1,0 +1,173 @@
+"""How well each view of the world explains tracks in the picture: their arcs' accelerations and directions, and sizes.
+
+A view allows an arc one motion or several. On a ground seen from above, bodies move straight on, or slow down. Over a
+table they do so, too, but what comes nearer grows and speeds up as perspective has it. What flies has one common
+acceleration, near the picture's vertical. From the side, bodies fly or are on a level ground; on an incline they speed
+up downhill along one line. The cost of a view is -2 log of the likelihood of what was measured. A number that a view
+needs and another one does not costs what its prior is wider than its error. No arc costs more than an outlier.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+OUTLIER = 25.0  # cost of an arc that a view does not explain: five standard errors
+PRICE = 3.0  # of an incline, beside a view that needs nothing; of falls; of an arc on the ground between them
+OUTLINES = 0.24  # radii, by which outlines bend an arc: shading, shadows and blur are alike over it
+LEAST_ERROR = 0.05  # of an acceleration, as a share: what is nearer to the camera falls faster in the picture
+LINE_DEG, LINE_RADII = 1.5, 0.05  # spread of the directions of bodies on one line, and in radii over their way
+STEEP_DEG, LEVEL_DEG = 78.0, 2.0  # of a line to the horizontal, from which it counts as vertical, and as level below
+SIZE_ERROR = 0.05  # of the logarithm of a radius, over the way: shading and blur differ between places
+USUAL_COT, USUAL_SPREAD = 1.7, 0.8  # cotangent of the angle by which people look down at tables: 30 deg, and its spread
+LEAST_COT, MOST_COT, COTS = 0.3, 5.0, 48  # so many are tried
+
+
+@dataclass(frozen=True)
+class Moving:
+    """Arcs of all bodies that do not rest.
+
+    Attributes:
+        velocity: (N, 2) px/s, at the middle of each arc.
+        acceleration: (N, 2) px/s².
+        sigma: (N,) px/s², standard error of each coordinate of it.
+        path: (N,) px, length of the way.
+        slope_deg: (N,) of its line to the world's horizontal, positive where it descends to the right.
+        span: (N,) s.
+        radius: (N,) px, of the body.
+    """
+
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    sigma: np.ndarray
+    path: np.ndarray
+    slope_deg: np.ndarray
+    span: np.ndarray
+    radius: np.ndarray
+
+    @property
+    def speed(self) -> np.ndarray:
+        """(N,) px/s."""
+        return np.maximum(np.linalg.norm(self.velocity, axis=1), 1e-9)
+
+
+@dataclass(frozen=True)
+class Growing:
+    """The measured growth of bodies.
+
+    Attributes:
+        over_way: Change of the logarithm of the radius over the way down the picture.
+        error: Its standard error; infinite where bodies do not move up or down.
+        way: px.
+    """
+
+    over_way: float
+    error: float
+    way: float
+
+    def cost(self, slope: float) -> float:
+        """Of a growth of the logarithm of the radius by a slope, 1/px, down the picture."""
+        return float(min(((self.over_way - slope * self.way) / self.error) ** 2, OUTLIER))
+
+
+def view_costs(
+    moving: Moving, growing: Growing, roll_deg: float, roll_error_deg: float, focal: float
+) -> dict[str, float]:
+    """The cost of each view, the smallest first; ties in favour of what needs less.
+
+    Args:
+        moving: The arcs.
+        growing: Of the bodies.
+        roll_deg: By which the world's vertical is turned in the picture, clockwise.
+        roll_error_deg: Its standard error.
+        focal: px, of the camera.
+    """
+    level = _level(moving, np.zeros(len(moving.path))) + _angle(moving.slope_deg, np.hypot(roll_error_deg, LINE_DEG))
+    level = np.minimum(level, OUTLIER)[:, None] + PRICE
+    never = np.full((len(moving.path), 1), OUTLIER)
+    steady = growing.cost(0.0)
+    roll = roll_deg, roll_error_deg
+    costs = {
+        "top": steady + _level(moving, np.zeros(len(moving.path))).sum(),
+        "flight": steady + _falling(moving, never, *roll),
+        "side": steady + _falling(moving, level, *roll),
+        "incline": steady + PRICE + _incline(moving, level, *roll),
+        "table": _table(moving, growing, focal),
+    }
+    return {kind: float(costs[kind]) for kind in sorted(costs, key=lambda kind: round(costs[kind], 6))}
+
+
+def _level(moving: Moving, expected: np.ndarray) -> np.ndarray:
+    """(N,) costs of arcs whose bodies go straight on or slow down, beside an expected acceleration (N,) px/s²."""
+    way = moving.velocity / moving.speed[:, None]
+    along = (moving.acceleration * way).sum(1)
+    across = np.linalg.norm(moving.acceleration - along[:, None] * way, axis=1)
+    steadily = ((along - expected) / moving.sigma) ** 2
+    slower = _sided(expected - along, moving.speed / moving.span, moving.sigma)
+    return np.asarray(np.minimum((across / moving.sigma) ** 2 + np.minimum(steadily, slower), OUTLIER))
+
+
+def _sided(value: np.ndarray, scale: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """(N,) costs of values that are positive, of a scale that is wider than their standard errors."""
+    scale = np.maximum(scale, sigma)
+    return np.asarray((value / np.where(value > 0, scale, sigma)) ** 2 + 2 * np.log(scale / sigma))
+
+
+def _angle(deg: np.ndarray, sigma: np.ndarray | float) -> np.ndarray:
+    """Costs of lines that are off by deg, over those of lines in any direction."""
+    return np.asarray((deg / sigma) ** 2 + 2 * np.log(sigma * np.sqrt(2 * np.pi) / 180))
+
+
+def _falling(moving: Moving, other: np.ndarray, roll_deg: float, roll_error_deg: float) -> float:
+    """The cost of arcs of which each either falls freely or is of another kind, of costs (N, M)."""
+    size = np.linalg.norm(moving.acceleration, axis=1)
+    best = float(other.min(1).sum())
+    for k in np.flatnonzero(size**2 > OUTLIER * moving.sigma**2):
+        gravity = moving.acceleration[k]
+        error = np.hypot(moving.sigma, LEAST_ERROR * size)
+        off = np.linalg.norm(moving.acceleration - gravity, axis=1)
+        weight = (off**2 < OUTLIER * error**2) / error**2
+        gravity = weight @ moving.acceleration / weight.sum()
+        strength = float(np.linalg.norm(gravity))
+        turned = np.degrees(np.arctan2(-gravity[0], gravity[1])) - roll_deg
+        turned_error = np.hypot(roll_error_deg, np.degrees(weight.sum() ** -0.5 / strength))
+        error = np.hypot(moving.sigma, LEAST_ERROR * strength)
+        falls = (np.linalg.norm(moving.acceleration - gravity, axis=1) / error) ** 2
+        needed = 2 * np.log(max(_pull(moving)[k] / moving.sigma[k], 1.0)) + PRICE
+        cost = (turned / turned_error) ** 2 + needed + np.minimum(falls, other.min(1)).sum()
+        best = min(best, float(cost))
+    return float(best)
+
+
+def _pull(moving: Moving) -> np.ndarray:
+    """(N,) px/s², accelerations that would make bodies go as far from rest."""
+    return 2 * moving.path / moving.span**2
+
+
+def _incline(moving: Moving, level: np.ndarray, roll_deg: float, roll_error_deg: float) -> float:
+    """The cost of arcs that speed up down a common line, fall, or are on a level ground, of costs (N, 1)."""
+    best = np.inf
+    spread = np.hypot(LINE_DEG, np.degrees(LINE_RADII * moving.radius / np.maximum(moving.path, 1)))
+    for slope in moving.slope_deg[(np.abs(moving.slope_deg) < STEEP_DEG) & (np.abs(moving.slope_deg) > LEVEL_DEG)]:
+        angle = np.radians(slope + roll_deg)
+        down = np.array([np.cos(angle), np.sin(angle)]) * np.sign(np.sin(angle))
+        along = moving.acceleration @ down
+        across = np.linalg.norm(moving.acceleration - along[:, None] * down, axis=1)
+        cost = (across / moving.sigma) ** 2 + _sided(along, _pull(moving), moving.sigma)
+        cost += _angle((moving.slope_deg - slope + 90) % 180 - 90, spread)
+        ways = np.concatenate([np.minimum(cost, OUTLIER)[:, None], level], 1)
+        needed = -float(_angle(np.zeros(()), LINE_DEG))
+        best = min(best, needed + _falling(moving, ways, roll_deg, roll_error_deg))
+    return float(best)
+
+
+def _table(moving: Moving, growing: Growing, focal: float) -> float:
+    """The cost of bodies on a level ground that is seen from aside: they come nearer as they come down the picture."""
+    best = np.inf
+    for cot in np.linspace(LEAST_COT, MOST_COT, COTS):
+        slope = cot / focal  # of the logarithm of the radius; that of the speed is twice as large
+        prior = ((cot - USUAL_COT) / USUAL_SPREAD) ** 2
+        nearer = 2 * slope * moving.velocity[:, 1] * moving.speed
+        best = min(best, prior + growing.cost(slope) + float(_level(moving, nearer).sum()))
+    return float(best)
