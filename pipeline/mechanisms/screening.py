@@ -171,7 +171,7 @@ def _projected(problem: Problem, found: Fit, trials: Sequence[_Trial]) -> tuple[
     bases = {}
     for w in windows:
         jl = found.own[w]
-        inverse = np.linalg.inv(jl @ jl.T + np.diag(problem.prior))
+        inverse = problem.state_covariance(jl)
         bases[w] = (jl, inverse)
         jg, r = _without(bases[w], shared[w]), found.residual[w]
         normal, pull = normal + jg @ shared[w].T, pull + jg @ r
