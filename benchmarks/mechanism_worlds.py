@@ -2,8 +2,9 @@
 
 Models: seven of dm_control's suite, an arm of three joints whose drives hold positions, and a crane with motors.
 Hidden: one effect, two, or a law that no effect states. Motion: from random initial states, driven by random sums of
-sines with steps. The log is of an encoder, which rounds and has noise. MuJoCo simulates the hidden model with a quarter
-of the known model's time step, and with its own elements for delay and lag, where the discovery changes the controls.
+sines with steps. The log is of an encoder, which rounds and has noise. MuJoCo simulates the hidden model with steps
+that are shorter than the known model's, and with its own elements for delay and lag, where the discovery changes the
+controls.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from pipeline.mechanisms.held_control import held
 from pipeline.mechanisms.kind import Target, Values
 from pipeline.mechanisms.law_model import Acting
 from pipeline.mechanisms.log import ONE_CLIP, Channel, Clip, Log, Quantity
@@ -70,7 +72,7 @@ OWN = {
 }
 MODELS = (*SUITE, *OWN)
 CLIPS, SECONDS, RATE = 5, 4.0, 100.0
-FINER = 4  # steps of the hidden model in one of the known one
+STEP = 5e-4  # s, of the hidden model at most: a real mechanism has none
 TURN, WAY = 2 * np.pi / 16384, 1e-4  # steps of an encoder: of 14 bits, rad, and m
 NOISE = 1.0  # of its steps
 STRENGTHS = {"strong": 60.0, "medium": 20.0}
@@ -261,7 +263,7 @@ def _motion(
 ) -> list[np.ndarray]:
     """Positions of the joints in each clip, (T, joints), as their sensors show them."""
     spec = mechanism.physics.copy()
-    spec.option.timestep /= FINER
+    spec.option.timestep = min(spec.option.timestep / 4, STEP)
     for acting, values in hidden:
         if acting.kind.edit is not None:
             acting.kind.edit(spec, acting.place.name, values)
@@ -277,9 +279,10 @@ def _motion(
         if model.na:
             data.act[:] = u[0, : model.na]
         path, count = [data.qpos[columns].copy()], int(np.ceil(SECONDS / clock / model.opt.timestep)) + 1
+        times = np.arange(count + 1) * model.opt.timestep * clock
+        commands = [held(np.arange(len(u)) / RATE, x, times) for x in u.T]
         for k in range(count):
-            row = int((k * model.opt.timestep * clock + 1e-9) * RATE)
-            data.ctrl[:] = u[min(row, len(u) - 1)]
+            data.ctrl[:] = [x[k] for x in commands]
             for friction, values, dof in rubbing:
                 rubbed = friction(values, float(data.qvel[dof]), float(data.qfrc_actuator[dof]))
                 model.dof_frictionloss[dof] = own[dof] + rubbed

@@ -86,6 +86,11 @@ class MechanismSearch:
             out.append(Candidate(problem, found, self.noise))
         return out
 
+    def promise(self, none: Candidate) -> float:
+        """The least chi squared that any model of one effect has after a few iterations, or the one without effects."""
+        found = [none, *(c for c, _ in self._raced(none, MOST_FITTED))]
+        return min(float(c.fit.chi2.sum()) for c in found)
+
     def singles(self, none: Candidate) -> list[list[Candidate]]:
         """Models of one effect, each fitted at each level. none: the model without effects at the first level."""
         return [

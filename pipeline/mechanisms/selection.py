@@ -92,7 +92,8 @@ def select_mechanism(
     starts = [followed] + [
         MechanismSearch(some[first : first + 1], kinds, progress).climb(model, stated)[0] for some in ways[1:]
     ]
-    order = sorted(range(len(ways)), key=lambda k: starts[k].fit.chi2.sum())
+    searches = [MechanismSearch(some[first:], kinds, progress) for some in ways]
+    order = sorted(range(len(ways)), key=lambda k: searches[k].promise(starts[k]) if len(ways) > 1 else 0.0)
 
     def selected(way: int) -> MechanismSelection:
         none = MechanismSearch(ways[way][first:], kinds, progress).climb(model, stated, starts[way])
@@ -106,12 +107,14 @@ def select_mechanism(
         if found.excess_z <= UNEXPLAINED_Z and not found.chosen.effects:
             break
         simulator = ways[other][0].simulator
-        again = MechanismSearch((found.chosen.problem.simulated_by(simulator),), kinds, progress, found.noise)
+        again = MechanismSearch((found.chosen.problem.simulated_by(simulator),), kinds, progress)
         fits = [c.fit for c in (found.none, found.chosen)]
-        best = min(again.climb(f.model, f.theta, found.chosen)[0].score for f in fits)
-        if best < found.chosen.score - CLAIM:
+        best = min((again.climb(f.model, f.theta, found.chosen)[0] for f in fits), key=lambda c: c.variance)
+        noise = noise_of(min(best, found.chosen, key=lambda c: c.variance))
+        if best.rescored(noise).score < found.chosen.rescored(noise).score - CLAIM:
             second = selected(other)
-            if second.chosen.rescored(second.noise).score < found.chosen.rescored(second.noise).score:
+            noise = noise_of(min(second.chosen, found.chosen, key=lambda c: c.variance))
+            if second.chosen.rescored(noise).score < found.chosen.rescored(noise).score:
                 found = second
     return found
 
@@ -123,7 +126,9 @@ def _first_level(
     kinds: tuple[MechanismEffect, ...],
     progress: Callable[[str], None],
 ) -> tuple[int, Candidate]:
-    """The level with the longest windows in which the model without effects stays near the motion, and its fit there.
+    """The level below the longest windows in which the model without effects stays near the motion, and its fit there.
+
+    In shorter windows fits are nearer to linear.
 
     Args:
         levels: The log in windows of growing length.
@@ -134,8 +139,9 @@ def _first_level(
     """
     for level in reversed(range(len(levels))):
         (found,) = MechanismSearch((levels[level],), kinds, progress).climb(model, stated)
-        if found.follows:
-            return level, found
+        if found.follows and level:
+            (found,) = MechanismSearch((levels[level - 1],), kinds, progress).climb(model, stated)
+            return level - 1, found
     return 0, found
 
 
@@ -153,12 +159,11 @@ def _select(
         kinds: The effects that may be named.
         progress: Called with the name of each effect that is fitted.
     """
-    first = max((k for k, c in enumerate(none) if c.follows), default=0)
-    search = MechanismSearch(tuple(levels[first:]), kinds, progress)
-    climbs = search.singles(none[first])
-    last = _longest(none[first:], climbs)
-    search = MechanismSearch(tuple(levels[first : first + last + 1]), kinds, progress)
-    base, fitted = none[first + last], [climb[last] for climb in climbs]
+    search = MechanismSearch(tuple(levels), kinds, progress)
+    climbs = search.singles(none[0])
+    last = _longest(none, climbs)
+    search = MechanismSearch(tuple(levels[: last + 1]), kinds, progress)
+    base, fitted = none[last], [climb[last] for climb in climbs]
     best = min([base, *fitted], key=lambda c: c.fit.chi2.sum())
     noise = noise_of(best)
     for _ in range(ROUNDS):

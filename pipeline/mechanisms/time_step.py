@@ -33,10 +33,10 @@ def with_time_step(spec: mujoco.MjSpec, factor: float, integrator: int) -> mujoc
 def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: States) -> list[Simulator]:
     """Simulators of the motion: as the model states, and others that predict something else.
 
-    A real mechanism has no time steps, and the log of a simulation may have other ones. So Runge and Kutta's
-    integrator, and a quarter of the stated step, are hypotheses as well. Where the stated one predicts the same with
-    a longer step, for noise of this size, it is simulated so. Tried on the first fitted window and the last one of all,
-    with and without some dry friction at all joints.
+    A real mechanism has no time steps, and the log of a simulation may have other ones. So a quarter of the stated
+    step, with Runge and Kutta's integrator and with the stated one, are hypotheses as well. Where the stated one
+    predicts the same with a longer step, for noise of this size, it is simulated so. Tried on the first fitted window
+    and the last one of all, with and without some dry friction at all joints.
 
     Args:
         problem: As the model states its step.
@@ -58,8 +58,8 @@ def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: S
     longer = (simulator(factor, RK4) for factor in LONGER)
     found = [next((s for s in longer if _same(predictions(s), stated)), problem.simulator)]
     seen = [stated]
-    for factor, integrator in ((1.0, RK4), (SHORTER, own)):
-        other = simulator(factor, integrator)
+    for integrator in (RK4, own):
+        other = simulator(SHORTER, integrator)
         shown = predictions(other)
         if all(np.isfinite(p).all() for p in shown) and not any(_same(shown, p) for p in seen):
             found.append(other)
