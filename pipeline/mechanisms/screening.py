@@ -51,9 +51,10 @@ class _Trial:
 
     @property
     def largest_shares(self) -> tuple[float, float]:
-        """The shares of the effect at which its number is at its bounds."""
+        """The shares of the effect at which its number is at its bounds; any of a law that is not linear, whose fit
+        begins at the start even so."""
         if self._linear is None:
-            return 1.0, 1.0
+            return 0.0, np.inf
         part, low, high = self._linear
         change, here = (self.start - self.neutral)[part], self.neutral[part]
         with np.errstate(divide="ignore"):

@@ -93,7 +93,7 @@ class MechanismSearch:
         return min(float(c.fit.chi2.sum()) for c in found)
 
     def singles(self, none: Candidate) -> list[list[Candidate]]:
-        """Models of one effect that are worth it, each fitted at each level. none: without effects at the first level."""
+        """Models of one effect, of those that are worth it, fitted at each level. none: the first level's model."""
         raced = self._raced(none, MOST_FITTED)
         return [self.climb(first.fit.model, first.fit.theta, first) for first, worth in raced if worth]
 
@@ -154,7 +154,7 @@ class MechanismSearch:
         found = guesses(base.problem, base.fit, kinds, price)
         ranked = sorted((k for k in kinds if k.name in found), key=lambda k: -found[k.name][0].gain)
         enough = WORTH_FITTING * found[ranked[0].name][0].gain if ranked else 0.0
-        chosen = ranked[:most] + [k for k in ranked[most : most + EQUALS] if found[k.name][0].gain > enough]
+        chosen = [k for k in ranked[: most + EQUALS] if found[k.name][0].gain >= enough]
         return [
             (kind, guess)
             for kind in chosen

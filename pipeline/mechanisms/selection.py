@@ -104,7 +104,7 @@ def select_mechanism(
 
     found = selected(order[0])
     for other in order[1:]:
-        if found.excess_z <= UNEXPLAINED_Z and not found.chosen.effects:
+        if found.excess_z <= UNEXPLAINED_Z:
             break
         simulator = ways[other][0].simulator
         again = MechanismSearch((found.chosen.problem.simulated_by(simulator),), kinds, progress)
