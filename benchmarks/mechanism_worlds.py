@@ -1,6 +1,6 @@
 """Worlds for the blind benchmark of mechanisms: a log of a model with something hidden, and the model without it.
 
-Models: seven of dm_control's suite, an arm of three joints whose drives hold positions, and a crane with motors.
+Models: six of dm_control's suite, an arm of three joints whose drives hold positions, and a crane with motors.
 Hidden: one effect, two, or a law that no effect states. Motion: from random initial states, driven by random sums of
 sines with steps. The log is of an encoder, which rounds and has noise. MuJoCo simulates the hidden model with steps
 that are shorter than the known model's, and with its own elements for delay and lag, where the discovery changes the
@@ -26,7 +26,7 @@ from pipeline.mechanisms.mechanism import Mechanism, read_mechanism
 from pipeline.mechanisms.places import may_act, places_of
 from pipeline.mechanisms.registry import mechanism_effects
 
-SUITE = ("pendulum", "cartpole", "acrobot", "reacher", "finger", "point_mass", "ball_in_cup")
+SUITE = ("pendulum", "cartpole", "acrobot", "reacher", "finger", "point_mass")
 OWN = {
     "arm": """
 <mujoco model="arm">

@@ -75,8 +75,8 @@ def select_mechanism(
 ) -> MechanismSelection:
     """The selection for a log.
 
-    Other time steps compete with those that the model states, where they predict something else: first by the model
-    without effects, then by the chosen one.
+    Other time steps compete with those that the model states, where they predict something else: by the best model of
+    one effect.
 
     Args:
         levels: The log in windows of growing length, simulated as the model states.
@@ -93,30 +93,12 @@ def select_mechanism(
         MechanismSearch(some[first : first + 1], kinds, progress).climb(model, stated)[0] for some in ways[1:]
     ]
     searches = [MechanismSearch(some[first:], kinds, progress) for some in ways]
-    order = sorted(range(len(ways)), key=lambda k: searches[k].promise(starts[k]) if len(ways) > 1 else 0.0)
-
-    def selected(way: int) -> MechanismSelection:
-        none = MechanismSearch(ways[way][first:], kinds, progress).climb(model, stated, starts[way])
-        found = _select(ways[way][first:], none, kinds, progress)
-        shorter = ways[way][max(first - SHORTER, 0)]
-        short = MechanismSearch((shorter,), kinds, progress).climb(model, found.none.fit.theta)[0]
-        return replace(found, short=short, stated_steps=way == 0)
-
-    found = selected(order[0])
-    for other in order[1:]:
-        if found.excess_z <= UNEXPLAINED_Z:
-            break
-        simulator = ways[other][0].simulator
-        again = MechanismSearch((found.chosen.problem.simulated_by(simulator),), kinds, progress)
-        fits = [c.fit for c in (found.none, found.chosen)]
-        best = min((again.climb(f.model, f.theta, found.chosen)[0] for f in fits), key=lambda c: c.variance)
-        noise = noise_of(min(best, found.chosen, key=lambda c: c.variance))
-        if best.rescored(noise).score < found.chosen.rescored(noise).score - CLAIM:
-            second = selected(other)
-            noise = noise_of(min(second.chosen, found.chosen, key=lambda c: c.variance))
-            if second.chosen.rescored(noise).score < found.chosen.rescored(noise).score:
-                found = second
-    return found
+    way = min(range(len(ways)), key=lambda k: searches[k].promise(starts[k])) if len(ways) > 1 else 0
+    none = searches[way].climb(model, stated, starts[way])
+    found = _select(ways[way][first:], none, kinds, progress)
+    shorter = ways[way][max(first - SHORTER, 0)]
+    short = MechanismSearch((shorter,), kinds, progress).climb(model, found.none.fit.theta)[0]
+    return replace(found, short=short, stated_steps=way == 0)
 
 
 def _first_level(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from pipeline.mechanisms.kind import MechanismEffect, Place, Target, Values
@@ -13,7 +11,7 @@ FASTEST = 0.5  # of the root mean square speed: friction that is there at all sp
 
 
 def friction(values: Values, velocity: float, force: float) -> float:
-    return float(values["f"][0]) * math.exp(-((velocity / float(values["speed"][0])) ** 2))
+    return float(values["f"][0] * np.exp(-((velocity / values["speed"][0]) ** 2)))
 
 
 def sizes(place: Place) -> dict[str, float]:
