@@ -46,11 +46,12 @@ class Job:
 
 
 def jobs_of(worlds: int, seed: int, models: Sequence[str], effects: Sequence[str], folder: Path) -> list[Job]:
-    """The worlds of each effect and strength, each in a model that is drawn."""
+    """The worlds of each effect and strength, each in a model that is drawn; neighbours differ in both."""
     out: list[Job] = []
-    for _, strength in itertools.product(range(worlds), STRENGTHS):
-        for hidden in (NONE, TWO, UNLISTED, *effects):
-            number = seed + len(out)
+    strengths = list(STRENGTHS)
+    for turn in range(worlds * len(strengths)):
+        for k, hidden in enumerate((NONE, TWO, UNLISTED, *effects)):
+            number, strength = seed + len(out), strengths[(turn + k) % len(strengths)]
             order = np.random.default_rng(number).permutation(len(models))
             out.append(Job(number, tuple(models[i] for i in order), hidden, strength, str(folder)))
     return out
