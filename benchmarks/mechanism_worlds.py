@@ -1,31 +1,34 @@
 """Worlds for the blind benchmark of mechanisms: a log of a model with something hidden, and the model without it.
 
-Models: of dm_control's suite, and an arm of three joints. Motion: from random initial states, driven by random sums
-of sines with steps. The log is of an encoder, which rounds and has noise. MuJoCo simulates the hidden model with a
-quarter of the known model's time step, and with its own elements for delay and lag, where the discovery changes the
+Models: six of dm_control's suite, an arm of three joints whose drives hold positions, and a crane with motors.
+Hidden: one effect, two, or a law that no effect states. Motion: from random initial states, driven by random sums of
+sines with steps. The log is of an encoder, which rounds and has noise. MuJoCo simulates the hidden model with steps
+that are shorter than the known model's, and with its own elements for delay and lag, where the discovery changes the
 controls.
 """
 
 from __future__ import annotations
 
+import functools
 import importlib.resources
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from pipeline.mechanisms.kind import MechanismEffect, Target, Values
+from pipeline.mechanisms.held_control import held
+from pipeline.mechanisms.kind import Target, Values
 from pipeline.mechanisms.law_model import Acting
 from pipeline.mechanisms.log import ONE_CLIP, Channel, Clip, Log, Quantity
 from pipeline.mechanisms.mechanism import Mechanism, read_mechanism
 from pipeline.mechanisms.places import may_act, places_of
 from pipeline.mechanisms.registry import mechanism_effects
 
-SUITE = ("pendulum", "cartpole", "acrobot", "reacher", "finger")
-ARM = "arm"
-ARM_XML = """
+SUITE = ("pendulum", "cartpole", "acrobot", "reacher", "finger", "point_mass")
+OWN = {
+    "arm": """
 <mujoco model="arm">
   <option timestep="0.002" integrator="implicitfast"><flag contact="disable"/></option>
   <default><joint damping="0.05" armature="0.01"/><geom type="capsule" size="0.03" density="800"/></default>
@@ -44,17 +47,44 @@ ARM_XML = """
     <position name="drive_elbow" joint="elbow" kp="30" kv="2" ctrlrange="-2 2"/>
   </actuator>
 </mujoco>
-"""
-MODELS = (*SUITE, ARM)
+""",
+    "crane": """
+<mujoco model="crane">
+  <option timestep="0.002" integrator="implicitfast"><flag contact="disable"/></option>
+  <default><geom type="capsule" size="0.02" density="1000"/></default>
+  <worldbody>
+    <body name="trolley" pos="0 0 1">
+      <joint name="travel" type="slide" axis="1 0 0" damping="4"/><geom type="box" size="0.1 0.05 0.05" mass="2"/>
+      <body name="boom">
+        <joint name="swing" axis="0 1 0" damping="0.02"/><geom fromto="0 0 0 0 0 -0.5"/>
+        <body name="hook" pos="0 0 -0.5">
+          <joint name="wrist" axis="0 1 0" damping="0.01"/><geom fromto="0 0 0 0 0 -0.2"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="pull" joint="travel" gear="12" ctrlrange="-1 1"/>
+    <motor name="turn" joint="wrist" gear="0.3" ctrlrange="-1 1"/>
+  </actuator>
+</mujoco>
+""",
+}
+MODELS = (*SUITE, *OWN)
 CLIPS, SECONDS, RATE = 5, 4.0, 100.0
-FINER = 4  # steps of the hidden model in one of the known one
+STEP = 5e-4  # s, of the hidden model at most: a real mechanism has none
 TURN, WAY = 2 * np.pi / 16384, 1e-4  # steps of an encoder: of 14 bits, rad, and m
 NOISE = 1.0  # of its steps
 STRENGTHS = {"strong": 60.0, "medium": 20.0}
 """How far the effect moves the joints in a clip, root mean square, in units of the noise."""
 DRIVE = 0.7  # of the range of a control
 SPEED = 1.0  # rad/s or m/s, of initial states
+SIZING = 2  # clips in which the size of an effect is chosen
 HELD = 5  # rows for which a control is held
+NONE, TWO, UNLISTED = "none", "two effects", "unlisted"
+Law = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
+"""Time, positions (J,) and velocities (J,) of the joints -> forces on them (J,)."""
+Hidden = tuple[Acting, Values]
 
 
 @dataclass(frozen=True)
@@ -64,70 +94,115 @@ class MechanismWorld:
     Attributes:
         seed: That made it.
         model: Its name.
-        hidden: Name of the effect; "none".
-        strength: A key of `STRENGTHS`; empty for none.
-        place: On what the effect acts.
-        values: Its numbers.
+        hidden: Names of the effects; of a law that is not listed its own.
+        places: On what each acts.
+        values: Their numbers.
         mechanism: The known model.
         log: What was measured.
     """
 
     seed: int
     model: str
-    hidden: str
-    strength: str
-    place: str
-    values: Values
+    hidden: tuple[str, ...]
+    places: tuple[str, ...]
+    values: tuple[Values, ...]
     mechanism: Mechanism
     log: Log
 
 
 def model_path(name: str, folder: Path) -> Path:
-    """The file of a model; the arm is written into the folder."""
-    if name == ARM:
-        path = folder / "arm.xml"
-        path.write_text(ARM_XML)
+    """The file of a model; our own are written into the folder."""
+    if name in OWN:
+        path = folder / f"{name}.xml"
+        path.write_text(OWN[name])
         return path
     return Path(str(importlib.resources.files("dm_control.suite") / f"{name}.xml"))
 
 
 def make_world(seed: int, model: str, hidden: str, strength: str, folder: Path) -> MechanismWorld | None:
-    """The world of a seed; None where the effect cannot act in that model, or cannot move it so far.
+    """The world of a seed; None where what is hidden cannot act in that model, or cannot move it so far.
 
     Args:
         seed: Of all that is random.
         model: A name of `MODELS`.
-        hidden: Name of an effect, or "none".
-        strength: A key of `STRENGTHS`.
+        hidden: Name of an effect, `NONE`, `TWO` or `UNLISTED`.
+        strength: A key of `STRENGTHS`, of each effect alone.
         folder: For files of models.
     """
     rng = np.random.default_rng([seed, MODELS.index(model)])
     mechanism = read_mechanism(model_path(model, folder))
     controls, states = _drive(mechanism, rng), _states(mechanism, rng)
     sigma = np.array([WAY if j.slide else TURN for j in mechanism.joints]) * NOISE
-    calm = _motion(mechanism, None, controls, states)
-    if hidden == "none":
-        return MechanismWorld(seed, model, hidden, "", "", {}, mechanism, _log(mechanism, calm, controls, sigma, rng))
-    kind = mechanism_effects()[hidden]
+    calm = _motion(mechanism, (), None, controls, states)
     plain = _log(mechanism, calm, controls, sigma, rng)
-    options = [p for p in places_of(mechanism, plain)[kind.target] if may_act(kind, mechanism, plain, p)]
-    if not options:
-        return None
-    place = options[rng.integers(len(options))]
-    starts = kind.starts(place)
-    start = starts[rng.integers(len(starts))]
-    acting = Acting(kind, place)
-    low, high = 0.01, 100.0
-    for _ in range(12):  # bisection of the size
-        share = float(np.sqrt(low * high))
-        moved = _motion(mechanism, (acting, scaled(acting, start, share)), controls, states)
-        apart = np.sqrt(np.mean((np.stack(moved) - np.stack(calm)) ** 2 / sigma**2))
-        low, high = (share, high) if apart < STRENGTHS[strength] else (low, share)
-    if not 0.3 < apart / STRENGTHS[strength] < 3:
-        return None
-    values = scaled(acting, start, share)
-    log = _log(mechanism, _motion(mechanism, (acting, values), controls, states), controls, sigma, rng)
-    return MechanismWorld(seed, model, hidden, strength, place.name, values, mechanism, log)
+
+    def apart(some: Sequence[Hidden], law: Law | None) -> float:
+        moved = _motion(mechanism, some, law, controls[:SIZING], states[:SIZING])
+        return float(np.sqrt(np.mean((np.stack(moved) - np.stack(calm[:SIZING])) ** 2 / sigma**2)))
+
+    def sized(distance: Callable[[float], float]) -> float | None:
+        """The share of an effect that has the strength, by bisection."""
+        low, high = 0.01, 100.0
+        for _ in range(7):
+            share = float(np.sqrt(low * high))
+            low, high = (share, high) if distance(share) < STRENGTHS[strength] else (low, share)
+        return share if 0.3 < distance(share) / STRENGTHS[strength] < 3 else None
+
+    some: list[Hidden] = []
+    names: list[str] = []
+    numbers: list[Values] = []
+    law: Law | None = None
+    if hidden == UNLISTED:
+        name, unit = _unlisted(mechanism, plain, rng)
+        share = sized(lambda s: apart((), _times(unit, s)))
+        if share is None:
+            return None
+        law, names, numbers = _times(unit, share), [name], [{"share": np.array([share])}]
+    elif hidden != NONE:
+        kinds = list(mechanism_effects()) if hidden == TWO else [hidden]
+        for name in rng.permutation(kinds)[: 2 if hidden == TWO else 1].tolist():
+            kind = mechanism_effects()[name]
+            options = [p for p in places_of(mechanism, plain)[kind.target] if may_act(kind, mechanism, plain, p)]
+            if not options:
+                return None
+            place = options[rng.integers(len(options))]
+            starts = kind.starts(place)
+            start, acting = starts[int(rng.integers(len(starts)))], Acting(kind, place)
+            law_of = functools.partial(scaled, acting, start)
+            share = sized(lambda s: apart([(acting, law_of(s))], None))  # noqa: B023
+            if share is None:
+                return None
+            some.append((acting, law_of(share)))
+        names, numbers = [a.kind.name for a, _ in some], [values for _, values in some]
+    log = _log(mechanism, _motion(mechanism, some, law, controls, states), controls, sigma, rng)
+    places = tuple(a.place.name for a, _ in some)
+    return MechanismWorld(seed, model, tuple(names), places, tuple(numbers), mechanism, log)
+
+
+def _unlisted(mechanism: Mechanism, log: Log, rng: np.random.Generator) -> tuple[str, Law]:
+    """Name of a law that no effect states, and the law, at one joint or between two.
+
+    Ripple: a force that repeats along the joint, as of a motor's magnets. Shaking: a force of an unseen machine that
+    repeats in time. Gyration: each of two joints is pushed by the other's speed, without loss.
+    """
+    places = places_of(mechanism, log)[Target.JOINT]
+    k, phase = int(rng.integers(len(places))), rng.uniform(0, 2 * np.pi)
+    place, other = places[k], int((k + 1) % len(places))
+    size, push = place.torque, np.eye(len(places))[k]
+    waves = 2 * np.pi * 3 / place.spread
+    laws: dict[str, Law] = {
+        "ripple": lambda t, q, v: size * push * np.sin(waves * q[k] + phase),
+        "shaking": lambda t, q, v: size * push * np.sin(2 * np.pi * 1.3 * t + phase),
+    }
+    if other != k:
+        way = np.eye(len(places))[other]
+        laws["gyration"] = lambda t, q, v: size / places[other].speed * (push * v[other] - way * v[k])
+    name = sorted(laws)[rng.integers(len(laws))]
+    return name, laws[name]
+
+
+def _times(law: Law, share: float) -> Law:
+    return lambda t, q, v: share * law(t, q, v)
 
 
 def scaled(acting: Acting, start: Values, share: float) -> Values:
@@ -181,22 +256,22 @@ def _states(mechanism: Mechanism, rng: np.random.Generator) -> list[tuple[np.nda
 
 def _motion(
     mechanism: Mechanism,
-    hidden: tuple[Acting, Values] | None,
+    hidden: Sequence[Hidden],
+    law: Law | None,
     controls: Sequence[np.ndarray],
     states: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> list[np.ndarray]:
     """Positions of the joints in each clip, (T, joints), as their sensors show them."""
     spec = mechanism.physics.copy()
-    spec.option.timestep /= FINER
-    kind, values, place = None, {}, None
-    if hidden is not None:
-        kind, values, place = hidden[0].kind, hidden[1], hidden[0].place
-        if kind.edit is not None:
-            kind.edit(spec, place.name, values)
+    spec.option.timestep = min(spec.option.timestep / 4, STEP)
+    for acting, values in hidden:
+        if acting.kind.edit is not None:
+            acting.kind.edit(spec, acting.place.name, values)
     model = spec.compile()
-    clock = kind.clock(values) if kind is not None and kind.clock is not None else 1.0
-    lag = kind.sensor_lag(values) if kind is not None and kind.sensor_lag is not None else 0.0
-    columns = [j.position for j in mechanism.joints]
+    clock = float(np.prod([a.kind.clock(v) for a, v in hidden if a.kind.clock is not None]))
+    columns, speeds = [j.position for j in mechanism.joints], [j.velocity for j in mechanism.joints]
+    own = model.dof_frictionloss.copy()
+    rubbing = [(a.kind.friction, v, mechanism.joint(a.place.name).velocity) for a, v in hidden if a.kind.friction]
     out = []
     for u, (position, velocity) in zip(controls, states, strict=True):
         data = mujoco.MjData(model)
@@ -204,31 +279,28 @@ def _motion(
         if model.na:
             data.act[:] = u[0, : model.na]
         path, count = [data.qpos[columns].copy()], int(np.ceil(SECONDS / clock / model.opt.timestep)) + 1
+        times = np.arange(count + 1) * model.opt.timestep * clock
+        commands = [held(np.arange(len(u)) / RATE, x, times) for x in u.T]
         for k in range(count):
-            row = int((k * model.opt.timestep * clock + 1e-9) * RATE)
-            data.ctrl[:] = u[min(row, len(u) - 1)]
-            if kind is not None and kind.friction is not None and place is not None:
-                _rub(model, data, kind, values, mechanism.joint(place.name).velocity)
+            data.ctrl[:] = [x[k] for x in commands]
+            for friction, values, dof in rubbing:
+                rubbed = friction(values, float(data.qvel[dof]), float(data.qfrc_actuator[dof]))
+                model.dof_frictionloss[dof] = own[dof] + rubbed
+            if law is not None:
+                data.qfrc_applied[speeds] = law(data.time, data.qpos[columns], data.qvel[speeds])
             mujoco.mj_step(model, data)
             path.append(data.qpos[columns].copy())
-        at, grid = np.arange(len(u)) / RATE / clock, np.arange(len(path)) * model.opt.timestep
-        seen = np.stack(
-            [
-                np.interp(at - (lag if place is not None and j.name == place.name else 0.0), grid, x)
-                for j, x in zip(mechanism.joints, np.array(path).T, strict=True)
-            ],
-            1,
-        )
-        if kind is not None and kind.measured is not None and place is not None:
-            c = [j.name for j in mechanism.joints].index(place.name)
-            seen[:, c] = kind.measured(values, seen[:, c])
+        at, grid, moved = np.arange(len(u)) / RATE / clock, np.arange(len(path)) * model.opt.timestep, np.array(path)
+        seen = np.empty((len(u), len(columns)))
+        for c, joint in enumerate(mechanism.joints):
+            mine = [(a.kind, v) for a, v in hidden if a.place.name == joint.name]
+            late = sum(kind.sensor_lag(v) for kind, v in mine if kind.sensor_lag is not None)
+            seen[:, c] = np.interp(at - late, grid, moved[:, c])
+            for kind, values in mine:
+                if kind.measured is not None:
+                    seen[:, c] = kind.measured(values, seen[:, c])
         out.append(seen)
     return out
-
-
-def _rub(model: mujoco.MjModel, data: mujoco.MjData, kind: MechanismEffect, values: Values, dof: int) -> None:
-    assert kind.friction is not None
-    model.dof_frictionloss[dof] = kind.friction(values, float(data.qvel[dof]), float(data.qfrc_actuator[dof]))
 
 
 def _log(

@@ -3,13 +3,15 @@
     python -m benchmarks.mechanisms [--worlds 1] [--seed 700] [--models pendulum,arm] [--effects ...] [--out FOLDER]
 
 Worlds: benchmarks/mechanism_worlds.py, of each effect and strength in a model that is drawn, and as many with nothing
-hidden as of an effect. An answer is right where the hidden effect alone is named, or stands in a set of at most three
-that these data cannot tell apart. A stopped run goes on from its answers.
+hidden, with two effects, and with a law that is not listed. An answer is right where all that is hidden is named, and
+nothing else; an effect may stand in a set of at most three that these data cannot tell apart. Of a law that is not
+listed the right answer is "unknown". A stopped run goes on from its answers, and has about as many of each row.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -20,14 +22,13 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.kept_answers import Answer, answers_of, kept_answers, kept_folder
-from benchmarks.mechanism_worlds import MODELS, STRENGTHS, make_world
+from benchmarks.mechanism_worlds import MODELS, NONE, STRENGTHS, TWO, UNLISTED, make_world
 from benchmarks.result_files import write_results
 from pipeline.evaluation.markdown import markdown
 from pipeline.mechanisms.discovery import discover_mechanism
 from pipeline.mechanisms.registry import mechanism_effects
 
 FIRST_SEED = 700
-NONE = "none"
 HELD_OUT = 0.3
 MOST_ALIKE = 3  # effects in a set that counts as right
 RESULTS = Path(__file__).parent / "results" / "mechanisms"
@@ -45,20 +46,21 @@ class Job:
 
 
 def jobs_of(worlds: int, seed: int, models: Sequence[str], effects: Sequence[str], folder: Path) -> list[Job]:
-    """The worlds of each effect and strength, each in a model that is drawn."""
-    out = []
-    for _ in range(worlds):
-        for hidden in (NONE, *effects):
-            for strength in STRENGTHS if hidden != NONE else ("",):
-                number = seed + len(out)
-                order = np.random.default_rng(number).permutation(len(models))
-                out.append(Job(number, tuple(models[i] for i in order), hidden, strength, str(folder)))
+    """The worlds of each effect and strength, each in a model that is drawn; neighbours differ in both."""
+    out: list[Job] = []
+    strengths = list(STRENGTHS)
+    for turn in range(worlds * len(strengths)):
+        for k, hidden in enumerate((NONE, TWO, UNLISTED, *effects)):
+            number, strength = seed + len(out), strengths[(turn + k) % len(strengths)]
+            order = np.random.default_rng(number).permutation(len(models))
+            out.append(Job(number, tuple(models[i] for i in order), hidden, strength, str(folder)))
     return out
 
 
 def answer(job: Job) -> Answer:
     """The verdict on a world; `right` is None where the effect can act in none of the models."""
-    out: Answer = {"seed": job.seed, "hidden": job.hidden, "strength": job.strength, "right": None}
+    strength = "" if job.hidden == NONE else job.strength
+    out: Answer = {"seed": job.seed, "hidden": job.hidden, "strength": strength, "right": None}
     for model in job.models:
         world = make_world(job.seed, model, job.hidden, job.strength, Path(job.folder))
         if world is None:
@@ -69,24 +71,30 @@ def answer(job: Job) -> Answer:
         verdict, gap = found.verdict, found.gap
         return out | {
             "model": model,
-            "place": world.place,
-            "values": {k: np.asarray(v).tolist() for k, v in world.values.items()},
+            "laws": list(world.hidden),
+            "places": list(world.places),
+            "values": [{k: np.asarray(v).tolist() for k, v in values.items()} for values in world.values],
             "effects": list(verdict.effects),
             "equivalent": [list(s) for s in verdict.equivalent],
             "confidence": verdict.confidence,
-            "right": is_right(job.hidden, verdict.effects, verdict.equivalent),
+            "right": is_right(
+                ("unknown",) if job.hidden == UNLISTED else world.hidden, verdict.effects, verdict.equivalent
+            ),
             "gap": [gap.before, gap.after, gap.noise_floor],
             "seconds": time.process_time() - begin,
         }
     return out
 
 
-def is_right(hidden: str, named: Sequence[str], equivalent: Sequence[Sequence[str]]) -> bool:
-    """Whether a verdict names what is hidden, alone or in a small set."""
-    if hidden == NONE:
-        return not named
+def is_right(truth: Sequence[str], named: Sequence[str], equivalent: Sequence[Sequence[str]]) -> bool:
+    """Whether a verdict names what is hidden and nothing else, each effect itself or in a small set."""
     sets = [s for s in equivalent if len(s) <= MOST_ALIKE]
-    return len(named) == 1 and (named[0] == hidden or any(hidden in s and named[0] in s for s in sets))
+
+    def stands(name: str, true: str) -> bool:
+        return name == true or any({name, true} <= set(s) for s in sets)
+
+    pairings = (zip(order, truth, strict=False) for order in itertools.permutations(named))
+    return len(named) == len(truth) and any(all(stands(n, t) for n, t in pairs) for pairs in pairings)
 
 
 def summary(answers: Sequence[Answer]) -> str:
@@ -125,9 +133,9 @@ def main() -> None:
     a = parser.parse_args()
     with kept_folder(a.out) as folder:
         path = folder / "answers.jsonl"
-        done = {(x["seed"], x["hidden"], x["strength"]) for x in kept_answers(path)}
+        done = {x["seed"] for x in kept_answers(path)}
         jobs = jobs_of(a.worlds, a.seed, a.models.split(","), a.effects.split(","), folder)
-        left = [j for j in jobs if (j.seed, j.hidden, j.strength) not in done]
+        left = [j for j in jobs if j.seed not in done]
         for _ in tqdm(answers_of(answer, left, path, a.workers, a.minutes), total=len(left), unit="world"):
             pass
         text = summary(kept_answers(path))

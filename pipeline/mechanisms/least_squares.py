@@ -108,7 +108,7 @@ def fit(
         normal, gradient = np.diag(prior), -prior * (theta - centre)
         parts = []
         for w, (r, jl, jg) in enumerate(zip(residual, kept, shared, strict=True)):
-            inverse = np.linalg.inv(jl @ jl.T + np.diag(problem.prior))
+            inverse = problem.state_covariance(jl)
             cross, mine = jl @ jg.T, jl @ r
             parts.append((inverse, cross, mine))
             if problem.chosen[w]:

@@ -119,6 +119,11 @@ class Problem:
                 sigma[nv + joint.velocity] = WIDE * self.scales[nv + joint.velocity]
         return np.asarray(1 / sigma**2)
 
+    def state_covariance(self, own: np.ndarray) -> np.ndarray:
+        """Covariance (L, L) of an initial state, from derivatives by it (L, numbers), which may be any where the motion
+        diverges."""
+        return np.linalg.pinv(own @ own.T + np.diag(self.prior), hermitian=True)
+
     @cached_property
     def clips(self) -> dict[str, list[str]]:
         """Names of the fitted and of the held-out clips."""

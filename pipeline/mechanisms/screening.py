@@ -51,9 +51,10 @@ class _Trial:
 
     @property
     def largest_shares(self) -> tuple[float, float]:
-        """The shares of the effect at which its number is at its bounds."""
+        """The shares of the effect at which its number is at its bounds; any of a law that is not linear, whose fit
+        begins at the start even so."""
         if self._linear is None:
-            return 1.0, 1.0
+            return 0.0, np.inf
         part, low, high = self._linear
         change, here = (self.start - self.neutral)[part], self.neutral[part]
         with np.errstate(divide="ignore"):
@@ -171,7 +172,7 @@ def _projected(problem: Problem, found: Fit, trials: Sequence[_Trial]) -> tuple[
     bases = {}
     for w in windows:
         jl = found.own[w]
-        inverse = np.linalg.inv(jl @ jl.T + np.diag(problem.prior))
+        inverse = problem.state_covariance(jl)
         bases[w] = (jl, inverse)
         jg, r = _without(bases[w], shared[w]), found.residual[w]
         normal, pull = normal + jg @ shared[w].T, pull + jg @ r

@@ -175,17 +175,18 @@ class Simulator:
         controls = self._controls(window, variant, count) if model.nu else np.zeros((count, 0))
         path, sensed = np.empty((count + 1, len(begin))), np.empty((count, model.nsensordata))
         path[0] = begin
-        laws = [(d, v, law, float(model.dof_frictionloss[d])) for d, v, law in variant.frictions]
+        loss, speed, force = model.dof_frictionloss, data.qvel, data.qfrc_actuator  # views: each access makes one
+        ctrl, sensors = data.ctrl, data.sensordata
+        laws = [(d, v, law, float(loss[d])) for d, v, law in variant.frictions]
         for k in range(count):
-            if model.nu:
-                data.ctrl[:] = controls[k]
+            ctrl[:] = controls[k]
             for d, values, law, own in laws:
-                model.dof_frictionloss[d] = own + law(values, float(data.qvel[d]), float(data.qfrc_actuator[d]))
+                loss[d] = own + law(values, float(speed[d]), float(force[d]))
             mujoco.mj_step(model, data)
-            sensed[k] = data.sensordata
+            sensed[k] = sensors
             mujoco.mj_getState(model, data, path[k + 1], FULL)
         for d, _, _, own in laws:
-            model.dof_frictionloss[d] = own
+            loss[d] = own
         return path, sensed
 
     def _measured(self, window: Window, variant: Variant, path: np.ndarray, sensed: np.ndarray) -> np.ndarray:
