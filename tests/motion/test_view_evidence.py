@@ -17,9 +17,7 @@ def arcs(*rows: tuple[float, float, float, float], sigma: float = 20.0) -> Movin
     slope = (slope + 90) % 180 - 90
     count = len(table)
     path = 0.5 * np.linalg.norm(velocity, axis=1)
-    return Moving(
-        velocity, acceleration, np.full(count, sigma), path, slope, np.full(count, 0.5), np.full(count, 15.0)
-    )
+    return Moving(velocity, acceleration, np.full(count, sigma), path, slope, np.full(count, 0.5), np.full(count, 15.0))
 
 
 def likeliest(moving: Moving, growing: Growing = STILL) -> str:
