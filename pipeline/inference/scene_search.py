@@ -43,17 +43,18 @@ def clip_evaluator(
         pictures: (F, h, w, 3) uint8 of every frame, of any size; None where they are not known.
         shape_prior: (M, 3) probability of each of `BASIC_SHAPES` by the network for shapes; None: not known.
     """
-    seen = schedule.frames
+    seen, compared = schedule.frames, masks[schedule.pairs[:, 0]]
+    count = int(compared.max(initial=0))  # bodies with higher ids are in none of these frames
     outlines = ClipOutlines(
         masks[:seen],
         schedule.times,
-        int(masks.max(initial=0)),
+        count,
         None if pictures is None else pictures[:seen],
-        shape_prior,
+        None if shape_prior is None else shape_prior[:count],
     )
     between = flow[: schedule.model_frames] / schedule.pair_scale.astype(np.float32)[:, None, None, None]
     rigid = outlines.rigid_flow(between, schedule.pairs)
-    target = make_target(masks[schedule.pairs[:, 0]], rigid, *size, outlines.flow_errors)
+    target = make_target(compared, rigid, *size, outlines.flow_errors)
     return Evaluator(target, schedule, threads, outlines)
 
 

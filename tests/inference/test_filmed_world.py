@@ -13,7 +13,7 @@ from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, 
 from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, seen_as, with_forecast, with_scene
 from pipeline.inference.find_scenes import from_tracks
 from pipeline.inference.measured_clip import MeasuredClip
-from pipeline.inference.scene_search import clip_evaluator
+from pipeline.inference.scene_search import clip_evaluator, search_clip
 from pipeline.inference.trust import Forecast, fitted_frames, grade, gravity_doubt
 from pipeline.motion.image_track import image_tracks
 from pipeline.perception.user_clip import UserClip
@@ -90,6 +90,20 @@ def test_where_the_likeliest_view_does_not_explain_a_clip_the_others_are_tried(t
     assert method.overlap.sequence > 0.7
     asked, _ = from_tracks(wrong, evaluator, clip, World(view="top"), searched=False)
     assert asked.motion.view.kind == "top"
+
+
+def test_a_body_that_the_compared_frames_do_not_show_does_not_stop_a_search() -> None:
+    other = replace(THROW.objects[0], position=(0.8, 0.5, -0.2), velocity=(-1.0, 0, 3.0))
+    two = replace(THROW, objects=(*THROW.objects, other))
+    masks = clip_of(two).masks
+    compared = masks[SCHEDULE.pairs[:, 0]]
+    compared[compared == 2] = 0
+    masks[SCHEDULE.pairs[:, 0]] = compared
+    assert 2 in masks
+    flow = np.zeros((SCHEDULE.model_frames, 320, 480, 2), np.float32)
+    evaluator = clip_evaluator(masks, flow, SCHEDULE, (120, 80), 1)
+    found = search_clip(evaluator, [two], 200, np.random.default_rng(0))
+    assert found.result.iou > 0.3
 
 
 def test_a_known_size_gives_the_scale(throw: UserClip) -> None:
