@@ -280,7 +280,7 @@ def row(clip: DrawnClip, found: Inference, video: Path, seconds: float) -> tuple
     """A row of the table, and the IoU with the drawn outlines."""
     kinds = "+".join(sorted(shape for _, shape in clip.objects))
     iou = drawn_iou(clip, found, video)
-    view, true = found.scenes.filmed.motion.view.kind, CLIPS[Path(clip.clip).stem].view
+    view, true = found.scenes.view.kind, CLIPS[Path(clip.clip).stem].view
     seen_right = view == true or {view, true} == {"side", "flight"}
     marks = f"{'' if found.scene.composition == kinds else 'not '}{kinds}", f"{'' if seen_right else 'not '}{true}"
     begin, end = fitted_stretch(found)

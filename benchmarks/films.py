@@ -91,7 +91,7 @@ def outcome(suite: str, seed: int, index: int, search: int) -> Outcome:
     return Outcome(
         **of,
         found_bodies=len(found.scene.objects),
-        view=found.scenes.filmed.motion.view.kind,
+        view=found.scenes.view.kind,
         iou=round(iou, 3),
         grade=found.grade.name,
         by=found.best.name,

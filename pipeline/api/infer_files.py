@@ -148,7 +148,7 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
     sampling, shown = found.scenes.sampling, found.base.input
     assert shown is not None
     search = None if found.scenes.searched is None else found.scenes.searched.result
-    motion, ahead = found.scenes.filmed.motion, found.scenes.forecast
+    motion, view, ahead = found.scenes.filmed.motion, found.scenes.view, found.scenes.forecast
     turn = motion.plane.tilt
     return {
         "clip": found.name,
@@ -163,15 +163,13 @@ def _result(found: Inference, run: Replay, renderer: str, seconds: dict[str, flo
             "constant_velocity_iou": _number(ahead.constant_velocity_iou),
         },
         "view": {
-            "kind": motion.view.kind,
-            "reason": motion.view.reason,
-            "slope_deg": _number(motion.view.slope_deg),
-            "roll_deg": _number(motion.view.roll_deg),
+            "kind": view.kind,
+            "reason": view.reason,
+            "slope_deg": _number(view.slope_deg),
+            "roll_deg": _number(view.roll_deg),
             "pitch_deg": 0.0 if turn is None else _number(-np.degrees(turn.pitch)),
             "yaw_deg": 0.0 if turn is None else _number(np.degrees(turn.yaw)),
-            "gravity_px_per_s2": None
-            if motion.view.gravity_px is None
-            else [_number(v) for v in motion.view.gravity_px],
+            "gravity_px_per_s2": None if view.gravity_px is None else [_number(v) for v in view.gravity_px],
             "px_per_m": _number(found.scenes.filmed.answer.scale.px_per_m) if found.scenes.filmed.answer else None,
         },
         "joints": found.joints,

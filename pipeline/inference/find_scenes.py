@@ -10,7 +10,7 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -27,6 +27,7 @@ from pipeline.inference.method import (
     answer_method,
     best_of,
     is_ambiguous,
+    level_view,
     search_method,
     settled,
     tracks_method,
@@ -42,7 +43,7 @@ from pipeline.inference.scene_search import (
     search_forecast,
 )
 from pipeline.inference.trust import Forecast
-from pipeline.motion.view import CLOSE, PLAUSIBLE, VIEWS
+from pipeline.motion.view import CLOSE, LEVEL, PLAUSIBLE, VIEWS, View
 from pipeline.search.best_of_k import rank
 from pipeline.search.certainty import Certainty
 from pipeline.search.evaluator import Evaluator, Rewards
@@ -100,6 +101,16 @@ class FoundScenes:
     def best(self) -> Method:
         """The method of the most merit."""
         return best_of(self.methods)
+
+    @property
+    def view(self) -> View:
+        """The view of the best scene: of the tracks, or of the camera where another scene on a level ground is better."""
+        told = self.filmed.motion.view
+        if self.best.name == TRACKS or told.kind not in LEVEL or self.filmed.followed.world.view is not None:
+            return told
+        kind = level_view(self.best.scene)
+        reason = f"so the best scene is seen; the tracks alone tell of {told.kind}"
+        return told if kind == told.kind else replace(told, kind=kind, reason=reason)
 
     @cached_property
     def forecast(self) -> Forecast | None:
@@ -197,14 +208,12 @@ def find_scenes(
             if filmed.answer is not before:  # fitted again from the scene of the first part
                 again = _tracks_method(filmed, evaluator, clip, world, budget.simulations > 0)
                 methods = [again if m.name == TRACKS and again is not None else m for m in methods]
-    if filmed.motion.view.kind != told.kind:
-        progress.say("view", f"{filmed.motion.view.kind}: {filmed.motion.view.reason}")
     best = best_of(methods)
     certain: tuple[Certainty, ...] = ()
     if searched is not None:
-        found = best.scene is searched.result.scene
-        certain = searched.certainties if found else scene_certainties(evaluator, best.scene)[1]
-    return FoundScenes(
+        own = best.scene is searched.result.scene
+        certain = searched.certainties if own else scene_certainties(evaluator, best.scene)[1]
+    found = FoundScenes(
         answers=tuple(answers),
         sampling=sampling,
         rewards=ranking.rewards,
@@ -226,6 +235,9 @@ def find_scenes(
         ),
         certainties=certain,
     )
+    if found.view.kind != told.kind:
+        progress.say("view", f"{found.view.kind}: {found.view.reason}")
+    return found
 
 
 def from_tracks(

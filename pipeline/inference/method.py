@@ -15,10 +15,12 @@ from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.scene_search import ClipSearch
 from pipeline.metrics.overlap import Overlap, overlap
 from pipeline.motion.view import CLOSE, View
+from pipeline.motion.view_evidence import STEEP_DEG
 from pipeline.planar.find_planar_scene import PlanarAnswer
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
 from pipeline.search.evaluator import Evaluator, Rewards
+from pipeline.vision.rendering.camera import pinhole
 
 if TYPE_CHECKING:
     from pipeline.inference.answers import Answer
@@ -100,6 +102,14 @@ def steady_line_doubt(view: View, world: World) -> str | None:
         "bodies move along one line at a steady speed: they may be seen from above, or sink steadily and be seen from "
         "aside; the clip does not tell, --view top or --view side does"
     )
+
+
+def level_view(scene: Scene) -> str:
+    """From where the camera of a scene on a level ground looks: "top", "side", or "table" from above and aside."""
+    assert scene.camera is not None
+    down = float(np.degrees(np.arcsin(pinhole(scene.camera).rotation_world[2, 2])))
+    off_vertical = 90 - down
+    return "top" if down > STEEP_DEG else "side" if off_vertical > STEEP_DEG else "table"
 
 
 def is_ambiguous(view: View, world: World) -> bool:

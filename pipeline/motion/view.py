@@ -27,6 +27,7 @@ from pipeline.motion.view_evidence import (
 )
 
 VIEWS = ("table", "side", "incline", "flight", "top", "hanging")
+LEVEL = ("table", "side", "top")  # views of a level ground
 UPRIGHT = ("side", "incline", "flight")  # views in which bodies move in an upright plane
 CLOSE, PLAUSIBLE = 20.0, 1e4  # times less likely: a view may as well be this one; is worth a fit where none explains
 SIGNIFICANT = 4.0  # standard errors from which an acceleration, or a jump of the velocity, counts

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pipeline.inference.filmed_world import World
-from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, Method, best_of, is_ambiguous, settled
+from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, Method, best_of, is_ambiguous, level_view, settled
 from pipeline.metrics.overlap import Overlap
 from pipeline.motion.arcs import Arc
 from pipeline.motion.view import ArcMotion, View
-from pipeline.scene.scene import Scene
+from pipeline.scene.scene import Camera, Scene, SceneObject
 
 
 def method(name: str, iou: float, epe_frame: float = 0.1) -> Method:
@@ -57,3 +57,9 @@ def test_a_table_that_is_nearly_as_likely_leaves_the_view_open() -> None:
     assert not is_ambiguous(view("top", 30.0, far), World())
     assert not is_ambiguous(view("top", 30.0, near), World(view="top"))
     assert not is_ambiguous(view("top", 30.0, near), World.of(length=(0, 0, 10, 0, 1.0)))
+
+
+@pytest.mark.parametrize(("down", "kind"), [(0.0, "side"), (30.0, "table"), (88.0, "top")])
+def test_the_camera_tells_how_a_level_ground_is_seen(down: float, kind: str) -> None:
+    ball = SceneObject("sphere", (0.1,), 1.0)
+    assert level_view(Scene((ball,), Camera((0, -1, 1), 40.0, pitch=-down))) == kind
