@@ -104,7 +104,7 @@ class FoundScenes:
 
     @property
     def view(self) -> View:
-        """The view of the best scene: of the tracks, or of its camera where another scene on a level ground is better."""
+        """The view of the best scene: that of the tracks, or of its camera where the scene is not from them."""
         told = self.filmed.motion.view
         if self.best.name == TRACKS or told.kind not in LEVEL or self.filmed.followed.world.view is not None:
             return told
