@@ -51,10 +51,9 @@ class _Trial:
 
     @property
     def largest_shares(self) -> tuple[float, float]:
-        """The shares of the effect at which its number is at its bounds; any of a law that is not linear, whose fit
-        begins at the start even so."""
+        """The shares of the effect at which its number is at its bounds."""
         if self._linear is None:
-            return 0.0, np.inf
+            return 1.0, 1.0
         part, low, high = self._linear
         change, here = (self.start - self.neutral)[part], self.neutral[part]
         with np.errstate(divide="ignore"):

@@ -61,17 +61,20 @@ class MechanismSearch:
         """The search with other noise. none: the model without effects."""
         return replace(self, noise=noise, whole=none.variance)
 
-    def climb(self, model: LawModel, theta: np.ndarray, begin: Candidate | None = None) -> list[Candidate]:
+    def climb(
+        self, model: LawModel, theta: np.ndarray, begin: Candidate | None = None, *, rounds: int | None = None
+    ) -> list[Candidate]:
         """A model fitted at each level, one after the other.
 
         Args:
             model: Of the mechanism.
             theta: (G,) where the fit begins.
             begin: A model of the first level whose states and derivatives serve as a start.
+            rounds: Iterations at each level; None: few, and at the last one as many as are needed.
         """
         out: list[Candidate] = []
         for k, problem in enumerate(self.levels):
-            most = MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS
+            most = rounds or (MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS)
             if k == 0 and begin is not None:
                 found = fit(problem, model, theta, begin.fit.states, begin.fit.own, iterations=most)
             else:
@@ -83,19 +86,12 @@ class MechanismSearch:
             out.append(Candidate(problem, found, self.noise))
         return out
 
-    def promise(self, none: Candidate) -> float:
-        """The least chi squared that a model of one effect has after a few iterations, or the one without effects.
-
-        Laws that change at each step of the simulation take long, and are left out.
-        """
-        quick = replace(self, kinds=tuple(kind for kind in self.kinds if kind.friction is None))
-        found = [none, *(c for c, _ in quick._raced(none, 1))]
-        return min(float(c.fit.chi2.sum()) for c in found)
-
     def singles(self, none: Candidate) -> list[list[Candidate]]:
-        """Models of one effect, of those that are worth it, fitted at each level. none: the first level's model."""
-        raced = self._raced(none, MOST_FITTED)
-        return [self.climb(first.fit.model, first.fit.theta, first) for first, worth in raced if worth]
+        """Models of one effect, each fitted at each level. none: the model without effects at the first level."""
+        return [
+            self.climb(first.fit.model, first.fit.theta, first, rounds=None if worth else RACE_ITERATIONS)
+            for first, worth in self._raced(none, MOST_FITTED)
+        ]
 
     def longer(self, base: Candidate) -> list[Candidate]:
         """`base` with one effect more, the best first."""
@@ -154,7 +150,7 @@ class MechanismSearch:
         found = guesses(base.problem, base.fit, kinds, price)
         ranked = sorted((k for k in kinds if k.name in found), key=lambda k: -found[k.name][0].gain)
         enough = WORTH_FITTING * found[ranked[0].name][0].gain if ranked else 0.0
-        chosen = [k for k in ranked[: most + EQUALS] if found[k.name][0].gain >= enough]
+        chosen = ranked[:most] + [k for k in ranked[most : most + EQUALS] if found[k.name][0].gain > enough]
         return [
             (kind, guess)
             for kind in chosen

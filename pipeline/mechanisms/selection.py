@@ -75,8 +75,8 @@ def select_mechanism(
 ) -> MechanismSelection:
     """The selection for a log.
 
-    Other time steps compete with those that the model states, where they predict something else: by the best model of
-    one effect.
+    Other time steps compete with those that the model states, where they predict something else: first by the model
+    without effects, then by the chosen one.
 
     Args:
         levels: The log in windows of growing length, simulated as the model states.
@@ -92,13 +92,28 @@ def select_mechanism(
     starts = [followed] + [
         MechanismSearch(some[first : first + 1], kinds, progress).climb(model, stated)[0] for some in ways[1:]
     ]
-    searches = [MechanismSearch(some[first:], kinds, progress) for some in ways]
-    way = min(range(len(ways)), key=lambda k: searches[k].promise(starts[k])) if len(ways) > 1 else 0
-    none = searches[way].climb(model, stated, starts[way])
-    found = _select(ways[way][first:], none, kinds, progress)
-    shorter = ways[way][max(first - SHORTER, 0)]
-    short = MechanismSearch((shorter,), kinds, progress).climb(model, found.none.fit.theta)[0]
-    return replace(found, short=short, stated_steps=way == 0)
+    order = sorted(range(len(ways)), key=lambda k: starts[k].fit.chi2.sum())
+
+    def selected(way: int) -> MechanismSelection:
+        none = MechanismSearch(ways[way][first:], kinds, progress).climb(model, stated, starts[way])
+        found = _select(ways[way][first:], none, kinds, progress)
+        shorter = ways[way][max(first - SHORTER, 0)]
+        short = MechanismSearch((shorter,), kinds, progress).climb(model, found.none.fit.theta)[0]
+        return replace(found, short=short, stated_steps=way == 0)
+
+    found = selected(order[0])
+    for other in order[1:]:
+        if found.excess_z <= UNEXPLAINED_Z and not found.chosen.effects:
+            break
+        simulator = ways[other][0].simulator
+        again = MechanismSearch((found.chosen.problem.simulated_by(simulator),), kinds, progress, found.noise)
+        fits = [c.fit for c in (found.none, found.chosen)]
+        best = min(again.climb(f.model, f.theta, found.chosen)[0].score for f in fits)
+        if best < found.chosen.score - CLAIM:
+            second = selected(other)
+            if second.chosen.rescored(second.noise).score < found.chosen.rescored(second.noise).score:
+                found = second
+    return found
 
 
 def _first_level(
@@ -108,9 +123,7 @@ def _first_level(
     kinds: tuple[MechanismEffect, ...],
     progress: Callable[[str], None],
 ) -> tuple[int, Candidate]:
-    """The level below the longest windows in which the model without effects stays near the motion, and its fit there.
-
-    In shorter windows fits are nearer to linear.
+    """The level with the longest windows in which the model without effects stays near the motion, and its fit there.
 
     Args:
         levels: The log in windows of growing length.
@@ -121,9 +134,8 @@ def _first_level(
     """
     for level in reversed(range(len(levels))):
         (found,) = MechanismSearch((levels[level],), kinds, progress).climb(model, stated)
-        if found.follows and level:
-            (found,) = MechanismSearch((levels[level - 1],), kinds, progress).climb(model, stated)
-            return level - 1, found
+        if found.follows:
+            return level, found
     return 0, found
 
 
@@ -141,11 +153,12 @@ def _select(
         kinds: The effects that may be named.
         progress: Called with the name of each effect that is fitted.
     """
-    search = MechanismSearch(tuple(levels), kinds, progress)
-    climbs = search.singles(none[0])
-    last = _longest(none, climbs)
-    search = MechanismSearch(tuple(levels[: last + 1]), kinds, progress)
-    base, fitted = none[last], [climb[last] for climb in climbs]
+    first = max((k for k, c in enumerate(none) if c.follows), default=0)
+    search = MechanismSearch(tuple(levels[first:]), kinds, progress)
+    climbs = search.singles(none[first])
+    last = _longest(none[first:], climbs)
+    search = MechanismSearch(tuple(levels[first : first + last + 1]), kinds, progress)
+    base, fitted = none[first + last], [climb[last] for climb in climbs]
     best = min([base, *fitted], key=lambda c: c.fit.chi2.sum())
     noise = noise_of(best)
     for _ in range(ROUNDS):
