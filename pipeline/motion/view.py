@@ -19,9 +19,8 @@ from pipeline.motion.view_evidence import (
     LEVEL_DEG,
     LINE_DEG,
     OUTLINES,
-    SIZE_ERROR,
     STEEP_DEG,
-    Growing,
+    Growth,
     Moving,
     view_costs,
 )
@@ -158,23 +157,6 @@ def describe_arc(arc: Arc, radius: float, fastest: float, roll_deg: float = 0.0)
     return ArcMotion(arc, "other" if bends and sagitta > STRAIGHT * path else "straight", path, slope)
 
 
-@dataclass(frozen=True)
-class Growth:
-    """How much larger bodies are lower in the picture.
-
-    Attributes:
-        slope: 1/px, of the logarithm of the radius against the way down.
-        error: 1/px, its standard error; infinite where bodies do not move down or up.
-        way: px, the largest way down or up that one body makes.
-        spread: Of the logarithms of radii about that.
-    """
-
-    slope: float
-    error: float
-    way: float
-    spread: float
-
-
 def growth(tracks: Sequence[ImageTrack]) -> Growth:
     """How much larger the bodies of tracks are lower in the picture."""
     x, y, ways = [], [], [0.0]
@@ -229,7 +211,7 @@ def find_view(
     if all(m.kind == "rest" for m in _described(tracks, arcs, roll_deg)):
         view = _seen_as("table", tracks, arcs, edges, lines_are_level)
         return replace(view, reason="no body moves far enough to tell the view")
-    costs = view_costs(_moving(tracks, arcs, roll_deg), _growing(growth(tracks)), *edges, focal)
+    costs = view_costs(_moving(tracks, arcs, roll_deg), growth(tracks), *edges, focal)
     for likely in costs:
         try:
             view = _seen_as(likely, tracks, arcs, edges, lines_are_level)
@@ -286,12 +268,6 @@ def _moving(tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]], roll_de
                 rows.append((*arc.velocity, *arc.bend, sigma, motion.path, motion.slope_deg, arc.span, track.radius))
     table = np.array(rows).reshape(-1, 9).T
     return Moving(table[:2].T, table[2:4].T, *table[4:])
-
-
-def _growing(growth: Growth) -> Growing:
-    known = np.isfinite(growth.error)
-    error = float(np.hypot(SIZE_ERROR, growth.spread))
-    return Growing(growth.slope * growth.way if known else 0.0, error, growth.way)
 
 
 def _reason(view: View, costs: dict[str, float]) -> str:

@@ -53,32 +53,36 @@ class Moving:
 
 
 @dataclass(frozen=True)
-class Growing:
-    """The measured growth of bodies.
+class Growth:
+    """How much larger bodies are lower in the picture.
 
     Attributes:
-        over_way: Change of the logarithm of the radius over the way down the picture.
-        error: Its standard error; infinite where bodies do not move up or down.
-        way: px.
+        slope: 1/px, of the logarithm of the radius against the way down.
+        error: 1/px, its standard error; infinite where bodies do not move down or up.
+        way: px, the largest way down or up that one body makes.
+        spread: Of the logarithms of radii about that.
     """
 
-    over_way: float
+    slope: float
     error: float
     way: float
+    spread: float
 
     def cost(self, slope: float) -> float:
-        """Of a growth of the logarithm of the radius by a slope, 1/px, down the picture."""
-        return float(min(((self.over_way - slope * self.way) / self.error) ** 2, OUTLIER))
+        """Of a slope, 1/px, that a view expects; outlines do not err at random, so that many do not tell more."""
+        if not np.isfinite(self.error):
+            return 0.0
+        return float(min(((self.slope - slope) * self.way / np.hypot(SIZE_ERROR, self.spread)) ** 2, OUTLIER))
 
 
 def view_costs(
-    moving: Moving, growing: Growing, roll_deg: float, roll_error_deg: float, focal: float
+    moving: Moving, growth: Growth, roll_deg: float, roll_error_deg: float, focal: float
 ) -> dict[str, float]:
     """The cost of each view, the smallest first; ties in favour of what needs less.
 
     Args:
         moving: The arcs.
-        growing: Of the bodies.
+        growth: Of the bodies.
         roll_deg: By which the world's vertical is turned in the picture, clockwise.
         roll_error_deg: Its standard error.
         focal: px, of the camera.
@@ -86,14 +90,14 @@ def view_costs(
     level = _level(moving, np.zeros(len(moving.path))) + _angle(moving.slope_deg, np.hypot(roll_error_deg, LINE_DEG))
     level = np.minimum(level, OUTLIER)[:, None] + PRICE
     never = np.full((len(moving.path), 1), OUTLIER)
-    steady = growing.cost(0.0)
+    steady = growth.cost(0.0)
     roll = roll_deg, roll_error_deg
     costs = {
         "top": steady + _level(moving, np.zeros(len(moving.path))).sum(),
         "flight": steady + _falling(moving, never, *roll),
         "side": steady + _falling(moving, level, *roll),
         "incline": steady + PRICE + _incline(moving, level, *roll),
-        "table": _table(moving, growing, focal),
+        "table": _table(moving, growth, focal),
     }
     return {kind: float(costs[kind]) for kind in sorted(costs, key=lambda kind: round(costs[kind], 6))}
 
@@ -162,12 +166,12 @@ def _incline(moving: Moving, level: np.ndarray, roll_deg: float, roll_error_deg:
     return float(best)
 
 
-def _table(moving: Moving, growing: Growing, focal: float) -> float:
+def _table(moving: Moving, growth: Growth, focal: float) -> float:
     """The cost of bodies on a level ground that is seen from aside: they come nearer as they come down the picture."""
     best = np.inf
     for cot in np.linspace(LEAST_COT, MOST_COT, COTS):
         slope = cot / focal  # of the logarithm of the radius; that of the speed is twice as large
         prior = ((cot - USUAL_COT) / USUAL_SPREAD) ** 2
         nearer = 2 * slope * moving.velocity[:, 1] * moving.speed
-        best = min(best, prior + growing.cost(slope) + float(_level(moving, nearer).sum()))
+        best = min(best, prior + growth.cost(slope) + float(_level(moving, nearer).sum()))
     return float(best)

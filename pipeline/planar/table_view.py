@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.motion.image_track import ImageTrack
-from pipeline.motion.view import Growth
-from pipeline.motion.view_evidence import LEAST_COT, MOST_COT, SIZE_ERROR, USUAL_COT, USUAL_SPREAD
+from pipeline.motion.view_evidence import LEAST_COT, MOST_COT, SIZE_ERROR, USUAL_COT, USUAL_SPREAD, Growth
 from pipeline.planar.blocks import DEPTH, Block
 from pipeline.planar.plane import Plane
 from pipeline.scene.scene import Camera

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pipeline.motion.view_evidence import Growing, Moving, view_costs
+from pipeline.motion.view_evidence import Growth, Moving, view_costs
 
 FOCAL = 400.0
-STILL = Growing(0.0, 0.05, 100.0)
+STILL = Growth(0.0, 1e-4, 100.0, 0.0)
 
 
 def arcs(*rows: tuple[float, float, float, float], sigma: float = 20.0) -> Moving:
@@ -20,8 +20,8 @@ def arcs(*rows: tuple[float, float, float, float], sigma: float = 20.0) -> Movin
     return Moving(velocity, acceleration, np.full(count, sigma), path, slope, np.full(count, 0.5), np.full(count, 15.0))
 
 
-def likeliest(moving: Moving, growing: Growing = STILL) -> str:
-    return next(iter(view_costs(moving, growing, 0.0, 1.0, FOCAL)))
+def likeliest(moving: Moving, growth: Growth = STILL) -> str:
+    return next(iter(view_costs(moving, growth, 0.0, 1.0, FOCAL)))
 
 
 def test_straight_ways_in_many_directions_are_seen_from_above() -> None:
@@ -47,7 +47,7 @@ def test_what_speeds_up_as_perspective_has_it_is_on_a_table() -> None:
     cot, velocity = 1.7, np.array([40.0, 150.0])
     slope = cot / FOCAL  # of the logarithm of the radius
     speeds_up = 2 * slope * velocity[1] * velocity
-    grows = Growing(slope * 75.0, 0.05, 75.0)
+    grows = Growth(slope, 1e-4, 75.0, 0.0)
     assert likeliest(arcs((*velocity, *speeds_up)), grows) == "table"
 
 

@@ -7,7 +7,7 @@ from pipeline.clips.replay import masks_at, replay_poses
 from pipeline.clips.schedule import Schedule
 from pipeline.metrics.overlap import overlap
 from pipeline.motion.image_track import image_tracks
-from pipeline.motion.view import Growth
+from pipeline.motion.view_evidence import Growth
 from pipeline.planar.find_planar_scene import find_planar_scene, measure_motion
 from pipeline.planar.plane import Plane
 from pipeline.planar.table_view import TableView, table_view
