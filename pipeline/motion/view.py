@@ -200,18 +200,19 @@ def find_view(
     """
     lines_are_level, roll_deg = roll_deg is None, roll_deg or 0.0
     edges = roll_deg, UNKNOWN_ROLL_DEG if lines_are_level else EDGES_ROLL_DEG
+    motions = _described(tracks, arcs, roll_deg)
     if kind in (None, "hanging"):
         swings = find_swings(tracks, arcs, *edges, certain=kind == "hanging")
         if swings:
-            return _hanging(_described(tracks, arcs, roll_deg), swings)
+            return _hanging(motions, swings)
         if kind == "hanging":
             raise ValueError("no body swings")
     if kind is not None:
         return _seen_as(kind, tracks, arcs, edges, lines_are_level)
-    if all(m.kind == "rest" for m in _described(tracks, arcs, roll_deg)):
+    if all(m.kind == "rest" for m in motions):
         view = _seen_as("table", tracks, arcs, edges, lines_are_level)
         return replace(view, reason="no body moves far enough to tell the view")
-    costs = view_costs(_moving(tracks, arcs, roll_deg), growth(tracks), *edges, focal)
+    costs = view_costs(_moving(tracks, motions), growth(tracks), *edges, focal)
     for likely in costs:
         try:
             view = _seen_as(likely, tracks, arcs, edges, lines_are_level)
@@ -255,18 +256,16 @@ def _seen_as(
     return View(kind, motions, gravity, slope or 0.0, roll_deg, "as it was asked for")
 
 
-def _moving(tracks: Sequence[ImageTrack], arcs: Sequence[Sequence[Arc]], roll_deg: float) -> Moving:
+def _moving(tracks: Sequence[ImageTrack], motions: Sequence[ArcMotion]) -> Moving:
     """The arcs in which bodies do not rest."""
+    radii = {track.body: track.radius for track in tracks}
     rows = []
-    for track, own in zip(tracks, arcs, strict=True):
-        fastest = fastest_arc(own, track.radius)
-        for arc in own:
-            motion = describe_arc(arc, track.radius, fastest, roll_deg)
-            if motion.kind != "rest":
-                outlines = OUTLINES * track.radius / arc.span**2
-                sigma = float(np.hypot(arc.acceleration_sigma, outlines))
-                rows.append((*arc.velocity, *arc.bend, sigma, motion.path, motion.slope_deg, arc.span, track.radius))
-    table = np.array(rows).reshape(-1, 9).T
+    for motion in motions:
+        if motion.kind != "rest":
+            arc, radius = motion.arc, radii[motion.arc.body]
+            sigma = float(np.hypot(arc.acceleration_sigma, OUTLINES * radius / arc.span**2))
+            rows.append((*arc.velocity, *arc.bend, sigma, motion.path, motion.slope_deg, arc.span, radius))
+    table = np.array(rows).T
     return Moving(table[:2].T, table[2:4].T, *table[4:])
 
 

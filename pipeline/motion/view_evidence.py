@@ -87,13 +87,14 @@ def view_costs(
         roll_error_deg: Its standard error.
         focal: px, of the camera.
     """
-    level = _level(moving, np.zeros(len(moving.path))) + _angle(moving.slope_deg, np.hypot(roll_error_deg, LINE_DEG))
+    onward = _level(moving, np.zeros(len(moving.path)))
+    level = onward + _angle(moving.slope_deg, np.hypot(roll_error_deg, LINE_DEG))
     level = np.minimum(level, OUTLIER)[:, None] + PRICE
     never = np.full((len(moving.path), 1), OUTLIER)
     steady = growth.cost(0.0)
     roll = roll_deg, roll_error_deg
     costs = {
-        "top": steady + _level(moving, np.zeros(len(moving.path))).sum(),
+        "top": steady + onward.sum(),
         "flight": steady + _falling(moving, never, *roll),
         "side": steady + _falling(moving, level, *roll),
         "incline": steady + PRICE + _incline(moving, level, *roll),

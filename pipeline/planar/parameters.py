@@ -170,8 +170,8 @@ def _turn(axis: str) -> Edit:
     way = np.eye(3)["xyz".index(axis)]
 
     def edit(body: Fields, difference: float) -> None:
-        turned = quaternion_multiply(quaternion_from_rotation_vector(difference * way), np.array(body["orientation"]))
-        body["orientation"] = tuple((turned if turned[0] >= 0 else -turned).tolist())
+        turn = quaternion_from_rotation_vector(difference * way)
+        body["orientation"] = tuple(quaternion_multiply(turn, np.array(body["orientation"])).tolist())
 
     return edit
 
