@@ -13,49 +13,20 @@ import numpy as np
 from benchmarks.hanging_scenes import draw_hanging_scene
 from pipeline.clips.draw_views import draw_view_clips, view_kind
 from pipeline.clips.schedule import Schedule
-from pipeline.physics.simulate import simulate
-from pipeline.scene.sample_views import ASPECT
 from pipeline.scene.scene import Scene, half_extents
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.rendering.appearance import apply_sensor, sample_appearance, sample_sensor
 from pipeline.vision.rendering.camera import pinhole, project
 from pipeline.vision.rendering.rasteriser import rasterise
 from pipeline.vision.rendering.render import render_rgb
+from training.filming import Way, frame_times, poses, seen_by
 from training.segmentation.hands import draw_hand, sample_hand
 
 SUITES = ("films", "joints")  # free bodies; pendulums
-WIDE, UPRIGHT = (640, 360), (360, 640)  # px
+UPRIGHT = (360, 640)  # px
 SWINGING = 3.0  # s, of a film of a pendulum
-HELD = 0.4  # s before a hand lets go
 SUBFRAMES = 8  # of a blurred frame
 DRAWN_FPS = 30  # of the schedule by which scenes are accepted
-
-
-@dataclass(frozen=True)
-class Way:
-    """How a film is made.
-
-    Attributes:
-        name: In tables.
-        fps: Frames a second; a varying rate has this mean.
-        size: px, width and height.
-        seconds: Of free motion.
-        exposure: s, over which a frame is blurred.
-        far: Factor of what the camera sees: bodies are so much smaller.
-        hand: A hand holds the first body for HELD s and lets go.
-        varying: Share by which the time between two frames varies.
-    """
-
-    name: str
-    fps: float
-    size: tuple[int, int] = WIDE
-    seconds: float = 1.0
-    exposure: float = 0.004
-    far: float = 1.0
-    hand: bool = False
-    varying: float = 0.0
-
-
 WAYS = (
     Way("plain, 30", 30),
     Way("upright, 30", 30, UPRIGHT),
@@ -78,8 +49,6 @@ WAYS = (
     Way("very short, 60", 60, seconds=0.17),
     Way("3 s", 30, seconds=3.0),
 )
-
-
 SWUNG = tuple(w for w in WAYS if not w.hand and w.seconds == 1.0)
 
 
@@ -127,10 +96,8 @@ def draw_film(seed: int, index: int, suite: str = SUITES[0]) -> Film:
         (scene,) = draw_view_clips(seed, suite, [index], schedule).scenes
     scene = seen_by(scene, way)
     rng = clip_rng(seed, suite, index, "film")
-    free = HELD if way.hand else 0.0
-    times = frame_times(rng, way, free + way.seconds)
-    opened = np.linspace(0, way.exposure, SUBFRAMES) if way.exposure > 1 / 250 else np.zeros(1)
-    position, quaternion = poses(scene, (times[:, None] + opened).ravel() - free)
+    times, opened = frame_times(rng, way, way.held + way.seconds), way.opened(SUBFRAMES)
+    position, quaternion = poses(scene, (times[:, None] + opened).ravel() - way.held)
     appearance = sample_appearance(rng, len(scene.objects), n_fixed=len(scene.fixed))
     frames = render_rgb(scene, position, quaternion, appearance, *way.size, "raycast")
     _draw_rods(frames, scene, position, rng)
@@ -144,7 +111,7 @@ def draw_film(seed: int, index: int, suite: str = SUITES[0]) -> Film:
     if way.hand:
         held, _ = project(position[middle][:, :1], camera, *way.size)
         palm = float(np.sqrt(max((masks == 1).sum((1, 2)).max(), 100) / np.pi)) * rng.uniform(0.8, 1.6)
-        hand = sample_hand(rng, *way.size, held[:, 0], palm, times / times[-1], free / times[-1])
+        hand = sample_hand(rng, *way.size, held[:, 0], palm, times / times[-1], way.held / times[-1])
         for t in range(len(times)):
             layer = draw_hand(hand, t, *way.size)
             frames[t] += layer[..., 3:] * (255 * layer[..., :3] - frames[t])
@@ -166,28 +133,3 @@ def _draw_rods(frames: np.ndarray, scene: Scene, position: np.ndarray, rng: np.r
         colour, thick = tuple(int(c) for c in rng.integers(20, 236, 3)), int(rng.integers(1, 4))
         for frame, (start, end) in zip(frames, np.round(ends * 16).astype(int), strict=True):
             cv2.line(frame, tuple(start.tolist()), tuple(end.tolist()), colour, thick, cv2.LINE_AA, 4)
-
-
-def seen_by(scene: Scene, way: Way) -> Scene:
-    """The scene with a camera that sees, in a picture of another shape, all that the drawn one saw, times `way.far`."""
-    assert scene.camera is not None
-    wider = max(1.0, ASPECT * way.size[1] / way.size[0]) * way.far
-    fov = 2 * np.degrees(np.arctan(wider * np.tan(np.radians(scene.camera.fov) / 2)))
-    return replace(scene, camera=replace(scene.camera, fov=float(fov)))
-
-
-def frame_times(rng: np.random.Generator, way: Way, seconds: float) -> np.ndarray:
-    """(T,) s, from 0."""
-    count = max(round(seconds * way.fps), 5)
-    steps = (1 + way.varying * rng.uniform(-1, 1, count)) / way.fps
-    return np.concatenate([[0.0], np.cumsum(steps)[:-1]])
-
-
-def poses(scene: Scene, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (T, N, 3) m and quaternions (T, N, 4) at times, s: simulated from 0 on; before it, a body is brought to
-    its start by a steady push from rest."""
-    trace = simulate(scene, max(float(times.max()), 0.0) + 0.05)
-    at = np.round(np.maximum(times, 0) * trace.rate).astype(int)
-    early = np.minimum(times, 0)[:, None, None]
-    velocity = np.array([o.velocity for o in scene.objects])
-    return trace.position[at] + velocity * early * (1 + early / (2 * HELD)), trace.quaternion[at]

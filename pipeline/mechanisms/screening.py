@@ -64,12 +64,11 @@ class _Trial:
     @property
     def _linear(self) -> tuple[slice, float, float] | None:
         """Where the number in whose size the law is linear stands, and its bounds."""
-        k = 0
-        for p in self.acting.kind.parameters:
-            if p.name == self.acting.kind.linear:
-                return slice(k, k + p.length), *self.acting.bounds(p)
-            k += p.length
-        return None
+        kind = self.acting.kind
+        if kind.linear is None:
+            return None
+        low, high = next(self.acting.bounds(p) for p in kind.parameters if p.name == kind.linear)
+        return LawModel((), (self.acting,)).columns(0)[kind.linear], low, high
 
 
 def guesses(problem: Problem, found: Fit, kinds: Sequence[MechanismEffect], price: float) -> dict[str, list[Guess]]:

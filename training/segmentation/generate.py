@@ -3,8 +3,8 @@
     python -m training.segmentation.generate OUT --first 0 --count 1000 [--seed 77] [--minutes 30] [--stride 1]
 
 Clip i depends on the seed and i alone; a clip that is already there is skipped, so a run that was stopped goes on.
-SHARES says how many clips are of the project's own sampler, of other solid bodies by MuJoCo's renderer and by our ray
-caster, and of flat bodies.
+SHARES says how many clips are of the project's own sampler, as people film, of other solid bodies by MuJoCo's renderer
+and by our ray caster, and of flat bodies.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from pipeline.segmentation.inputs import clip_features, steady_exposure
 from pipeline.vision.rendering.render_backend import choose_backend
 from training.segmentation.clip import UNSEEN, DrawnClip, TrainingClip, faint
+from training.segmentation.filmed_clip import draw_filmed_clip
 from training.segmentation.flat_clip import draw_flat_clip
 from training.segmentation.kept_arrays import save_arrays
 from training.segmentation.recording import letterboxed, recorded
@@ -26,8 +27,8 @@ from training.segmentation.sampled_clip import draw_sampled_clip
 from training.segmentation.solid_clip import draw_solid_clip
 
 SIZE = (240, 160)  # px, width and height
-KINDS = ("sampled", "mujoco", "raycast", "flat")
-SHARES = (0.35, 0.35, 0.1, 0.2)
+KINDS = ("sampled", "filmed", "mujoco", "raycast", "flat")
+SHARES = (0.25, 0.25, 0.25, 0.1, 0.15)
 
 
 def draw_clip(rng: np.random.Generator, kind: str) -> DrawnClip:
@@ -37,6 +38,8 @@ def draw_clip(rng: np.random.Generator, kind: str) -> DrawnClip:
             drawn = draw_flat_clip(rng, *SIZE)
         elif kind == "sampled":
             drawn = draw_sampled_clip(rng, *SIZE)
+        elif kind == "filmed":
+            drawn = draw_filmed_clip(rng, *SIZE)
         else:
             drawn = draw_solid_clip(rng, *SIZE, mujoco=kind == "mujoco")
         if drawn is not None:

@@ -62,9 +62,14 @@ class Clips:
             else:
                 self.kept[int(self.rng.integers(POOL))] = clip
 
-    def sample(self, size: tuple[int, int] | None) -> Sample:
-        clip = self.kept[int(self.rng.integers(len(self.kept)))]
-        return draw_sample(self.rng, clip, int(self.rng.integers(len(clip.frames))), size, augment=True)
+    def samples(self, count: int, size: tuple[int, int] | None) -> list[Sample]:
+        """Frames in windows of `size`; None: whole frames, all of one shape."""
+        some = self.kept
+        if size is None:
+            shape = some[int(self.rng.integers(len(some)))].mask.shape[1:]
+            some = [c for c in some if c.mask.shape[1:] == shape]
+        clips = [some[i] for i in self.rng.integers(len(some), size=count)]
+        return [draw_sample(self.rng, c, int(self.rng.integers(len(c.frames))), size, augment=True) for c in clips]
 
 
 def learning_rate(step: int, progress: float) -> float:
@@ -136,7 +141,7 @@ def main() -> None:
             group["lr"] = arguments.rate * learning_rate(step, spent / total)
         whole = rng.random() < WHOLE_SHARE
         count = WHOLE if whole else CROPS
-        batch = batched([clips.sample(None if whole else CROP) for _ in range(count)])
+        batch = batched(clips.samples(count, None if whole else CROP))
         with torch.autocast("cpu", torch.bfloat16, enabled=arguments.bfloat16):
             loss, parts = segmentation_loss(network, batch)
         optimiser.zero_grad()
