@@ -21,6 +21,7 @@ from pipeline.mechanisms.law_model import LawModel
 from pipeline.mechanisms.places import may_act
 from pipeline.mechanisms.problem import Problem
 from pipeline.mechanisms.search import MechanismSearch, best_of_each, shows
+from pipeline.mechanisms.simulation import Simulator
 from pipeline.mechanisms.time_step import integrations
 from pipeline.mechanisms.windows import guessed_states
 
@@ -75,8 +76,8 @@ def select_mechanism(
 ) -> MechanismSelection:
     """The selection for a log.
 
-    Other time steps compete with those that the model states, where they predict something else: first by the model
-    without effects, then by the chosen one.
+    Time steps that are small enough for the motion compete with those that the model states, where these predict
+    something else.
 
     Args:
         levels: The log in windows of growing length, simulated as the model states.
@@ -85,35 +86,30 @@ def select_mechanism(
         progress: Called with the name of each effect that is fitted.
     """
     model, stated = LawModel(numbers), np.array([n.stated for n in numbers])
-    whole = levels[-1]
-    states = guessed_states(whole.mechanism, whole.log, whole.windows)
-    ways = [tuple(p.simulated_by(way) for p in levels) for way in integrations(whole, model, stated, states)]
-    first, followed = _first_level(ways[0], model, stated, kinds, progress)
-    starts = [followed] + [
-        MechanismSearch(some[first : first + 1], kinds, progress).climb(model, stated)[0] for some in ways[1:]
-    ]
-    order = sorted(range(len(ways)), key=lambda k: starts[k].fit.chi2.sum())
-
-    def selected(way: int) -> MechanismSelection:
-        none = MechanismSearch(ways[way][first:], kinds, progress).climb(model, stated, starts[way])
-        found = _select(ways[way][first:], none, kinds, progress)
-        shorter = ways[way][max(first - SHORTER, 0)]
-        short = MechanismSearch((shorter,), kinds, progress).climb(model, found.none.fit.theta)[0]
-        return replace(found, short=short, stated_steps=way == 0)
-
-    found = selected(order[0])
-    for other in order[1:]:
-        if found.excess_z <= UNEXPLAINED_Z and not found.chosen.effects:
+    level, _ = _first_level(levels, model, stated, kinds, progress)
+    near = levels[level]
+    states = guessed_states(near.mechanism, near.log, near.windows)
+    ways: list[Simulator] = integrations(near, model, stated, states)
+    best: MechanismSelection | None = None
+    for simulator in ways:
+        cuts = tuple(p.simulated_by(simulator) for p in levels)
+        first, start = _first_level(cuts, model, stated, kinds, progress)
+        none = MechanismSearch(cuts[first:], kinds, progress).climb(model, stated, start)
+        found = _select(cuts[first:], none, kinds, progress)
+        shorter = MechanismSearch((cuts[max(first - SHORTER, 0)],), kinds, progress)
+        short = shorter.climb(model, found.none.fit.theta)[0]
+        found = replace(found, short=short, stated_steps=simulator is ways[-1])
+        best = found if best is None else min(best, found, key=_badness(best, found))
+        if not best.chosen.effects and best.excess_z <= UNEXPLAINED_Z:
             break
-        simulator = ways[other][0].simulator
-        again = MechanismSearch((found.chosen.problem.simulated_by(simulator),), kinds, progress, found.noise)
-        fits = [c.fit for c in (found.none, found.chosen)]
-        best = min(again.climb(f.model, f.theta, found.chosen)[0].score for f in fits)
-        if best < found.chosen.score - CLAIM:
-            second = selected(other)
-            if second.chosen.rescored(second.noise).score < found.chosen.rescored(second.noise).score:
-                found = second
-    return found
+    assert best is not None
+    return best
+
+
+def _badness(*found: MechanismSelection) -> Callable[[MechanismSelection], tuple[int, float]]:
+    """What selections with other time steps are compared by: how long they follow the motion, and then the score."""
+    noise = min((f.noise for f in found), key=lambda n: n.variance)
+    return lambda f: (len(f.chosen.problem.windows), f.chosen.rescored(noise).score)
 
 
 def _first_level(

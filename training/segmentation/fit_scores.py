@@ -48,10 +48,12 @@ def track_iou(track: Track, mask: np.ndarray, body: int) -> float:
 def labelled_tracks(networks: MaskNetworks, clip: TrainingClip) -> tuple[np.ndarray, np.ndarray]:
     """Figures (N, F) of a clip's tracks, and whether they are moving bodies (N,): 1, 0, or NaN (not clear)."""
     found = find_candidates(clip.frames, networks.moving)
+    size = (found.frames.shape[2], found.frames.shape[1])
+    mask = np.stack([cv2.resize(m, size, interpolation=cv2.INTER_NEAREST_EXACT) for m in clip.mask])
     labels = np.full(len(found.tracks), np.nan)
     claimed: set[int] = set()
     for k, track in enumerate(found.tracks):
-        overlaps = [track_iou(track, clip.mask, i + 1) for i in range(len(clip.state))]
+        overlaps = [track_iou(track, mask, i + 1) for i in range(len(clip.state))]
         best = int(np.argmax(overlaps))
         if overlaps[best] < IS_NONE:
             labels[k] = 0

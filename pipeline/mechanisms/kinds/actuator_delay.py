@@ -35,4 +35,5 @@ EFFECT = MechanismEffect(
     starts=starts,
     edit=edit,
     controls=controls,
+    linear="delay",
 )

@@ -43,5 +43,6 @@ EFFECT = MechanismEffect(
     starts=starts,
     edit=edit,
     controls=controls,
+    linear="time_constant",
     may_act=may_act,
 )
