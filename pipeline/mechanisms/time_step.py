@@ -17,8 +17,7 @@ from pipeline.mechanisms.law_model import LawModel
 from pipeline.mechanisms.problem import Problem
 from pipeline.mechanisms.simulation import Simulator, States
 
-RUNGE_KUTTA = (32.0, 16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25)  # times the model's own step, by that integrator
-OWN = (1.0, 0.5, 0.25, 0.125, 0.0625)  # times its own step, by its own integrator
+FACTORS = (32.0, 16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)  # times the model's own step
 EVALUATIONS = 4  # of the forces, in a step of Runge and Kutta's
 SAME = 0.1  # of the noise, root mean square: predictions that differ by less are the same
 DRY = 0.02  # of a joint's forces: dry friction that the trial has, whose reversals need the shortest steps
@@ -58,15 +57,15 @@ def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: S
             yield factor, simulator, predictions(simulator)
 
     found = []
-    for integrator, factors, cost in ((int(spec.option.integrator), OWN, 1), (RK4, RUNGE_KUTTA, EVALUATIONS)):
-        for longer, shorter in itertools.pairwise(halved(integrator, factors)):
+    for integrator, cost in ((int(spec.option.integrator), 1), (RK4, EVALUATIONS)):
+        for longer, shorter in itertools.pairwise(halved(integrator, [f for f in FACTORS if f >= cost * FACTORS[-1]])):
             if _same(longer[2], shorter[2]):
                 found.append((cost / shorter[0], *shorter[1:]))
                 break
     if found:
         _, motion, shown = min(found, key=lambda one: one[0])
     else:
-        *_, (_, motion, shown) = halved(int(spec.option.integrator), OWN[-1:])
+        *_, (_, motion, shown) = halved(int(spec.option.integrator), FACTORS[-1:])
     return [motion] if _same(shown, predictions(problem.simulator)) else [motion, problem.simulator]
 
 
