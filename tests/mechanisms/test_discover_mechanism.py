@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
-from small_mechanism import CART, GRAVITY, LENGTH, MASS, PENDULUM, Acceleration, discovered, write_log
+from small_mechanism import CART, GRAVITY, LENGTH, MASS, PENDULUM, Acceleration, discovered, path_of, write_log
 
 INERTIA = MASS * LENGTH**2
 
@@ -54,6 +55,31 @@ def test_nothing_is_named_where_nothing_is_hidden(pendulum: Path) -> None:
     found = discovered(log, pendulum)
     assert found.verdict.effects == () and found.disagreement == ()
     assert found.gap.before == pytest.approx(found.gap.noise_floor, rel=0.2)
+
+
+def test_time_steps_that_the_model_states_are_not_taken_for_physics(pendulum: Path) -> None:
+    """Steps of 20 ms, by Euler's method, leave ten times the noise of this log."""
+    pendulum.write_text(PENDULUM.replace('timestep="0.005" integrator="RK4"', 'timestep="0.02"'))
+    log = pendulum.with_name("log.csv")
+    write_log(log, "hinge", lambda q, v, u: weight(q) - 0.02 / INERTIA * v, 1e-3, np.random.default_rng(3))
+    found = discovered(log, pendulum)
+    assert found.verdict.effects == ("joint_damping",) and not found.selection.stated_steps
+    assert found.gap.after < 1.3 * found.gap.noise_floor
+
+
+def test_a_delay_that_is_shorter_than_the_time_between_two_samples_is_found(cart: Path) -> None:
+    rng, time, parts = np.random.default_rng(4), np.arange(4000) / 1000, []
+    for clip in range(4):
+        control = np.repeat(rng.normal(0, 2.0, 10), 400)
+        late = np.concatenate([np.full(6, control[0]), control[:-6]])
+        q = path_of(lambda q, v, u: u - 20 * q, (rng.normal(0, 0.2), 0.0), time, late)[::20]
+        q += rng.normal(0, 2e-4, len(q))
+        parts.append(pd.DataFrame({"clip": f"clip_{clip}", "time": time[::20], "slide": q, "push": control[::20]}))
+    log = cart.with_name("log.csv")
+    pd.concat(parts).to_csv(log, index=False)
+    found = discovered(log, cart)
+    named = {*found.verdict.effects, *(name for alike in found.verdict.equivalent for name in alike)}
+    assert "actuator_delay" in named  # a delay of the sensor may look the same
 
 
 def test_the_gain_of_an_actuator_is_told_from_inertia(cart: Path) -> None:
