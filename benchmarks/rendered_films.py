@@ -20,7 +20,7 @@ from pipeline.vision.rendering.camera import pinhole, project
 from pipeline.vision.rendering.rasteriser import rasterise
 from pipeline.vision.rendering.render import render_rgb
 from training.filming import Way, frame_times, poses, seen_by
-from training.segmentation.hands import draw_hand, sample_hand
+from training.segmentation.hands import let_go
 
 SUITES = ("films", "joints")  # free bodies; pendulums
 UPRIGHT = (360, 640)  # px
@@ -110,12 +110,8 @@ def draw_film(seed: int, index: int, suite: str = SUITES[0]) -> Film:
     ).mask
     if way.hand:
         held, _ = project(position[middle][:, :1], camera, *way.size)
-        palm = float(np.sqrt(max((masks == 1).sum((1, 2)).max(), 100) / np.pi)) * rng.uniform(0.8, 1.6)
-        hand = sample_hand(rng, *way.size, held[:, 0], palm, times / times[-1], way.held / times[-1])
-        for t in range(len(times)):
-            layer = draw_hand(hand, t, *way.size)
-            frames[t] += layer[..., 3:] * (255 * layer[..., :3] - frames[t])
-            masks[t][layer[..., 3] > 0.5] = 0
+        radius = float(np.sqrt(max((masks == 1).sum((1, 2)).max(), 100) / np.pi))
+        masks[let_go(rng, frames, held[:, 0], radius, times, way.held) > 0.5] = 0
     frames = apply_sensor(np.clip(frames, 0, 255).astype(np.uint8), sample_sensor(rng), rng)
     return Film(way, kind, scene, times, frames, masks)
 

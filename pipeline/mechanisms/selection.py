@@ -21,7 +21,6 @@ from pipeline.mechanisms.law_model import LawModel
 from pipeline.mechanisms.places import may_act
 from pipeline.mechanisms.problem import Problem
 from pipeline.mechanisms.search import MechanismSearch, best_of_each, shows
-from pipeline.mechanisms.simulation import Simulator
 from pipeline.mechanisms.time_step import integrations
 from pipeline.mechanisms.windows import guessed_states
 
@@ -86,28 +85,29 @@ def select_mechanism(
         progress: Called with the name of each effect that is fitted.
     """
     model, stated = LawModel(numbers), np.array([n.stated for n in numbers])
-    level, _ = _first_level(levels, model, stated, kinds, progress)
-    near = levels[level]
+    followed = _first_level(levels, model, stated, kinds, progress)
+    near = levels[followed[0]]
     states = guessed_states(near.mechanism, near.log, near.windows)
-    ways: list[Simulator] = integrations(near, model, stated, states)
+    ways = integrations(near, model, stated, states)
     best: MechanismSelection | None = None
     for simulator in ways:
         cuts = tuple(p.simulated_by(simulator) for p in levels)
-        first, start = _first_level(cuts, model, stated, kinds, progress)
+        own = simulator is near.simulator
+        first, start = followed if own else _first_level(cuts, model, stated, kinds, progress)
         none = MechanismSearch(cuts[first:], kinds, progress).climb(model, stated, start)
         found = _select(cuts[first:], none, kinds, progress)
         shorter = MechanismSearch((cuts[max(first - SHORTER, 0)],), kinds, progress)
         short = shorter.climb(model, found.none.fit.theta)[0]
         found = replace(found, short=short, stated_steps=simulator is ways[-1])
-        best = found if best is None else min(best, found, key=_badness(best, found))
+        best = found if best is None else min(best, found, key=_preference(best, found))
         if not best.chosen.effects and best.excess_z <= UNEXPLAINED_Z:
             break
     assert best is not None
     return best
 
 
-def _badness(*found: MechanismSelection) -> Callable[[MechanismSelection], tuple[int, float]]:
-    """What selections with other time steps are compared by: how long they follow the motion, and then the score."""
+def _preference(*found: MechanismSelection) -> Callable[[MechanismSelection], tuple[int, float]]:
+    """The key that orders selections with different time steps, the best first: longest windows, then the score."""
     noise = min((f.noise for f in found), key=lambda n: n.variance)
     return lambda f: (len(f.chosen.problem.windows), f.chosen.rescored(noise).score)
 

@@ -64,6 +64,15 @@ class TrainingClip:
         )
 
 
+def largest_shifts(centre: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(N,) px: the largest distance of each body between two frames in which it is seen.
+
+    centre: (T, N, 2) px. seen: (T, N) bool.
+    """
+    apart = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
+    return np.asarray(np.where(seen[:, None] & seen[None], apart, 0).max((0, 1)))
+
+
 def state_of(shift_px: np.ndarray, turn_deg: np.ndarray) -> np.ndarray:
     """State (N,) uint8 of bodies by their largest shift and visible turn over the clip, both (N,)."""
     moves = (shift_px > MOVES_PX) | (turn_deg > MOVES_DEG)

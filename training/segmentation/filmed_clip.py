@@ -15,8 +15,8 @@ from pipeline.vision.rendering.rasteriser import rasterise
 from pipeline.vision.rendering.render import render_rgb
 from training.filming import Way, frame_times, poses, seen_by
 from training.segmentation.backgrounds import log_uniform
-from training.segmentation.clip import MOVES, OTHER, DrawnClip, state_of
-from training.segmentation.hands import draw_hand, sample_hand
+from training.segmentation.clip import MOVES, OTHER, DrawnClip, largest_shifts, state_of
+from training.segmentation.hands import let_go
 from training.segmentation.sampled_clip import sensed
 from training.segmentation.shadows import label_shadows, with_empty_scene
 from training.segmentation.solid_clip import body_radii
@@ -26,14 +26,14 @@ LARGER = 1.5  # rendered pixels to one of the clip, along a side
 SUBFRAMES = 4  # of a blurred frame
 MOST_FRAMES = 40
 RATES = (15, 24, 25, 30, 50, 60, 120)
-UPRIGHT, BLURRED, HELD = 0.3, 0.3, 0.25  # shares of clips
+UPRIGHT, BLURRED, HANDS = 0.3, 0.3, 0.25  # shares of clips
 
 
 def sample_way(rng: np.random.Generator, width: int, height: int) -> Way:
     """How a clip is filmed, at width x height px or upright."""
     fps = float(rng.choice(RATES))
     exposure = float(rng.uniform(0.3, 1) / fps) if rng.random() < BLURRED else Way.exposure
-    hand = bool(rng.random() < HELD)
+    hand = bool(rng.random() < HANDS)
     return Way(
         name="drawn",
         fps=fps,
@@ -67,27 +67,20 @@ def draw_filmed_clip(rng: np.random.Generator, width: int, height: int) -> Drawn
     mask = rasterise(scene.objects, position, quaternion, camera, *way.size, scene.ground, fixed=scene.fixed).mask
     centre, depth = project(position, camera, *way.size)
     seen = np.stack([(mask == i + 1).any((1, 2)) for i in range(len(scene.objects))], 1)
-    both = seen[:, None] & seen[None]
-    travel = np.where(both, np.linalg.norm(centre[:, None] - centre[None], axis=-1), 0).max((0, 1))
-    state = state_of(travel, largest_turns(quaternion))
+    state = state_of(largest_shifts(centre, seen), largest_turns(quaternion))
     if not ((state == MOVES) & seen.any(0)).any():
         return None
     small, empty = _resized(frames, way.size), _resized(rendered[-1:].astype(np.float32), way.size)[0]
     other = label_shadows(small, empty, mask)
     if way.hand:
-        palm = float(np.sqrt(max((mask == 1).sum((1, 2)).max(), 12) / np.pi)) * rng.uniform(0.8, 1.6)
-        moments, release = times / times[-1], min(way.held / times[-1], 1.0)
-        hand = sample_hand(rng, *shown, LARGER * centre[:, 0], LARGER * palm, moments, release)
-        for t in range(len(times)):
-            layer = draw_hand(hand, t, *shown)
-            frames[t] += layer[..., 3:] * (255 * layer[..., :3] - frames[t])
-            covered = cv2.resize(layer[..., 3], way.size, interpolation=cv2.INTER_AREA) > 0.5
-            mask[t][covered], other[t][covered] = 0, OTHER
+        held = LARGER * float(np.sqrt(max((mask == 1).sum((1, 2)).max(), 12) / np.pi))
+        hand = _resized(let_go(rng, frames, LARGER * centre[:, 0], held, times, way.held), way.size) > 0.5
+        mask[hand], other[hand] = 0, OTHER
     recorded = _resized(sensed(rng, np.clip(frames, 0, 255).astype(np.uint8)), way.size)
     radius = body_radii(scene, camera, depth, way.size[1])
     return DrawnClip(recorded, mask, other, centre.astype(np.float32), radius.astype(np.float32), state, recorded=True)
 
 
 def _resized(pictures: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Pictures (T, H, W, 3) of a size, width and height in px."""
+    """Pictures (T, H, W) or (T, H, W, 3) in another size, width and height in px."""
     return np.stack([cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in pictures])

@@ -160,6 +160,33 @@ def draw_hand(hand: Hand, t: int, width: int, height: int) -> np.ndarray:
     return np.concatenate([picture * lit[..., None], alpha[..., None]], -1).astype(np.float32)
 
 
+def let_go(
+    rng: np.random.Generator, frames: np.ndarray, held: np.ndarray, radius: float, times: np.ndarray, release: float
+) -> np.ndarray:
+    """Draw a hand that holds a body and lets it go over frames, in place, and return the pixels that it covers.
+
+    Args:
+        rng: Random numbers.
+        frames: (T, H, W, 3) float32, 0 to 255.
+        held: (T, 2) px, the body's centre.
+        radius: px, of the body.
+        times: (T,) s, of the frames.
+        release: s, when the hand lets go.
+
+    Returns:
+        (T, H, W) float32, how much of each pixel the hand covers.
+    """
+    height, width = frames.shape[1:3]
+    palm = radius * rng.uniform(0.8, 1.6)
+    hand = sample_hand(rng, width, height, held, palm, times / times[-1], min(release / times[-1], 1.0))
+    covered = np.empty(frames.shape[:3], np.float32)
+    for t in range(len(frames)):
+        layer = draw_hand(hand, t, width, height)
+        frames[t] += layer[..., 3:] * (255 * layer[..., :3] - frames[t])
+        covered[t] = layer[..., 3]
+    return covered
+
+
 @dataclass(frozen=True)
 class Cloth:
     """A sheet whose outline waves, hung at the border or carried through. outline: (T, K, 2) px. texture: (h, w, 3).

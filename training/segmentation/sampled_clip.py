@@ -14,7 +14,7 @@ from pipeline.vision.rendering.render import render_rgb
 from stages.graph.params import PARAMS_FILE, Params
 from stages.graph.params_file import read_params_file
 from training.drawn_scenes import drawn_scenes
-from training.segmentation.clip import DrawnClip, state_of
+from training.segmentation.clip import DrawnClip, largest_shifts, state_of
 from training.segmentation.recording import compressed
 from training.segmentation.shadows import label_shadows, with_empty_scene
 from training.segmentation.solid_clip import body_radii
@@ -60,9 +60,7 @@ def draw_sampled_clip(rng: np.random.Generator, width: int, height: int) -> Draw
     mask = rasterise(scene.objects, position, quaternion, camera, width, height, scene.ground).mask
     centre, depth = project(position, camera, width, height)
     seen = np.stack([(mask == i + 1).any((1, 2)) for i in range(bodies)], 1)
-    both = seen[:, None] & seen[None]
-    travel = np.where(both, np.linalg.norm(centre[:, None] - centre[None], axis=-1), 0).max((0, 1))
-    state = state_of(travel, largest_turns(quaternion))
+    state = state_of(largest_shifts(centre, seen), largest_turns(quaternion))
     if not ((state == 1) & seen.any(0)).any():
         return None
     small = [cv2.resize(p, (width, height), interpolation=cv2.INTER_AREA) for p in (*frames, empty)]

@@ -17,7 +17,7 @@ from pipeline.vision.rendering.mujoco_render import render_mujoco
 from pipeline.vision.rendering.rasteriser import rasterise
 from pipeline.vision.rendering.shade import shade
 from training.segmentation.backgrounds import log_uniform, sample_background
-from training.segmentation.clip import OTHER, DrawnClip, state_of
+from training.segmentation.clip import OTHER, DrawnClip, largest_shifts, state_of
 from training.segmentation.flat_clip import layer_over, sample_times
 from training.segmentation.hands import draw_cloth, draw_hand, sample_cloth, sample_hand, sample_passing_shadow
 from training.segmentation.shadows import label_shadows, with_empty_scene
@@ -113,9 +113,7 @@ def draw_solid_clip(rng: np.random.Generator, width: int, height: int, mujoco: b
     mask, bodies = full.mask, len(scene.objects)
     areas = np.stack([(mask == i + 1).sum((1, 2)) for i in range(bodies)], 1)  # (T, N)
     seen = (areas >= 6).sum(0) >= min(4, count)
-    inside = areas > 0
-    travel = np.where(inside[:, None] & inside[None], np.linalg.norm(centre[:, None] - centre[None], axis=-1), 0)
-    state = state_of(travel.max((0, 1)), largest_turns(quaternion))
+    state = state_of(largest_shifts(centre, areas > 0), largest_turns(quaternion))
     share = areas.sum(1).max() / mask[0].size
     if not ((state == 1) & seen).any() or not LEAST_AREA < share < MOST_AREA or seen.sum() < max(1, bodies - 2):
         return None
