@@ -26,7 +26,7 @@ LARGER = 1.5  # rendered pixels to one of the clip, along a side
 SUBFRAMES = 4  # of a blurred frame
 MOST_FRAMES = 40
 RATES = (15, 24, 25, 30, 50, 60, 120)
-UPRIGHT, BLURRED, HANDS = 0.3, 0.3, 0.25  # shares of clips
+UPRIGHT, BLURRED, HANDS = 0.3, 0.3, 0.1  # shares of clips
 
 
 def sample_way(rng: np.random.Generator, width: int, height: int) -> Way:
