@@ -22,14 +22,14 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.discover import discover
-from pipeline.discrepancy.report.discovery import Discovery
-from pipeline.discrepancy.tracks.known_scene import known_scene
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.clips.intervals import wilson
+from pipeline.discovery.discover import discover
+from pipeline.discovery.report.discovery import Discovery
+from pipeline.discovery.tracks.known_scene import known_scene
+from pipeline.discovery.tracks.track import Track
 from pipeline.errors import MeasurementError
-from pipeline.evaluation.markdown import markdown
 from pipeline.hidden.judge import LARGEST_SET
-from pipeline.metrics.intervals import wilson
+from pipeline.report.markdown import markdown
 from pipeline.scene.effects.registry import effect_kinds
 from training.data_folder import needed
 

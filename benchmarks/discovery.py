@@ -1,7 +1,7 @@
 """The blind benchmark of discovery: hidden worlds by effect, strength, noise and number of clips.
 
 Writes benchmarks/results/discovery[-smoke]/answers.jsonl one answer at a time (a stopped run continues), then
-summary.md, confusion.svg and summary.json beside it. The thresholds (in pipeline/discrepancy/fitting and
+summary.md, confusion.svg and summary.json beside it. The thresholds (in pipeline/discovery/fitting and
 selection) were frozen on other seeds; reported figures come from seeds from 66000 on, first used in that run.
 Run: python -m benchmarks.discovery [--smoke] [--share 1.0] [--workers 2] [--minutes M]
 Or some groups on other seeds, whose answers go to a folder of their own:
@@ -32,9 +32,9 @@ from benchmarks import local_discovery, recording_faults
 from benchmarks.discovery_rivals import rivals
 from benchmarks.discovery_summary import write_summary
 from benchmarks.kept_answers import answers_of, kept_answers
-from pipeline.discrepancy.discover import discover
-from pipeline.discrepancy.report.report_dict import report_dict
-from pipeline.discrepancy.tracks.known_scene import known_scene
+from pipeline.discovery.discover import discover
+from pipeline.discovery.report.report_dict import report_dict
+from pipeline.discovery.tracks.known_scene import known_scene
 from pipeline.errors import DynamicsError
 from pipeline.hidden.engine import can_simulate
 from pipeline.hidden.law_perturbation import UNLISTED

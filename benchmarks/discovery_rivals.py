@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.discovery_sysid import sysid_gap
-from pipeline.discrepancy.fitting.calibration import calibrate
-from pipeline.discrepancy.selection.gap import measure_gap
-from pipeline.discrepancy.selection.select_effects import select_once
-from pipeline.discrepancy.selection.testable import names_of
-from pipeline.discrepancy.tracks.known_scene import KnownScene
-from pipeline.discrepancy.tracks.problem import Problem, build_problem
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.discovery.fitting.calibration import calibrate
+from pipeline.discovery.selection.gap import measure_gap
+from pipeline.discovery.selection.select_effects import select_once
+from pipeline.discovery.selection.testable import names_of
+from pipeline.discovery.tracks.known_scene import KnownScene
+from pipeline.discovery.tracks.problem import Problem, build_problem
+from pipeline.discovery.tracks.track import Track
 
 TERMS = {
     "v": "linear_drag",

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.clips.intervals import wilson
 from pipeline.hidden.confusion_figure import confusion_figure
 from pipeline.hidden.judge import Judgement, confusion, equals_of, judge, macro_f1
 from pipeline.hidden.scenario import EVERY, TWO_OR_THREE
-from pipeline.metrics.intervals import wilson
 
 ONE = tuple(name for name in EVERY if name not in TWO_OR_THREE)
 LATER_GROUPS = ("unlisted beside", "unknown spin", "clock and drag", "smoothed")

@@ -15,10 +15,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from pipeline.discrepancy.tracks.known_scene import KnownScene
-from pipeline.discrepancy.tracks.problem import Problem
-from pipeline.discrepancy.tracks.stack import ArcStack
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.discovery.tracks.known_scene import KnownScene
+from pipeline.discovery.tracks.problem import Problem
+from pipeline.discovery.tracks.stack import ArcStack
+from pipeline.discovery.tracks.track import Track
 from pipeline.errors import SimulationError
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene

@@ -23,15 +23,15 @@ import numpy as np
 from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
 from benchmarks.mask_clips import moving_in
 from pipeline.api.infer import infer
+from pipeline.bodies.mask_source import MaskSource
+from pipeline.bodies.prompts import Prompts
+from pipeline.bodies.user_clip import read_frames, with_masks
+from pipeline.clips.intervals import bootstrap_mean
+from pipeline.clips.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.clips.replay import HEIGHT, WIDTH, replay_poses
 from pipeline.errors import SimulationError, VideoError
-from pipeline.evaluation.markdown import markdown
-from pipeline.evaluation.tables import cell
-from pipeline.metrics.intervals import bootstrap_mean
-from pipeline.metrics.overlap import assign, count, pair_iou, sequence_iou
-from pipeline.perception.mask_source import MaskSource
-from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import read_frames, with_masks
+from pipeline.report.markdown import markdown
+from pipeline.report.tables import cell
 from pipeline.scene.text import write_scene
 from pipeline.search.target import resize_masks
 from pipeline.vision.recordings.clip_folder import find_clips, masks_beside, video_of

@@ -25,16 +25,16 @@ from scipy.spatial.transform import Rotation
 from benchmarks.drawn_outlines import DrawnClip, outline_mask, read_outlines
 from benchmarks.mask_clips import OUTLINES
 from pipeline.api.infer import Inference, infer
+from pipeline.bodies.prompts import Prompts
+from pipeline.clips.overlap import overlap
 from pipeline.clips.replay import masks_at
 from pipeline.errors import DynamicsError
-from pipeline.evaluation.markdown import heading, table_row
 from pipeline.inference.filmed_world import World
-from pipeline.metrics.overlap import overlap
-from pipeline.motion.view import ArcMotion
-from pipeline.perception.prompts import Prompts
 from pipeline.physics.simulate import simulate
+from pipeline.report.markdown import heading, table_row
 from pipeline.vision.recordings.letterbox import of_area
 from pipeline.vision.recordings.video import AREA, frame_times
+from pipeline.worlds.view import ArcMotion
 from training.data_folder import needed
 
 

@@ -26,10 +26,10 @@ from tqdm import tqdm
 from benchmarks.rendered_films import SUITES, WAYS, Film, draw_film, film_way
 from benchmarks.result_files import write_results
 from pipeline.api.infer import Inference, infer
+from pipeline.clips.overlap import overlap
 from pipeline.clips.replay import masks_at
 from pipeline.errors import DynamicsError
-from pipeline.evaluation.markdown import markdown
-from pipeline.metrics.overlap import overlap
+from pipeline.report.markdown import markdown
 from pipeline.vision.recordings.letterbox import of_area
 from pipeline.vision.recordings.video import AREA, write_video
 

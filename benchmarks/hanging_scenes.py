@@ -9,9 +9,9 @@ import numpy as np
 from pipeline.clips.draw import in_view
 from pipeline.errors import DynamicsError
 from pipeline.physics.simulate import simulate
-from pipeline.planar.hanging import gyration
 from pipeline.scene.rotation import quaternion_from_rotation_vector, quaternion_multiply
 from pipeline.scene.scene import Camera, Joint, Scene, SceneObject
+from pipeline.worlds.hanging import gyration
 
 GRAVITY = 9.81
 SHAPES = ("sphere", "cylinder", "box")

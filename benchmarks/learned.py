@@ -33,14 +33,23 @@ from transformers.utils import logging
 from benchmarks.kept_answers import kept_answers
 from benchmarks.measured_clips import MEASURED, kept, measure
 from benchmarks.starts import shapes_of
+from pipeline.clips.events import Thresholds, event_of_row
+from pipeline.clips.intervals import MeanInterval, bootstrap_mean, bootstrap_ratio, bootstrap_ratio_difference
 from pipeline.csv_rows import write_rows
-from pipeline.evaluation.event_scores import EVENT_METRICS, KIND_METRICS, SAID, SIMULATED, score_events
-from pipeline.evaluation.event_table import EVENTS, events_table
-from pipeline.evaluation.markdown import markdown
-from pipeline.evaluation.scene_scores import METRICS, score_with_pairs
-from pipeline.evaluation.suite import Suite, reference
-from pipeline.evaluation.summary import COUNTS, Summary, as_csv, best_of_k_curve, summarise, with_metrics
-from pipeline.evaluation.tables import (
+from pipeline.model.answering import Shown, load_answering, write
+from pipeline.model.base import Base
+from pipeline.model.language.completion import read_completion
+from pipeline.model.patches import resize_frames
+from pipeline.model.sampling import Sampling
+from pipeline.model.shown import SeenBodies
+from pipeline.model.words_model import WordsModel
+from pipeline.report.event_scores import EVENT_METRICS, KIND_METRICS, SAID, SIMULATED, score_events
+from pipeline.report.event_table import EVENTS, events_table
+from pipeline.report.markdown import markdown
+from pipeline.report.scene_scores import METRICS, score_with_pairs
+from pipeline.report.suite import Suite, reference
+from pipeline.report.summary import COUNTS, Summary, as_csv, best_of_k_curve, summarise, with_metrics
+from pipeline.report.tables import (
     ERRORS,
     SAMPLES,
     SCORES,
@@ -48,15 +57,6 @@ from pipeline.evaluation.tables import (
     metrics_table,
     samples_table,
 )
-from pipeline.language.completion import read_completion
-from pipeline.language.events import Thresholds, event_of_row
-from pipeline.metrics.intervals import MeanInterval, bootstrap_mean, bootstrap_ratio, bootstrap_ratio_difference
-from pipeline.model.answering import Shown, load_answering, write
-from pipeline.model.base import Base
-from pipeline.model.patches import resize_frames
-from pipeline.model.sampling import Sampling
-from pipeline.model.shown import SeenBodies
-from pipeline.model.words_model import WordsModel
 from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator

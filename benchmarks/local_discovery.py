@@ -25,14 +25,14 @@ from tqdm import tqdm
 
 from benchmarks.local_worlds import KINDS, STRENGTHS, LocalWorld, make_local_world
 from benchmarks.result_files import write_results
-from pipeline.discrepancy.discover import discover
-from pipeline.discrepancy.report.discovery import Discovery
-from pipeline.discrepancy.report.figures import where_figure
-from pipeline.discrepancy.report.html_page import sentence
-from pipeline.discrepancy.report.localisation import stretches
-from pipeline.discrepancy.report.report_dict import report_dict
-from pipeline.discrepancy.report.residual_table import residual_table
-from pipeline.discrepancy.tracks.known_scene import known_scene
+from pipeline.discovery.discover import discover
+from pipeline.discovery.report.discovery import Discovery
+from pipeline.discovery.report.figures import where_figure
+from pipeline.discovery.report.html_page import sentence
+from pipeline.discovery.report.localisation import stretches
+from pipeline.discovery.report.report_dict import report_dict
+from pipeline.discovery.report.residual_table import residual_table
+from pipeline.discovery.tracks.known_scene import known_scene
 from pipeline.errors import DynamicsError
 from pipeline.scene.effects.region import Region
 from pipeline.scene.effects.registry import effect_kinds

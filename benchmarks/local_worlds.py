@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.discovery.tracks.track import Track
 from pipeline.hidden.events import run_events
 from pipeline.physics.simulate import simulate
 from pipeline.scene.effects.region import Region

@@ -23,12 +23,12 @@ import torch
 
 from benchmarks.mask_clips import OUTLINES, MaskClip, another_engine, outlined, sampled_by_mujoco
 from benchmarks.motion_masks import masks_from_motion
+from pipeline.bodies.found_bodies import moving_masks
+from pipeline.bodies.networks import load_mask_networks
+from pipeline.bodies.networks.propagation import body_prompts, segment_with
+from pipeline.bodies.networks.published_models import FAMILIES, load_published
+from pipeline.clips.overlap import assign, count, pair_iou
 from pipeline.errors import VideoError
-from pipeline.metrics.overlap import assign, count, pair_iou
-from pipeline.perception.found_bodies import moving_masks
-from pipeline.segmentation import load_mask_networks
-from pipeline.segmentation.propagation import body_prompts, segment_with
-from pipeline.segmentation.published_models import FAMILIES, load_published
 from pipeline.vision.flow.dis import DIS
 from training.data_folder import data_folder
 

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.bodies.found_bodies import moving_masks
+from pipeline.bodies.networks import MaskNetworks, load_mask_networks
+from pipeline.bodies.networks.body_shapes import shape_probabilities
 from pipeline.clips.schedule import Schedule
 from pipeline.inference.measured_clip import shape_network
 from pipeline.model.shown import SeenBodies, SeenFrames, seen_clip
-from pipeline.perception.found_bodies import moving_masks
-from pipeline.segmentation import MaskNetworks, load_mask_networks
-from pipeline.segmentation.body_shapes import shape_probabilities
 from pipeline.vision.flow.measured_flow import measured_flow
 from pipeline.vision.flow.raft import RAFT, load_raft
 from pipeline.vision.flow.supported_flow import supported_flow

@@ -18,13 +18,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from pipeline.mechanisms.held_control import held
-from pipeline.mechanisms.kind import Target, Values
-from pipeline.mechanisms.law_model import Acting
-from pipeline.mechanisms.log import ONE_CLIP, Channel, Clip, Log, Quantity
-from pipeline.mechanisms.mechanism import Mechanism, read_mechanism
-from pipeline.mechanisms.places import may_act, places_of
-from pipeline.mechanisms.registry import mechanism_effects
+from pipeline.discovery.mechanisms.held_control import held
+from pipeline.discovery.mechanisms.kind import Target, Values
+from pipeline.discovery.mechanisms.law_model import Acting
+from pipeline.discovery.mechanisms.log import ONE_CLIP, Channel, Clip, Log, Quantity
+from pipeline.discovery.mechanisms.mechanism import Mechanism, read_mechanism
+from pipeline.discovery.mechanisms.places import may_act, places_of
+from pipeline.discovery.mechanisms.registry import mechanism_effects
 
 SUITE = ("pendulum", "cartpole", "acrobot", "reacher", "finger", "point_mass")
 OWN = {

@@ -24,9 +24,9 @@ from tqdm import tqdm
 from benchmarks.kept_answers import Answer, answers_of, kept_answers, kept_folder
 from benchmarks.mechanism_worlds import MODELS, NONE, STRENGTHS, TWO, UNLISTED, make_world
 from benchmarks.result_files import write_results
-from pipeline.evaluation.markdown import markdown
-from pipeline.mechanisms.discovery import discover_mechanism
-from pipeline.mechanisms.registry import mechanism_effects
+from pipeline.discovery.mechanisms.discovery import discover_mechanism
+from pipeline.discovery.mechanisms.registry import mechanism_effects
+from pipeline.report.markdown import markdown
 
 FIRST_SEED = 700
 HELD_OUT = 0.3

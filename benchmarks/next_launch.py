@@ -21,11 +21,11 @@ from tqdm import tqdm
 
 from benchmarks.kept_answers import answers_of, kept_answers
 from benchmarks.result_files import write_results
-from pipeline.discrepancy.discover import discover
-from pipeline.discrepancy.report.discovery import Discovery
-from pipeline.discrepancy.report.next_launch import STATES, launches
-from pipeline.discrepancy.report.report_dict import verdict_dict
-from pipeline.discrepancy.tracks.known_scene import known_scene
+from pipeline.discovery.discover import discover
+from pipeline.discovery.report.discovery import Discovery
+from pipeline.discovery.report.next_launch import STATES, launches
+from pipeline.discovery.report.report_dict import verdict_dict
+from pipeline.discovery.tracks.known_scene import known_scene
 from pipeline.errors import DynamicsError
 from pipeline.hidden.judge import judge
 from pipeline.hidden.recipe import Recipe

@@ -35,6 +35,7 @@ from benchmarks.paired_clips import ADDED, KINDS, SIZE, Pair, Shown, draw_pair, 
 from benchmarks.transferred_edit import Counterpart, transferred
 from pipeline.api.infer import infer
 from pipeline.api.infer_files import relabelled
+from pipeline.clips.overlap import assign, count, pair_iou
 from pipeline.clips.schedule import Schedule
 from pipeline.editing.compose import compose, follow
 from pipeline.editing.edited_motion import EditedMotion, filmed_motion, run_edits
@@ -42,8 +43,7 @@ from pipeline.editing.filmed_clip import CLIP, FilmedClip, read_clip, write_clip
 from pipeline.editing.layers import take_apart
 from pipeline.editing.view import BodyMotion, view_of
 from pipeline.errors import SceneError, SimulationError, VideoError
-from pipeline.evaluation.markdown import markdown
-from pipeline.metrics.overlap import assign, count, pair_iou
+from pipeline.report.markdown import markdown
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import load_scene, write_scene
 from pipeline.vision.recordings.video import write_video

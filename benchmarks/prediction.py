@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.evaluation.markdown import markdown
-from pipeline.evaluation.tables import cell
-from pipeline.metrics.intervals import bootstrap_mean
+from pipeline.clips.intervals import bootstrap_mean
+from pipeline.report.markdown import markdown
+from pipeline.report.tables import cell
 from pipeline.shards.dataset import open_shards
 from stages.graph.run import folder
 

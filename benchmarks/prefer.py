@@ -24,23 +24,23 @@ import numpy as np
 import torch
 from transformers.utils import logging
 
+from pipeline.bodies.mask_source import MaskSource
+from pipeline.bodies.prompts import Prompts
+from pipeline.bodies.user_clip import read_frames, with_masks
+from pipeline.clips.intervals import bootstrap_mean
 from pipeline.clips.schedule import Schedule
-from pipeline.evaluation.markdown import markdown
-from pipeline.evaluation.scene_scores import measured_reference, score
-from pipeline.evaluation.tables import cell
 from pipeline.inference.asking import input_of
 from pipeline.inference.model_pictures import shown_clip
-from pipeline.language.completion import read_completion
-from pipeline.metrics.intervals import bootstrap_mean
 from pipeline.model.answering import Shown, load_answering
 from pipeline.model.base import Base
+from pipeline.model.language.completion import read_completion
 from pipeline.model.preference import Pair, draw_answers, pairs_of, prefer, weighted_reward
 from pipeline.model.sampling import Completed, Sampling
 from pipeline.model.training_plan import TrainingPlan
 from pipeline.model.words_model import WordsModel
-from pipeline.perception.mask_source import MaskSource
-from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import read_frames, with_masks
+from pipeline.report.markdown import markdown
+from pipeline.report.scene_scores import measured_reference, score
+from pipeline.report.tables import cell
 from pipeline.search.best_of_k import rank
 from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.search.target import make_target

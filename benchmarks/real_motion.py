@@ -21,19 +21,19 @@ from benchmarks.published.ball_drops import read_ball_drops, together
 from benchmarks.published.cube_tosses import read_cube_tosses
 from benchmarks.published.published_set import RealSet
 from benchmarks.published.table_tennis import read_table_tennis
-from pipeline.discrepancy.discover import discover
-from pipeline.discrepancy.fitting.initial_states import stack_initial_states
-from pipeline.discrepancy.fitting.least_squares import fit
-from pipeline.discrepancy.fitting.model import known_model, with_effect
-from pipeline.discrepancy.fitting.predictions import run
-from pipeline.discrepancy.report.discovery import Discovery
-from pipeline.discrepancy.report.remainder import Remainder
-from pipeline.discrepancy.selection.gap import body_gap
-from pipeline.discrepancy.tracks.arc import Arc
-from pipeline.discrepancy.tracks.known_scene import known_scene
-from pipeline.discrepancy.tracks.stack import stack_arcs
-from pipeline.discrepancy.tracks.track import tracks_table
-from pipeline.evaluation.markdown import markdown, table_row
+from pipeline.discovery.discover import discover
+from pipeline.discovery.fitting.initial_states import stack_initial_states
+from pipeline.discovery.fitting.least_squares import fit
+from pipeline.discovery.fitting.model import known_model, with_effect
+from pipeline.discovery.fitting.predictions import run
+from pipeline.discovery.report.discovery import Discovery
+from pipeline.discovery.report.remainder import Remainder
+from pipeline.discovery.selection.gap import body_gap
+from pipeline.discovery.tracks.arc import Arc
+from pipeline.discovery.tracks.known_scene import known_scene
+from pipeline.discovery.tracks.stack import stack_arcs
+from pipeline.discovery.tracks.track import tracks_table
+from pipeline.report.markdown import markdown, table_row
 from pipeline.scene.effects.registry import effect_kinds
 from training.data_folder import needed
 

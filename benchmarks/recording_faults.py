@@ -22,13 +22,13 @@ import pandas as pd
 from tqdm import tqdm
 
 from benchmarks.result_files import write_results
-from pipeline.discrepancy.discover import discover
-from pipeline.discrepancy.tracks.known_scene import known_scene
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.discovery.discover import discover
+from pipeline.discovery.tracks.known_scene import known_scene
+from pipeline.discovery.tracks.track import Track
 from pipeline.errors import DynamicsError
-from pipeline.evaluation.markdown import markdown
 from pipeline.hidden.recipe import Recipe
 from pipeline.hidden.world import make_world
+from pipeline.report.markdown import markdown
 from pipeline.scene.effects.registry import effect_kinds
 
 FIRST_SEED = 700

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.discrepancy.tracks.track import Track, tracks_table
+from pipeline.discovery.tracks.track import Track, tracks_table
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import SIZE_KEYS, Effect, Scene, SceneObject
 

@@ -32,7 +32,7 @@ import pyarrow as pa
 from ruamel.yaml import YAML
 
 from pipeline.errors import ShardError
-from pipeline.evaluation.markdown import markdown
+from pipeline.report.markdown import markdown
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.manifest import MANIFEST
 from pipeline.shards.map_shards import map_shards
@@ -243,11 +243,11 @@ def score_memory(data: Path, counts: Sequence[int], shard_size: int) -> list[dic
 
 def sum_up(folder: Path) -> None:
     """What `stages.score` does with a suite, with one set of scores for all answers in place of their replays."""
-    from pipeline.evaluation.determined import spreads_by_kind
-    from pipeline.evaluation.scene_scores import METRICS
-    from pipeline.evaluation.suite import AnsweredSuite
-    from pipeline.evaluation.summary import summarise
-    from pipeline.evaluation.tables import ERRORS
+    from pipeline.report.determined import spreads_by_kind
+    from pipeline.report.scene_scores import METRICS
+    from pipeline.report.suite import AnsweredSuite
+    from pipeline.report.summary import summarise
+    from pipeline.report.tables import ERRORS
     from stages.score import written
 
     scores = {name: 0.123456 * k for k, name in enumerate((*METRICS, *ERRORS))}

@@ -20,9 +20,9 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
+from pipeline.clips.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
-from pipeline.metrics.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.physics.batch import BatchSimulator, SceneBatch, unstack
 from pipeline.physics.simulate import simulate
 from pipeline.scene.mjcf import scene_xml

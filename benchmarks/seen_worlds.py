@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.bodies.found_bodies import find_in_clip
+from pipeline.bodies.prompts import Prompts
+from pipeline.bodies.user_clip import mask_networks
+from pipeline.discovery.filmed.recorded_clip import RecordedClip
 from pipeline.errors import VideoError
-from pipeline.filmed.recorded_clip import RecordedClip
 from pipeline.hidden.filmed_world import FPS, NOTHING, SCENARIOS, SIZE, FilmedClip, FilmedWorld, make_filmed_world
-from pipeline.perception.found_bodies import find_in_clip
-from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import mask_networks
 from pipeline.vision.recordings.letterbox import letterbox_for
 from pipeline.vision.recordings.video import Clip
 

@@ -22,14 +22,14 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
+from pipeline.clips.intervals import bootstrap_mean
+from pipeline.clips.overlap import assign, count, pair_iou
 from pipeline.clips.replay import replay_poses
-from pipeline.evaluation.markdown import markdown
-from pipeline.evaluation.scene_scores import score, true_reference
-from pipeline.evaluation.tables import cell
 from pipeline.inference.scene_search import clip_evaluator
-from pipeline.metrics.intervals import bootstrap_mean
-from pipeline.metrics.overlap import assign, count, pair_iou
 from pipeline.physics.simulate import simulate
+from pipeline.report.markdown import markdown
+from pipeline.report.scene_scores import score, true_reference
+from pipeline.report.tables import cell
 from pipeline.scene.scene import BASIC_SHAPES, Scene
 from pipeline.scene.text import read_scene, write_scene
 from pipeline.scene.time_step import STEPS_PER_SECOND

@@ -27,14 +27,14 @@ from tqdm import tqdm
 
 from benchmarks.kept_answers import answers_of, kept_answers
 from benchmarks.motion_masks import masks_from_motion
+from pipeline.clips.intervals import bootstrap_mean
 from pipeline.clips.schedule import Schedule
 from pipeline.csv_rows import write_rows
-from pipeline.evaluation.markdown import markdown
-from pipeline.evaluation.scene_scores import score
-from pipeline.evaluation.suite import Suite, greedy_row, reference
-from pipeline.evaluation.tables import starts_table
 from pipeline.inference.scene_search import distinct_starts
-from pipeline.metrics.intervals import bootstrap_mean
+from pipeline.report.markdown import markdown
+from pipeline.report.scene_scores import score
+from pipeline.report.suite import Suite, greedy_row, reference
+from pipeline.report.tables import starts_table
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import read_scene
 from pipeline.search.cmaes import Budget, cmaes_search

@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 import torch
 
+from pipeline.bodies.found_bodies import moving_masks
+from pipeline.bodies.networks import load_mask_networks
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import VideoError
-from pipeline.perception.found_bodies import moving_masks
-from pipeline.segmentation import load_mask_networks
 from pipeline.shards.dataset import open_shards
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.flow_confidence import followed

@@ -27,16 +27,16 @@ from tqdm import tqdm
 
 from benchmarks.kept_answers import answers_of, kept_answers, kept_folder
 from benchmarks.seen_worlds import VISIBLE_EFFECTS, SeenWorld, drawn_world, kept_world
-from pipeline.discrepancy.discover import discover
-from pipeline.discrepancy.report.discovery import Discovery
-from pipeline.discrepancy.tracks.known_scene import known_scene
+from pipeline.clips.intervals import wilson
+from pipeline.discovery.discover import discover
+from pipeline.discovery.filmed.measured_motion import measure_motion
+from pipeline.discovery.filmed.shown_effects import discover_shown
+from pipeline.discovery.report.discovery import Discovery
+from pipeline.discovery.tracks.known_scene import known_scene
 from pipeline.errors import DynamicsError, VideoError
-from pipeline.evaluation.markdown import markdown
-from pipeline.filmed.measured_motion import measure_motion
-from pipeline.filmed.shown_effects import discover_shown
 from pipeline.hidden.filmed_world import FPS
 from pipeline.hidden.judge import judge
-from pipeline.metrics.intervals import wilson
+from pipeline.report.markdown import markdown
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.vision.recordings.video import write_video
 

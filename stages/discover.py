@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import pyarrow as pa
 from ruamel.yaml import YAML
 
-from pipeline.discrepancy.discover import discover
-from pipeline.discrepancy.report.report_dict import report_dict
-from pipeline.discrepancy.selection.testable import names_of
-from pipeline.discrepancy.tracks.known_scene import known_scene
-from pipeline.discrepancy.tracks.track import tracks_from_rows
+from pipeline.discovery.discover import discover
+from pipeline.discovery.report.report_dict import report_dict
+from pipeline.discovery.selection.testable import names_of
+from pipeline.discovery.tracks.known_scene import known_scene
+from pipeline.discovery.tracks.track import tracks_from_rows
 from pipeline.scene.text import write_scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard

@@ -15,9 +15,9 @@ import numpy as np
 import pyarrow as pa
 from ruamel.yaml import YAML
 
-from pipeline.discrepancy.selection.testable import names_of
+from pipeline.bodies.mask_source import WEIGHTS
+from pipeline.discovery.selection.testable import names_of
 from pipeline.errors import MeasurementError
-from pipeline.perception.mask_source import WEIGHTS
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
@@ -53,14 +53,14 @@ def found_in(
         MeasurementError: Where no body can be measured in them.
     """
     # imported here: it takes seconds, and mostly the shards are in the store
-    from pipeline.discrepancy.discover import discover
-    from pipeline.discrepancy.report.discovery import Discovery
-    from pipeline.discrepancy.tracks.known_scene import known_scene
-    from pipeline.filmed.measured_motion import measure_motion
-    from pipeline.filmed.recorded_clip import RecordedClip
-    from pipeline.filmed.shown_effects import discover_shown
-    from pipeline.perception.found_bodies import moving_masks
-    from pipeline.perception.user_clip import mask_networks
+    from pipeline.bodies.found_bodies import moving_masks
+    from pipeline.bodies.user_clip import mask_networks
+    from pipeline.discovery.discover import discover
+    from pipeline.discovery.filmed.measured_motion import measure_motion
+    from pipeline.discovery.filmed.recorded_clip import RecordedClip
+    from pipeline.discovery.filmed.shown_effects import discover_shown
+    from pipeline.discovery.report.discovery import Discovery
+    from pipeline.discovery.tracks.known_scene import known_scene
     from pipeline.scene.text import write_scene
 
     networks = mask_networks()

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
+from pipeline.clips.events import Thresholds, find_events
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import event_areas
-from pipeline.language.completion import think_text
-from pipeline.language.events import Thresholds, find_events
+from pipeline.model.language.completion import think_text
 from pipeline.physics.trace_shards import read_trace
 from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.clips.events import event_of_row
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import trace_pairs
 from pipeline.csv_rows import write_rows
 from pipeline.errors import naming
-from pipeline.language.events import event_of_row
 from pipeline.model.model_input import ModelInput, is_words
 from pipeline.model.processes import in_processes, is_first
 from pipeline.model.training_plan import TrainingPlan
@@ -37,8 +37,8 @@ from stages.graph.stage_params import load
 from stages.graph.training_processes import processes_for
 
 if TYPE_CHECKING:
-    from pipeline.language.codec import Tokens
     from pipeline.model.base import Base
+    from pipeline.model.language.codec import Tokens
     from pipeline.model.trainer import ClipDataset
     from pipeline.model.words_example import Arrays
 
@@ -103,7 +103,7 @@ def make_in_each(
 
 def text_dataset(inputs: Sequence[ShardedDataset], base: "Base", parameters: Parameters) -> "ClipDataset":
     """Clips as tokens and videos. inputs: tokenize, and the stages that have what is shown."""
-    from pipeline.language.codec import Tokens
+    from pipeline.model.language.codec import Tokens
     from pipeline.model.question import Question
     from pipeline.model.trainer import ClipDataset
 

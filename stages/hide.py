@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
-from pipeline.discrepancy.tracks.track import ROW_NUMBERS, track_rows
+from pipeline.discovery.tracks.track import ROW_NUMBERS, track_rows
 from pipeline.hidden.recipe import recipe_of
 from pipeline.hidden.world import World, make_world
 from pipeline.hidden.world_tables import scene_text, truth_table

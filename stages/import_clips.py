@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from pipeline.bodies.mask_source import WEIGHTS, MaskSource
+from pipeline.bodies.prompts import Prompts
 from pipeline.errors import ParamsError
-from pipeline.perception.mask_source import WEIGHTS, MaskSource
-from pipeline.perception.prompts import Prompts
 from pipeline.shards.opened_shard import OpenShard
 from pipeline.shards.shard import Shard, ShardResult
 from pipeline.shards.tables import table_from_rows
@@ -59,7 +59,7 @@ class Parameters:
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     # imported here: it takes seconds, and mostly the shards are in the store
-    from pipeline.perception.user_clip import on_grid, read_frames, with_masks
+    from pipeline.bodies.user_clip import on_grid, read_frames, with_masks
 
     rows, frames, masks = [], [], []
     for clip in shard.clips:

@@ -1,8 +1,8 @@
 """Completions of clips: one greedy and K sampled, under the grammar, so that every answer parses.
 
 Reads the model that answers (data/finetune/model, or with prefer.enabled data/prefer/model) and data/flow/<suite> (with
-model.input=rgb data/render/<suite>, for the words model both). With infer.shots=N the model is model.base as it
-is, prompted with pipeline/language/few_shot.jinja and N worked examples (data/tokenize/train and data/flow/train or
+model.input=rgb data/render/<suite>, for the words model both). With infer.shots=N the model is model.base as it is,
+prompted with pipeline/model/language/few_shot.jinja and N worked examples (data/tokenize/train and data/flow/train or
 data/render/train).
 Writes data/infer/<suite>: clip, sample (-1 greedy, 0 … K-1), text, scene (canonical YAML), log_probability.
 Parameters: seed, clip, flow (but noise and train_source), model, infer. Run: python -m stages.infer SUITE
@@ -19,7 +19,7 @@ import pyarrow as pa
 
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError, naming
-from pipeline.language.few_shot import TEMPLATE, instructions
+from pipeline.model.language.few_shot import TEMPLATE, instructions
 from pipeline.model.model_input import ModelInput, is_words
 from pipeline.scene.text import write_scene
 from pipeline.shards.dataset import Clip

@@ -15,7 +15,7 @@ from tqdm import tqdm
 from pipeline.clips.replay import HEIGHT, WIDTH
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
-from pipeline.evaluation.prediction import forecast_scores
+from pipeline.report.prediction import forecast_scores
 from pipeline.scene.text import write_scene
 from pipeline.search.search_scene import search_scene
 from pipeline.search.target import resize_masks

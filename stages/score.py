@@ -17,17 +17,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pipeline.clips.events import Thresholds
 from pipeline.csv_rows import read_rows, write_rows
-from pipeline.evaluation.determined import determined_table, spreads_by_kind
-from pipeline.evaluation.event_scores import EVENT_METRICS, KIND_METRICS
-from pipeline.evaluation.event_table import EVENTS, events_table
-from pipeline.evaluation.markdown import markdown
-from pipeline.evaluation.scene_scores import METRICS
-from pipeline.evaluation.scores_page import RunScores, scores_page, shown_clips
-from pipeline.evaluation.suite import AnsweredSuite, forecast_rows
-from pipeline.evaluation.summary import COUNTS, as_csv, as_json, summarise, with_metrics
-from pipeline.evaluation.tables import ERRORS, FORECAST, SCORES, metrics_table, times_table
-from pipeline.language.events import Thresholds
+from pipeline.report.determined import determined_table, spreads_by_kind
+from pipeline.report.event_scores import EVENT_METRICS, KIND_METRICS
+from pipeline.report.event_table import EVENTS, events_table
+from pipeline.report.markdown import markdown
+from pipeline.report.scene_scores import METRICS
+from pipeline.report.scores_page import RunScores, scores_page, shown_clips
+from pipeline.report.suite import AnsweredSuite, forecast_rows
+from pipeline.report.summary import COUNTS, as_csv, as_json, summarise, with_metrics
+from pipeline.report.tables import ERRORS, FORECAST, SCORES, metrics_table, times_table
 from pipeline.shards.contents import check_contents
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to

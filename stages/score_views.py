@@ -7,7 +7,7 @@ Reads data/tracks/views. Writes reports/views.md (a row per kind of view, a row 
 import json
 from pathlib import Path
 
-from pipeline.evaluation.view_tables import ViewScore, clips_table, figures, kinds_table
+from pipeline.report.view_tables import ViewScore, clips_table, figures, kinds_table
 from pipeline.shards.dataset import open_shards
 from pipeline.shards.output_errors import writing_to
 from stages.graph.run import folder, run

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
+from pipeline.clips.events import event_of_row
 from pipeline.errors import naming
-from pipeline.language.completion import write_completion
-from pipeline.language.events import event_of_row
+from pipeline.model.language.completion import write_completion
 from pipeline.model.model_input import is_words
 from pipeline.scene.text import read_scene
 from pipeline.shards.opened_shard import OpenShard
@@ -25,7 +25,7 @@ from stages.graph.run import run, run_shards
 from stages.graph.stage_params import load
 
 if TYPE_CHECKING:
-    from pipeline.language.codec import Codec
+    from pipeline.model.language.codec import Codec
 
 SCHEMA = pa.schema(
     {
@@ -62,8 +62,8 @@ class Parameters:
 @lru_cache(maxsize=1)
 def codec(base: str, width: int, height: int, frames: int) -> "Codec | None":
     # imported here, as below: it takes seconds, and mostly the shards are in the store
-    from pipeline.language.codec import Codec
     from pipeline.model.checkpoint import load_tokenizer, read_layout
+    from pipeline.model.language.codec import Codec
 
     if is_words(base):
         return None
@@ -72,7 +72,7 @@ def codec(base: str, width: int, height: int, frames: int) -> "Codec | None":
 
 
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
-    from pipeline.language.codec import NO_TOKENS
+    from pipeline.model.language.codec import NO_TOKENS
 
     sample, happened = inputs
     writer = codec(parameters.base, parameters.width, parameters.height, parameters.frames)

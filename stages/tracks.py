@@ -46,7 +46,7 @@ class Parameters:
 def compute(shard: Shard, inputs: Sequence[OpenShard], parameters: Parameters) -> ShardResult:
     # imported here: it takes seconds, and mostly the shards are in the store
     from pipeline.clips.draw_views import view_kind
-    from pipeline.evaluation.view_scores import SeenClip, view_score
+    from pipeline.report.view_scores import SeenClip, view_score
     from pipeline.scene.text import read_scene
 
     (sample, rendered), p = inputs, parameters

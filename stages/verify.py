@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.clips.intervals import wilson
 from pipeline.csv_rows import write_rows
-from pipeline.evaluation.markdown import markdown
 from pipeline.hidden.confusion_figure import confusion_figure
 from pipeline.hidden.judge import Judgement, confusion, judge
-from pipeline.metrics.intervals import wilson
+from pipeline.report.markdown import markdown
 from pipeline.shards.dataset import ShardedDataset, open_shards
 from pipeline.shards.output_errors import writing_to
 from stages.graph.run import folder, run

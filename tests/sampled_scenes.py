@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.clips.draw import Drawn, Filters, draw_clips
+from pipeline.clips.events import Thresholds
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import frame_masks
-from pipeline.language.events import Thresholds
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.sample import Distribution

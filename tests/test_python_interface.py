@@ -11,9 +11,9 @@ from sampled_scenes import params
 
 import pipeline
 from pipeline.api import infer as infer_module
+from pipeline.clips.events import DEFAULT_THRESHOLDS
 from pipeline.errors import SceneError
 from pipeline.inference import asking, find_scenes
-from pipeline.language.events import DEFAULT_THRESHOLDS
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene, SceneObject
 

@@ -22,7 +22,7 @@ Function = Callable[..., Any]
 
 def package_of(module: str) -> str:
     """`pipeline.scene` of pipeline.scene.text; the packages of `discrepancy` are told apart."""
-    return ".".join(module.split(".")[: 3 if module.startswith("pipeline.discrepancy.") else 2])
+    return ".".join(module.split(".")[: 3 if module.startswith("pipeline.discovery.") else 2])
 
 
 @contextmanager
@@ -56,11 +56,11 @@ def stays(entered: list[str]) -> Counter[str]:
 
 
 def test_a_discovery_enters_each_package_at_most_twice(tmp_path: Path) -> None:
-    with calls({"pipeline.api.discover", "pipeline.discrepancy.discover"}) as entered:
+    with calls({"pipeline.api.discover", "pipeline.discovery.discover"}) as entered:
         found = discover(MEASURED / "thrown_ball.csv", MEASURED / "thrown_ball.yaml", effects="air_drag,wind")
         found.save(tmp_path / "found")
     counts = stays(entered)
-    assert {f"pipeline.discrepancy.{part}" for part in ("tracks", "selection", "report")} <= set(counts)
+    assert {f"pipeline.discovery.{part}" for part in ("tracks", "selection", "report")} <= set(counts)
     assert max(counts.values()) <= 2, counts
 
 
@@ -73,5 +73,5 @@ def test_an_inference_enters_each_package_at_most_twice(tmp_path: Path) -> None:
     with calls(conductors) as entered:
         infer(clip, samples=1, flow="dis")
     counts = stays(entered)
-    assert {"pipeline.perception", "pipeline.search"} <= set(counts)
+    assert {"pipeline.bodies", "pipeline.search"} <= set(counts)
     assert max(counts.values()) <= 2, [package for package, _ in groupby(entered)]

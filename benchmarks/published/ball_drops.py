@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.published.published_set import RealSet
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.discovery.tracks.track import Track
 
 OUNCE = 0.0283495  # kg
 USUAL = {"volleyball": (9.5, 66.0)}  # ounces, cm around

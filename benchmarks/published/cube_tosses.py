@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.published.published_set import RealSet
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.discovery.tracks.track import Track
 from pipeline.scene.rotation import matrix_from_quaternion
 
 HALF_SIDE, MASS, STEP = 0.0524, 0.37, 1 / 148

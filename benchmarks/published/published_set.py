@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.discovery.tracks.track import Track
 from training.data_folder import data_folder
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from benchmarks.published.published_set import RealSet
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.discovery.tracks.track import Track
 
 STEP = 1 / 180  # s
 SPEEDS = 21  # rows whose median speed counts: single speeds are noisy, and up to five in a row are twice too large

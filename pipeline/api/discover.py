@@ -13,23 +13,23 @@ import pyarrow as pa
 
 from pipeline.api.discover_log import MODEL, LogDiscoveryResult, discover_log
 from pipeline.api.discovery_folder import HELD_OUT, DiscoveryFolder, check_share, write_augmented
-from pipeline.discrepancy.discover import discover as find_missing_physics
-from pipeline.discrepancy.report.discovery import Discovery
-from pipeline.discrepancy.report.forces_file import forces_file
-from pipeline.discrepancy.report.html_page import html_page
-from pipeline.discrepancy.report.report_dict import report_dict
-from pipeline.discrepancy.report.residual_table import residual_table
-from pipeline.discrepancy.selection.testable import names_of
-from pipeline.discrepancy.tracks.known_scene import KnownScene, load_known_scene
-from pipeline.discrepancy.tracks.measured_file import MeasuredFile, read_measured
-from pipeline.discrepancy.tracks.plausibility import check_plausible
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.discovery.discover import discover as find_missing_physics
+from pipeline.discovery.report.discovery import Discovery
+from pipeline.discovery.report.forces_file import forces_file
+from pipeline.discovery.report.html_page import html_page
+from pipeline.discovery.report.report_dict import report_dict
+from pipeline.discovery.report.residual_table import residual_table
+from pipeline.discovery.selection.testable import names_of
+from pipeline.discovery.tables.said import Said
+from pipeline.discovery.tracks.known_scene import KnownScene, load_known_scene
+from pipeline.discovery.tracks.measured_file import MeasuredFile, read_measured
+from pipeline.discovery.tracks.plausibility import check_plausible
+from pipeline.discovery.tracks.track import Track
 from pipeline.errors import ParamsError
 from pipeline.inference.progress import Progress
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import save_scene
-from pipeline.tables.said import Said
 from pipeline.viewer.measured import save_measured
 
 

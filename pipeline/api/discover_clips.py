@@ -17,18 +17,18 @@ from pipeline.api.discovery_folder import HELD_OUT
 from pipeline.api.overlay import side_by_side
 from pipeline.api.result_folder import FolderResult
 from pipeline.clips.replay import WIDTH
-from pipeline.discrepancy.report.discovery import Discovery
-from pipeline.discrepancy.selection.testable import names_of
-from pipeline.discrepancy.tracks.known_scene import KnownScene, known_scene, load_known_scene
-from pipeline.discrepancy.tracks.track import tracks_table
+from pipeline.discovery.filmed.measured_motion import MeasuredMotion, measure_motion
+from pipeline.discovery.filmed.reading import inferred_scene, is_inferred, read_recorded_clip
+from pipeline.discovery.filmed.shown_effects import discover_shown
+from pipeline.discovery.filmed.unfitted import ForecastClip, Unfitted
+from pipeline.discovery.report.discovery import Discovery
+from pipeline.discovery.selection.testable import names_of
+from pipeline.discovery.tables.said import Said
+from pipeline.discovery.tracks.known_scene import KnownScene, known_scene, load_known_scene
+from pipeline.discovery.tracks.track import tracks_table
 from pipeline.errors import MeasurementError, SceneError
-from pipeline.filmed.measured_motion import MeasuredMotion, measure_motion
-from pipeline.filmed.reading import inferred_scene, is_inferred, read_recorded_clip
-from pipeline.filmed.shown_effects import discover_shown
-from pipeline.filmed.unfitted import ForecastClip, Unfitted
 from pipeline.inference.progress import Progress
 from pipeline.scene.scene import SIZE_KEYS, Scene
-from pipeline.tables.said import Said
 from pipeline.vision.recordings.video import write_video
 
 VIEWS = {"table": "ground", "side": "upright"}

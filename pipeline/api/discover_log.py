@@ -12,15 +12,15 @@ import numpy as np
 import pyarrow as pa
 
 from pipeline.api.discovery_folder import DiscoveryFolder, check_share, write_augmented
-from pipeline.discrepancy.selection.testable import names_among
+from pipeline.discovery.mechanisms.augmented import augmented_document, augmented_forces
+from pipeline.discovery.mechanisms.discovery import MechanismDiscovery, discover_mechanism
+from pipeline.discovery.mechanisms.html_page import mechanism_page
+from pipeline.discovery.mechanisms.log import read_log
+from pipeline.discovery.mechanisms.mechanism import Mechanism, read_mechanism
+from pipeline.discovery.mechanisms.registry import mechanism_effects
+from pipeline.discovery.mechanisms.residual_table import residual_table
+from pipeline.discovery.selection.testable import names_among
 from pipeline.inference.progress import Progress
-from pipeline.mechanisms.augmented import augmented_document, augmented_forces
-from pipeline.mechanisms.discovery import MechanismDiscovery, discover_mechanism
-from pipeline.mechanisms.html_page import mechanism_page
-from pipeline.mechanisms.log import read_log
-from pipeline.mechanisms.mechanism import Mechanism, read_mechanism
-from pipeline.mechanisms.registry import mechanism_effects
-from pipeline.mechanisms.residual_table import residual_table
 from pipeline.viewer.logged import save_logged
 
 MODEL = ".xml"

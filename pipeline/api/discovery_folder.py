@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.api.result_folder import FolderResult, write_result
-from pipeline.discrepancy.report.html_page import sentence
+from pipeline.discovery.report.html_page import sentence
 from pipeline.errors import ParamsError
 from pipeline.inference.progress import Progress
 

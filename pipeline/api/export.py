@@ -21,15 +21,15 @@ from pipeline.editing.edit_list import Edit
 from pipeline.editing.edited_motion import filmed_motion, run_edits
 from pipeline.editing.filmed_clip import CLIP, read_clip
 from pipeline.errors import OutputError, SceneError
-from pipeline.page.film import Panel, film
-from pipeline.page.motion_3d import RATE, BodyPath, motion_record, sampled_steps
-from pipeline.page.result_page import ResultPage, Table, html
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import load_scene, write_scene
 from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.shards.output_errors import writing_to
 from pipeline.untrusted import read_table_bytes
+from pipeline.viewer.page.film import Panel, film
+from pipeline.viewer.page.motion_3d import RATE, BodyPath, motion_record, sampled_steps
+from pipeline.viewer.page.result_page import ResultPage, Table, html
 from pipeline.vision.recordings.video import read_clip as read_video
 from pipeline.vision.rendering.render_backend import choose_backend
 

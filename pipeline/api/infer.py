@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.api.inference import Inference, Settings
+from pipeline.bodies.prompts import Prompts
+from pipeline.bodies.user_clip import UserClip
+from pipeline.bodies.video_stretch import VideoStretch
 from pipeline.errors import ParamsError
 from pipeline.inference.asking import LoadingModel, Question, flow_source, load_in_background, loaded, shipped
 from pipeline.inference.filmed_world import World
@@ -20,9 +23,6 @@ from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.progress import Progress
 from pipeline.inference.scene_search import LEAST_SEARCH
 from pipeline.model.sampling import Sampling
-from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import UserClip
-from pipeline.perception.video_stretch import VideoStretch
 from pipeline.vision.recordings.corrections import Correction
 
 if TYPE_CHECKING:

@@ -18,12 +18,11 @@ from pipeline.api.overlay import Row, Sheet, draw, side_by_side
 from pipeline.api.result_folder import write_result
 from pipeline.clips.replay import Replay
 from pipeline.editing.filmed_clip import CLIP, FilmedClip, write_clip
-from pipeline.evaluation.markdown import markdown
 from pipeline.inference.body_tracks import body_tracks, clip_track, objects_of, track_table
 from pipeline.inference.method import TRACKS, Method
 from pipeline.inference.progress import Progress
-from pipeline.language.completion import think_text
-from pipeline.planar.plane import FOV_DEG
+from pipeline.model.language.completion import think_text
+from pipeline.report.markdown import markdown
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.text import write_scene
 from pipeline.shards.content_hash import hash_path
@@ -31,6 +30,7 @@ from pipeline.viewer.footage import Footage, MotionLayer, Pictures, event_text
 from pipeline.viewer.recording import save
 from pipeline.vision.recordings.video import write_video
 from pipeline.vision.rendering.render_backend import choose_backend
+from pipeline.worlds.plane import FOV_DEG
 
 _VERSIONS = ("dynamics-pipeline", "mujoco", "numpy", "opencv-python-headless", "rerun-sdk", "torch", "transformers")
 SCALE = {

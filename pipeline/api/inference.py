@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipeline.api.result_folder import FolderResult
+from pipeline.bodies.prompts import Prompts
 from pipeline.clips.replay import Replay, replay
 from pipeline.inference.asking import Question, estimation_size, input_of
 from pipeline.inference.filmed_world import World
@@ -19,11 +20,10 @@ from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.method import TRACKS, Method, steady_line_doubt
 from pipeline.inference.progress import Progress
 from pipeline.inference.trust import Grade, grade
-from pipeline.perception.prompts import Prompts
-from pipeline.planar.scale import KNOWN, Scale
 from pipeline.scene.joint import span
 from pipeline.scene.scene import Scene
 from pipeline.vision.recordings.corrections import Correction
+from pipeline.worlds.scale import KNOWN, Scale
 
 if TYPE_CHECKING:
     from pipeline.model.base import Base

@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from pipeline.api.overlay import FAINT, GAP, INK, LINE, PAPER, font, outlined
+from pipeline.bodies.user_clip import UserClip
 from pipeline.inference.measure_clip import summary
-from pipeline.perception.user_clip import UserClip
 from pipeline.vision.recordings.letterbox import of_area
 from pipeline.vision.recordings.video import AREA
 from pipeline.vision.rendering.appearance import object_colour

@@ -12,14 +12,14 @@ from PIL import Image
 
 from pipeline.api.mask_sheet import overlay_frames, write_sheet
 from pipeline.api.result_folder import FolderResult, write_result
+from pipeline.bodies.found_bodies import FoundBodies
+from pipeline.bodies.mask_source import FAMILIES, WEIGHTS, mask_source
+from pipeline.bodies.prompts import Prompts
+from pipeline.bodies.user_clip import UserClip, with_masks
+from pipeline.bodies.video_stretch import VideoStretch, read_stretch
 from pipeline.errors import ParamsError
 from pipeline.inference.measure_clip import say_bodies
 from pipeline.inference.progress import Progress
-from pipeline.perception.found_bodies import FoundBodies
-from pipeline.perception.mask_source import FAMILIES, WEIGHTS, mask_source
-from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import UserClip, with_masks
-from pipeline.perception.video_stretch import VideoStretch, read_stretch
 from pipeline.shards.content_hash import hash_path
 from pipeline.vision.recordings.corrections import Correction
 from pipeline.vision.recordings.video import write_video

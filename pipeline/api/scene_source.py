@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import SceneError
-from pipeline.language.completion import read_completion
+from pipeline.model.language.completion import read_completion
 from pipeline.scene.mjcf import mesh_vertices
 from pipeline.scene.scene import Camera, Scene, SceneObject, half_extents
 from pipeline.scene.text import load_scene

@@ -21,10 +21,10 @@ from pipeline.clips.view import HEIGHT, WIDTH, rendering_of
 from pipeline.editing.edit_list import Edit, in_order
 from pipeline.editing.edited_motion import Run, edited_runs
 from pipeline.errors import SceneError
-from pipeline.evaluation.markdown import markdown
 from pipeline.inference.progress import Progress
 from pipeline.physics.simulate import simulate as run_scene
 from pipeline.physics.trace import Trace
+from pipeline.report.markdown import markdown
 from pipeline.scene.mjcf import scene_xml
 from pipeline.scene.scene import Scene
 from pipeline.scene.text import save_scene

@@ -13,11 +13,11 @@ from pipeline.api.export import paths_of
 from pipeline.app.sliders import Changes, edits_of
 from pipeline.clips.replay import replay_trace
 from pipeline.clips.schedule import Schedule
-from pipeline.page.motion_3d import RATE, motion_record
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.edited import edited
 from pipeline.scene.scene import Scene
+from pipeline.viewer.page.motion_3d import RATE, motion_record
 from pipeline.vision.recordings.letterbox import of_area
 from pipeline.vision.rendering.appearance import object_colour, plain_appearance
 from pipeline.vision.rendering.camera import focal_px, pinhole

@@ -32,7 +32,7 @@ from pipeline.app.uploads import KINDS, UploadError, check_upload, receive, show
 from pipeline.app.visitor import Visitor
 from pipeline.app.visitors import Visitors
 from pipeline.errors import DynamicsError, OutputError, ParamsError
-from pipeline.page.result_page import FOLDER as PAGE_FOLDER
+from pipeline.viewer.page.result_page import FOLDER as PAGE_FOLDER
 from pipeline.vision.recordings.clip_folder import video_of
 from pipeline.vision.recordings.video import read_clip
 from pipeline.vision.rendering.appearance import PALETTE, object_colour

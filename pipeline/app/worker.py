@@ -56,8 +56,8 @@ def find_bodies(request: Request, folder: Path, tell: Callable[..., None]) -> di
     import numpy as np
 
     from pipeline.api.masks import masks
-    from pipeline.page.film import Panel, film
-    from pipeline.perception.prompts import Prompts
+    from pipeline.bodies.prompts import Prompts
+    from pipeline.viewer.page.film import Panel, film
 
     found = masks(
         request["clip"],
@@ -132,7 +132,7 @@ def edit_clip(request: Request, folder: Path, tell: Callable[..., None]) -> dict
     from pipeline.api.edit import edit
     from pipeline.api.export import export
     from pipeline.editing.edit_list import Edit
-    from pipeline.page.film import Panel, film
+    from pipeline.viewer.page.film import Panel, film
     from pipeline.vision.recordings.video import read_clip
 
     progress = ToldProgress(4, tell)
@@ -162,7 +162,7 @@ def discover(request: Request, folder: Path, tell: Callable[..., None]) -> dict[
 def _shown(folder: Path, out: Path) -> dict[str, Any]:
     """Write what the page shows of a result; its record."""
     from pipeline.api.export import result_page
-    from pipeline.page.result_page import html
+    from pipeline.viewer.page.result_page import html
 
     page = result_page(out)
     (folder / "page.html").write_text(html(page), encoding="utf-8")

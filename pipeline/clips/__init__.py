@@ -1,1 +1,1 @@
-"""Clips: scenes that pass the filters, and the frames that are looked at."""
+"""Clips: scenes that pass the filters, the frames that are looked at, their events, and how alike two clips are."""

@@ -10,10 +10,10 @@ from functools import cached_property
 
 import numpy as np
 
+from pipeline.clips.events import DEFAULT_THRESHOLDS, Event, find_events
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import HEIGHT, WIDTH, View, event_areas, pair_view, rendering_of
 from pipeline.errors import SimulationError
-from pipeline.language.events import DEFAULT_THRESHOLDS, Event, find_events
 from pipeline.physics.batch import BatchSimulator, States, stack_scenes
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace

@@ -17,10 +17,10 @@ import numpy as np
 
 from pipeline.api.scene_source import read_scene_source, with_camera
 from pipeline.api.simulate import run_schedule
+from pipeline.clips.events import Event, event_of_row
 from pipeline.clips.replay import Replay, replay_trace
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import OutputError, SceneError, ShardError
-from pipeline.language.events import Event, event_of_row
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.physics.trace_shards import STATE_NAMES, read_trace

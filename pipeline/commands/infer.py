@@ -80,10 +80,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     from pipeline.api.result_folder import result_folder
+    from pipeline.bodies.prompts import Prompts
     from pipeline.inference.asking import load_in_background
     from pipeline.inference.filmed_world import World
     from pipeline.inference.progress import Progress
-    from pipeline.perception.prompts import Prompts
     from pipeline.vision.recordings.clip_folder import video_of
     from pipeline.vision.recordings.corrections import Correction
     from pipeline.vision.recordings.video import check_file
@@ -103,7 +103,7 @@ def run(arguments: argparse.Namespace) -> None:
         loading = load_in_background(a.model, "--model")  # imports torch while this thread imports the rest
         from pipeline.api.infer import infer
         from pipeline.api.mask_sheet import write_sheet
-        from pipeline.perception.user_clip import UserClip
+        from pipeline.bodies.user_clip import UserClip
 
         beside.submit(importlib.import_module, "pipeline.api.infer_files")  # while bodies are looked for
 

@@ -47,8 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     from pipeline.api.masks import masks
     from pipeline.api.result_folder import result_folder
+    from pipeline.bodies.prompts import Prompts
     from pipeline.inference.progress import Progress
-    from pipeline.perception.prompts import Prompts
     from pipeline.vision.recordings.corrections import Correction
 
     a = arguments

@@ -1,7 +1,8 @@
 """Where the clip shows each body, against where the scene says: a shift and a factor of size per frame.
 
-Silhouettes are cast anew for each shift, so that bodies may hide each other; outlines of known shape in masks with
-shadows are registered in `filmed/registration.py`, solids of unknown size in `search/outlines/registration.py`.
+Silhouettes are cast anew for each shift, so that bodies may hide each other. Outlines of known shape in masks with
+shadows are registered in `discovery/filmed/registration.py`, solids of unknown size in
+`search/outlines/registration.py`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 
-from pipeline.evaluation.figures import svg
+from pipeline.report.figures import svg
 
 
 def confusion_figure(rows: Sequence[str], columns: Sequence[str], counts: np.ndarray) -> str:

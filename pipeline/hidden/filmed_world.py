@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.discovery.tracks.track import Track
 from pipeline.hidden.engine import run_mujoco
 from pipeline.hidden.law_perturbation import NO_PERTURBATION
 from pipeline.hidden.recipe import Recipe

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.discrepancy.tracks.known_scene import FITTED
+from pipeline.discovery.tracks.known_scene import FITTED
 from pipeline.scene.effects.discovery_rules import Experiment, Need
 from pipeline.scene.effects.hiding import FLYING
 from pipeline.scene.effects.kind import EffectKind

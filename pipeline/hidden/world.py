@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from pipeline.discrepancy.tracks.known_scene import FITTED
-from pipeline.discrepancy.tracks.track import Track
+from pipeline.discovery.tracks.known_scene import FITTED
+from pipeline.discovery.tracks.track import Track
 from pipeline.hidden.engine import ENGINES, SimulatedMotion, can_simulate
 from pipeline.hidden.law_perturbation import draw_perturbation
 from pipeline.hidden.recipe import Recipe

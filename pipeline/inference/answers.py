@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from pipeline.language.completion import Completion, read_completion
 from pipeline.model.answering import Shown, write
+from pipeline.model.language.completion import Completion, read_completion
 from pipeline.model.sampling import Sampling, batches
 from pipeline.scene.scene import Scene
 

@@ -21,13 +21,13 @@ from pipeline.vision.recordings.mask_file import sized
 from pipeline.vision.rendering.camera import focal_px, fov_deg
 
 if TYPE_CHECKING:
+    from pipeline.bodies.user_clip import UserClip
     from pipeline.clips.schedule import Schedule
     from pipeline.inference.answers import Answer
     from pipeline.inference.measured_clip import MeasuredClip
     from pipeline.model.base import Base
     from pipeline.model.sampling import Sampling
     from pipeline.model.words_model import WordsModel
-    from pipeline.perception.user_clip import UserClip
     from pipeline.vision.recordings.video import Clip
 
 ROOT = Path(__file__).resolve().parents[2]

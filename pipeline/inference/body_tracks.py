@@ -14,14 +14,14 @@ import numpy as np
 import pyarrow as pa
 from scipy.spatial.transform import Rotation
 
+from pipeline.bodies.tracks.image_track import ImageTrack, image_tracks
 from pipeline.clips.replay import states_at
-from pipeline.motion.arcs import SYSTEMATIC
-from pipeline.motion.image_track import ImageTrack, image_tracks
 from pipeline.scene.scene import Scene
 from pipeline.scene.time_step import STEPS_PER_SECOND
 from pipeline.vision.recordings.letterbox import Letterbox
 from pipeline.vision.rendering.camera import focal_px, pinhole, project
 from pipeline.vision.rendering.rasteriser import rasterise
+from pipeline.worlds.arcs import SYSTEMATIC
 
 NUMBERS = ("time", "x", "y", "z", "qw", "qx", "qy", "qz", "sigma", "angle_sigma")  # columns of `track_table`
 LONG = 1.15  # ratio of an outline's axes from which its angle counts

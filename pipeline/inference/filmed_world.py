@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.bodies.user_clip import UserClip
 from pipeline.errors import ParamsError
 from pipeline.inference.trust import Forecast, fitted_frames, forecast, gravity_doubt
-from pipeline.perception.board import Board, board_scale
-from pipeline.perception.user_clip import UserClip
-from pipeline.planar.blocks import Block, FixedMark, find_block
-from pipeline.planar.find_planar_scene import (
+from pipeline.vision.recordings.mask_file import only
+from pipeline.worlds.blocks import Block, FixedMark, find_block
+from pipeline.worlds.board import Board, board_scale
+from pipeline.worlds.find_planar_scene import (
     KNOWN_ERROR,
     ClipMotion,
     KnownSize,
@@ -21,8 +22,7 @@ from pipeline.planar.find_planar_scene import (
     find_planar_scene,
     measure_motion,
 )
-from pipeline.planar.scale import GRAVITY, KNOWN, Scale
-from pipeline.vision.recordings.mask_file import only
+from pipeline.worlds.scale import GRAVITY, KNOWN, Scale
 
 WORSE = 1.5  # factor of the errors of two fits
 
@@ -50,7 +50,7 @@ class World:
     """What a user knows of the world that was filmed.
 
     Attributes:
-        view: Of `pipeline.motion.view.VIEWS`; None: the tracks decide.
+        view: Of `pipeline.worlds.view.VIEWS`; None: the tracks decide.
         gravity: m/s².
         length: A known length.
         size: A known size of a body.
@@ -82,7 +82,7 @@ class World:
         """A world from plain values.
 
         Args:
-            view: Of `pipeline.motion.view.VIEWS`, or "auto".
+            view: Of `pipeline.worlds.view.VIEWS`, or "auto".
             gravity: m/s².
             length: (x0, y0, x1, y1, m).
             size: (body, "radius", m).
@@ -163,7 +163,7 @@ def with_forecast(filmed: FilmedWorld, threads: int = 1) -> FilmedWorld:
 
 
 def seen_as(filmed: FilmedWorld, kind: str) -> FilmedWorld | None:
-    """That world with its clip seen from another view, of `pipeline.motion.view.VIEWS`; None where the tracks cannot
+    """That world with its clip seen from another view, of `pipeline.worlds.view.VIEWS`; None where the tracks cannot
     show that view."""
     f, told = filmed.followed, filmed.motion.view.kind
     try:

@@ -43,10 +43,10 @@ from pipeline.inference.scene_search import (
     search_forecast,
 )
 from pipeline.inference.trust import Forecast
-from pipeline.motion.view import CLOSE, LEVEL, PLAUSIBLE, VIEWS, View
 from pipeline.search.best_of_k import rank
 from pipeline.search.certainty import Certainty
 from pipeline.search.evaluator import Evaluator, Rewards
+from pipeline.worlds.view import CLOSE, LEVEL, PLAUSIBLE, VIEWS, View
 
 if TYPE_CHECKING:
     from pipeline.inference.answers import Answer

@@ -7,15 +7,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pipeline.bodies.free_motion import LEAST_SECONDS
+from pipeline.bodies.mask_source import mask_source
+from pipeline.bodies.user_clip import UserClip, with_masks
+from pipeline.bodies.video_stretch import VideoStretch, read_stretch
 from pipeline.clips.schedule import FilmedSchedule
 from pipeline.inference.asking import raw_flow, shown_flow
 from pipeline.inference.measured_clip import MeasuredClip, clip_schedule, measured_clip
 from pipeline.inference.progress import Progress
 from pipeline.model.model_input import ModelInput
-from pipeline.perception.free_motion import LEAST_SECONDS
-from pipeline.perception.mask_source import mask_source
-from pipeline.perception.user_clip import UserClip, with_masks
-from pipeline.perception.video_stretch import VideoStretch, read_stretch
 
 LATE = 0.15  # s: a clip in which no body is seen for longer begins where one is
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.bodies.free_motion import LEAST_SECONDS
+from pipeline.bodies.networks.body_shapes import shape_probabilities
+from pipeline.bodies.networks.shape_network import ShapeNetwork, load_shape_network
+from pipeline.bodies.user_clip import WEIGHTS, UserClip
 from pipeline.clips.schedule import FilmedSchedule
 from pipeline.errors import VideoError
-from pipeline.language.completion import MAX_OBJECTS
-from pipeline.perception.free_motion import LEAST_SECONDS
-from pipeline.perception.user_clip import WEIGHTS, UserClip
-from pipeline.segmentation.body_shapes import shape_probabilities
-from pipeline.segmentation.shape_network import ShapeNetwork, load_shape_network
+from pipeline.model.language.completion import MAX_OBJECTS
 from pipeline.vision.recordings.letterbox import of_area
 
 LEAST_FRAMES = 5  # of a clip

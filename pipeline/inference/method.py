@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.clips.overlap import Overlap, overlap
 from pipeline.clips.replay import masks_at
 from pipeline.errors import SimulationError
 from pipeline.inference.filmed_world import World
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.scene_search import ClipSearch
-from pipeline.metrics.overlap import Overlap, overlap
-from pipeline.motion.view import CLOSE, View
-from pipeline.motion.view_evidence import STEEP_DEG
-from pipeline.planar.find_planar_scene import PlanarAnswer
 from pipeline.scene.scene import Scene
 from pipeline.search.best_of_k import Ranking, rank
 from pipeline.search.evaluator import Evaluator, Rewards
 from pipeline.vision.rendering.camera import pinhole
+from pipeline.worlds.find_planar_scene import PlanarAnswer
+from pipeline.worlds.view import CLOSE, View
+from pipeline.worlds.view_evidence import STEEP_DEG
 
 if TYPE_CHECKING:
     from pipeline.inference.answers import Answer

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.clips.extrapolation import at_constant_velocity, moved_with_replay
+from pipeline.clips.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.clips.replay import masks_at
 from pipeline.errors import SimulationError
-from pipeline.metrics.extrapolation import at_constant_velocity, moved_with_replay
-from pipeline.metrics.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.scene.scene import Scene
 
 FITTED_SHARE = 0.7  # of the time in which bodies are in view, from which the rest is forecast

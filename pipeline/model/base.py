@@ -15,7 +15,6 @@ from transformers import (
     Qwen2_5_VLForConditionalGeneration,
 )
 
-from pipeline.language.codec import Codec
 from pipeline.model.checkpoint import (
     LOADING,
     LOADING_ERRORS,
@@ -26,6 +25,7 @@ from pipeline.model.checkpoint import (
     write_layout,
 )
 from pipeline.model.constrained_decoding import TrieCache
+from pipeline.model.language.codec import Codec
 from pipeline.model.model_input import ModelInput, read_input, write_input
 from pipeline.model.patches import PatchLayout
 

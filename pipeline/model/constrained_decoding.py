@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 
-from pipeline.language.codec import Codec
-from pipeline.language.grammar import Element, Grammar, Literal, Number
+from pipeline.model.language.codec import Codec
+from pipeline.model.language.grammar import Element, Grammar, Literal, Number
 
 Trie = dict[int, "Trie | str"]  # token -> what may follow, or the whole text where the element ends
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.language.events import ANSWERED_KINDS
+from pipeline.clips.events import ANSWERED_KINDS
 from pipeline.model.fields import FREE, NOTHING, OBJECT_FIELDS, SCENE_FIELDS, Field
 
 KINDS = ANSWERED_KINDS

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
 from pipeline.model.forward import hidden_states, right_padded
+from pipeline.model.language.codec import Tokens
 from pipeline.model.processes import share_of_mean
 from pipeline.model.trainer import ClipDataset, Report, train
 from pipeline.model.training_plan import TrainingPlan

@@ -17,10 +17,10 @@ import numpy as np
 import torch
 from transformers import DynamicCache
 
-from pipeline.language.completion import completion_grammar
 from pipeline.model.base import Base
 from pipeline.model.constrained_decoding import GrammarState
 from pipeline.model.forward import rotary_positions, video_inputs
+from pipeline.model.language.completion import completion_grammar
 from pipeline.model.question import Question
 from pipeline.model.sampling import Completed, Sampling
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from pipeline.language.completion import completion_grammar
 from pipeline.model.base import Base
 from pipeline.model.constrained_decoding import GrammarState
 from pipeline.model.forward import hidden_states, right_padded
+from pipeline.model.language.completion import completion_grammar
 
 
 @dataclass(frozen=True)

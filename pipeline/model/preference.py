@@ -16,9 +16,9 @@ import torch
 from torch.nn import functional
 from torch.utils.data import Dataset
 
-from pipeline.language.completion import MAX_OBJECTS, read_completion
 from pipeline.model.answering import Shown, write
 from pipeline.model.base import Base
+from pipeline.model.language.completion import MAX_OBJECTS, read_completion
 from pipeline.model.likelihood import ConstrainedTokens, constrained_tokens, log_probabilities
 from pipeline.model.question import Question
 from pipeline.model.sampling import Completed, Sampling, batches

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pipeline.language.completion import MAX_OBJECTS
 from pipeline.model.base import Base
 from pipeline.model.instances import FULL
+from pipeline.model.language.completion import MAX_OBJECTS
 from pipeline.model.shown import SeenBodies, most_seen, no_bodies
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.language.completion import (
+from pipeline.model.language.completion import (
     ANGLE_FREE,
     FOV,
     GRAVITY,
@@ -23,7 +23,7 @@ from pipeline.language.completion import (
     SIZE,
     VECTORS,
 )
-from pipeline.language.grammar import Number
+from pipeline.model.language.grammar import Number
 from pipeline.scene.sample import Distribution
 from pipeline.scene.scene import BASIC_SHAPES, SIZE_KEYS, Camera, Scene, SceneObject
 from pipeline.scene.solid import reach_below

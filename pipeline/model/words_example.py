@@ -10,8 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pipeline.language.completion import MAX_OBJECTS
-from pipeline.language.events import Event
+from pipeline.clips.events import Event
 from pipeline.model import decisions as d
 from pipeline.model.fields import (
     MOTION,
@@ -22,6 +21,7 @@ from pipeline.model.fields import (
     on_scale,
     scene_numbers,
 )
+from pipeline.model.language.completion import MAX_OBJECTS
 from pipeline.model.shown import SeenBodies, SeenFrames
 from pipeline.scene.rotation import quaternion_conjugate, quaternion_multiply
 from pipeline.scene.scene import BASIC_SHAPES, Scene

@@ -9,13 +9,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pipeline.clips.events import Event
 from pipeline.errors import ModelError
-from pipeline.language.completion import MAX_OBJECTS, write_completion
-from pipeline.language.events import Event
 from pipeline.model import decisions as d
 from pipeline.model.checkpoint import LOADING_ERRORS, load_weights
 from pipeline.model.deciding import decide
 from pipeline.model.fields import NOTHING, OBJECT_FIELDS, SCENE_FIELDS, off_scale, scene_of
+from pipeline.model.language.completion import MAX_OBJECTS, write_completion
 from pipeline.model.model_input import ModelInput, read_input, write_input
 from pipeline.model.sampling import Completed, Sampling
 from pipeline.model.shown import SeenBodies, SeenFrames, most_seen, no_bodies

@@ -9,8 +9,8 @@ from functools import cached_property
 import numba
 import numpy as np
 
+from pipeline.clips.overlap import assign, pair_iou, sequence_iou
 from pipeline.clips.schedule import Schedule
-from pipeline.metrics.overlap import assign, pair_iou, sequence_iou
 from pipeline.physics.batch import BatchSimulator, FixedKind, SceneBatch, States, stack_scenes
 from pipeline.scene.scene import Scene
 from pipeline.search.outlines.clip_outlines import ClipOutlines

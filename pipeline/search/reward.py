@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import prange
 
+from pipeline.clips.overlap import Counts
 from pipeline.compiled import parallel_kernel
-from pipeline.metrics.overlap import Counts
 from pipeline.search.pooled_residuals import pool_frame
 from pipeline.search.target import Target
 from pipeline.vision.rendering.exact_flow import exact_flow_frame

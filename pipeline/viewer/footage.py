@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.language.completion import event_phrase
-from pipeline.language.events import Event
+from pipeline.clips.events import Event
+from pipeline.model.language.completion import event_phrase
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import Scene
 

@@ -16,7 +16,7 @@ def save_logged(table: pa.Table, name: str, notes: str, path: Path) -> None:
     """Write a recording of measured and predicted columns, under motion/<clip>/<column>/<kind>, and of what is left.
 
     Args:
-        table: Residuals, from `pipeline.mechanisms.residual_table`.
+        table: Residuals, from `pipeline.discovery.mechanisms.residual_table`.
         name: Name and id of the recording.
         notes: Markdown.
         path: The file.

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pipeline.evaluation.suite import Suite
+from pipeline.report.suite import Suite
 from pipeline.shards.dataset import open_shards
 from stages.graph.run import folder
 

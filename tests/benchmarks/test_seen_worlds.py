@@ -8,7 +8,7 @@ import pytest
 from benchmarks import seen_worlds
 from benchmarks.seen_worlds import SeenWorld, kept_world
 from benchmarks.video_discovery import plan
-from pipeline.filmed.recorded_clip import RecordedClip
+from pipeline.discovery.filmed.recorded_clip import RecordedClip
 
 
 def drawn_world(name: str, strength: float, clips: int, rng: np.random.Generator) -> SeenWorld:

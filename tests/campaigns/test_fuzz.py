@@ -11,8 +11,8 @@ import pytest
 from campaign import damaged, outcomes, rounds
 from PIL import Image
 
-from pipeline.discrepancy.tracks.known_scene import load_known_scene
-from pipeline.discrepancy.tracks.track import read_tracks
+from pipeline.discovery.tracks.known_scene import load_known_scene
+from pipeline.discovery.tracks.track import read_tracks
 from pipeline.errors import DynamicsError
 from pipeline.physics.simulate import simulate
 from pipeline.scene.edited import edited
@@ -134,8 +134,8 @@ def test_videos(tmp_path: Path, rng: np.random.Generator) -> None:
 
 
 def test_checkpoints(tmp_path: Path, rng: np.random.Generator) -> None:
-    from pipeline.segmentation.network import load_network
-    from pipeline.segmentation.outline_network import load_outline_network
+    from pipeline.bodies.networks.network import load_network
+    from pipeline.bodies.networks.outline_network import load_outline_network
 
     source, folder, counted = ROOT / "models" / "masks", tmp_path / "masks", Counter[str]()
     shutil.copytree(source, folder)

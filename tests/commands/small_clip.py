@@ -105,8 +105,8 @@ def write_model(folder: Path, model_input: ModelInput | None = None) -> Path:
     from small_tokenizer import build_tokenizer
     from tiny_qwen import TinySize, build_tiny
 
-    from pipeline.language.codec import Codec
     from pipeline.model.base import Base
+    from pipeline.model.language.codec import Codec
     from pipeline.model.patches import PatchLayout
 
     tokenizer = build_tokenizer()

@@ -15,15 +15,15 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 from pipeline.api.infer_files import relabelled
+from pipeline.bodies.mask_source import MaskSource
+from pipeline.bodies.prompts import Prompts
+from pipeline.bodies.user_clip import NETWORK, read_frames, with_masks
+from pipeline.clips.overlap import overlap
 from pipeline.clips.replay import replay
 from pipeline.errors import VideoError
 from pipeline.inference.find_scenes import SEARCH_SIZE
 from pipeline.inference.measured_clip import MeasuredClip, check_motion, clip_schedule, limits, measured_clip
 from pipeline.inference.scene_search import clip_evaluator
-from pipeline.metrics.overlap import overlap
-from pipeline.perception.mask_source import MaskSource
-from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import NETWORK, read_frames, with_masks
 from pipeline.physics.simulate import simulate
 from pipeline.scene.edited import edited
 from pipeline.scene.text import load_scene

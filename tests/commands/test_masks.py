@@ -10,13 +10,13 @@ from command_run import Run
 from PIL import Image
 
 from pipeline.api.masks import masks
+from pipeline.bodies.mask_source import FAMILIES, MaskSource
+from pipeline.bodies.networks import published_models
+from pipeline.bodies.prompts import Prompts
+from pipeline.bodies.user_clip import read_frames, with_masks
 from pipeline.errors import VideoError
-from pipeline.perception.mask_source import FAMILIES, MaskSource
-from pipeline.perception.prompts import Prompts
-from pipeline.perception.user_clip import read_frames, with_masks
-from pipeline.segmentation import published_models
 from pipeline.vision.recordings.video import read_clip, write_video
-from tests.segmentation.tiny_segmenters import save_sam2
+from tests.bodies.tiny_segmenters import save_sam2
 
 FILES = ["masks", "masks.npz", "masks.png", "overlay.mp4", "result.json", "times.json"]
 PATH = drawn_clips.line((30, 60), (200, 90))

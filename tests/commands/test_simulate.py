@@ -11,7 +11,7 @@ import small_clip
 from command_run import Run, files_no_larger_than
 
 from pipeline.api.scene_source import read_scene_source, with_camera
-from pipeline.language.completion import write_completion
+from pipeline.model.language.completion import write_completion
 from pipeline.physics.simulate import simulate
 from pipeline.scene.canonical import rounded_scene
 from pipeline.scene.scene import Camera, Scene, SceneObject

@@ -6,8 +6,8 @@ from typing import Any
 
 import small_clip
 
+from pipeline.clips.events import DEFAULT_THRESHOLDS
 from pipeline.clips.schedule import Schedule
-from pipeline.language.events import DEFAULT_THRESHOLDS
 from pipeline.scene.text import write_scene
 from pipeline.shards.map_shards import Compute, map_shards
 from pipeline.shards.opened_shard import OpenShard

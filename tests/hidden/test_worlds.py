@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from pipeline.discrepancy.tracks.known_scene import FITTED
+from pipeline.clips.intervals import wilson
+from pipeline.discovery.tracks.known_scene import FITTED
 from pipeline.hidden.engine import ENGINES, run_event_driven, run_mujoco
 from pipeline.hidden.judge import confusion, equals_of, judge, macro_f1
 from pipeline.hidden.law_perturbation import WRONG_LAWS, LawPerturbation
 from pipeline.hidden.recipe import Recipe, perturbed_kinds, recipe_of
 from pipeline.hidden.scenario import EVERY, draw_fit, draw_name, draw_scenario
 from pipeline.hidden.world import make_world
-from pipeline.metrics.intervals import wilson
 from pipeline.scene.effects import hiding
 from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import Effect, Scene, SceneObject

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pipeline.bodies.tracks.image_track import image_tracks
+from pipeline.bodies.user_clip import UserClip
 from pipeline.clips.replay import replay_poses
 from pipeline.clips.schedule import Schedule
 from pipeline.errors import ParamsError
@@ -15,12 +17,10 @@ from pipeline.inference.find_scenes import from_tracks
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.scene_search import clip_evaluator, search_clip
 from pipeline.inference.trust import Forecast, fitted_frames, grade, gravity_doubt
-from pipeline.motion.image_track import image_tracks
-from pipeline.perception.user_clip import UserClip
-from pipeline.planar.plane import Plane
 from pipeline.scene.scene import Scene, SceneObject
 from pipeline.vision.recordings.letterbox import Letterbox, letterbox_for
 from pipeline.vision.recordings.video import Clip
+from pipeline.worlds.plane import Plane
 
 SCHEDULE = Schedule()
 TIMES = np.arange(SCHEDULE.frames) / SCHEDULE.fps

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.bodies.user_clip import ReadClip, UserClip
+from pipeline.bodies.video_stretch import VideoStretch
 from pipeline.errors import VideoError
 from pipeline.inference import measure_clip as measuring
 from pipeline.inference.measure_clip import FlowSource, measure_clip
 from pipeline.inference.measured_clip import clip_schedule
 from pipeline.inference.progress import Progress
 from pipeline.model.model_input import ModelInput
-from pipeline.perception.user_clip import ReadClip, UserClip
-from pipeline.perception.video_stretch import VideoStretch
 from pipeline.shards.code_hash import ROOT
 
 VIDEO = ROOT / "data" / "samples" / "cross_engine_17" / "video.mp4"

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.clips.overlap import Overlap
 from pipeline.inference.filmed_world import World
 from pipeline.inference.method import EXPLAINS_IOU, SEARCH, TRACKS, Method, best_of, is_ambiguous, level_view, settled
-from pipeline.metrics.overlap import Overlap
-from pipeline.motion.arcs import Arc
-from pipeline.motion.view import ArcMotion, View
 from pipeline.scene.scene import Camera, Scene, SceneObject
+from pipeline.worlds.arcs import Arc
+from pipeline.worlds.view import ArcMotion, View
 
 
 def method(name: str, iou: float, epe_frame: float = 0.1) -> Method:

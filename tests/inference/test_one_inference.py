@@ -20,9 +20,9 @@ import stages.infer
 from pipeline.api.infer import infer
 from pipeline.errors import ModelError
 from pipeline.inference.answers import answer_seed
-from pipeline.language.completion import write_completion
 from pipeline.model.answering import load_answering
 from pipeline.model.generate import generate
+from pipeline.model.language.completion import write_completion
 from pipeline.model.model_input import ModelInput, read_input
 from pipeline.model.words_model import WordsModel
 from pipeline.scene.canonical import rounded_scene

@@ -6,11 +6,11 @@ import numpy as np
 from small_tokenizer import build_tokenizer
 from tiny_qwen import TinySize, build_tiny
 
-from pipeline.language.codec import Codec, Tokens
-from pipeline.language.completion import write_completion
-from pipeline.language.events import Event
+from pipeline.clips.events import Event
 from pipeline.model.base import Base
 from pipeline.model.constrained_decoding import TrieCache
+from pipeline.model.language.codec import Codec, Tokens
+from pipeline.model.language.completion import write_completion
 from pipeline.model.model_input import ModelInput
 from pipeline.model.patches import PatchLayout
 from pipeline.scene.scene import Camera, Scene, SceneObject

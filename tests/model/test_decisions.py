@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.language.completion import MAX_OBJECTS
 from pipeline.model import decisions as d
 from pipeline.model.fields import FREE, NOTHING, OBJECT_FIELDS, SCENE_FIELDS
+from pipeline.model.language.completion import MAX_OBJECTS
 
 SCENE_AND_TIME = 1 + len(SCENE_FIELDS)
 

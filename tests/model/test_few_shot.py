@@ -6,12 +6,12 @@ import torch
 from random_walk import random_walk
 from small_base import LAYOUT, random_clips, small_base
 
-from pipeline.language.completion import completion_grammar, read_completion
-from pipeline.language.few_shot import PICTURES, TEMPLATE, instructions
-from pipeline.language.grammar import GrammarError
 from pipeline.model.base import Base
 from pipeline.model.forward import rotary_positions
 from pipeline.model.generate import Prompt, bare_prompt, few_shot_prompt, generate
+from pipeline.model.language.completion import completion_grammar, read_completion
+from pipeline.model.language.few_shot import PICTURES, TEMPLATE, instructions
+from pipeline.model.language.grammar import GrammarError
 from pipeline.model.patches import pack_video
 from pipeline.model.sampling import Sampling
 from pipeline.vision.flow.flow_picture import KINDS

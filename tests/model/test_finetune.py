@@ -5,9 +5,9 @@ import pytest
 import torch
 from small_base import random_clips, random_tokens, small_base
 
-from pipeline.language.codec import Tokens
 from pipeline.model.base import Base
 from pipeline.model.finetune import batch_loss, finetune, make_batch
+from pipeline.model.language.codec import Tokens
 from pipeline.model.trainer import ClipDataset, last_checkpoint, write_hashes
 from pipeline.model.training_plan import TrainingPlan
 

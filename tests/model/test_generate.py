@@ -7,12 +7,12 @@ from random_walk import random_walk
 from scipy.special import softmax
 from small_base import LAYOUT, SIZE, exact_base, random_clips, small_base
 
-from pipeline.language.completion import completion_grammar, read_completion
-from pipeline.language.grammar import GrammarError, Number, split
 from pipeline.model.base import Base
 from pipeline.model.constrained_decoding import GrammarState, Trie
 from pipeline.model.forward import rotary_positions
 from pipeline.model.generate import at_quantile, generate
+from pipeline.model.language.completion import completion_grammar, read_completion
+from pipeline.model.language.grammar import GrammarError, Number, split
 from pipeline.model.patches import pack_video
 from pipeline.model.sampling import Completed, Sampling, batches
 

@@ -6,10 +6,10 @@ import pytest
 import torch
 from small_base import exact_base, random_clips, small_base
 
-from pipeline.language.completion import read_completion
-from pipeline.language.grammar import GrammarError
 from pipeline.model.base import Base
 from pipeline.model.generate import generate
+from pipeline.model.language.completion import read_completion
+from pipeline.model.language.grammar import GrammarError
 from pipeline.model.likelihood import constrained_tokens, log_probabilities
 from pipeline.model.preference import (
     Pair,

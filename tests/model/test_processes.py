@@ -11,9 +11,9 @@ import torch
 from small_base import random_clips, random_tokens, small_base
 
 from pipeline.errors import ModelError
-from pipeline.language.completion import write_completion
 from pipeline.model.base import Base
 from pipeline.model.finetune import finetune
+from pipeline.model.language.completion import write_completion
 from pipeline.model.preference import Pair, prefer
 from pipeline.model.processes import in_processes, is_first
 from pipeline.model.sampling import Completed, Sampling

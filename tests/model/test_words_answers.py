@@ -9,11 +9,11 @@ from tiny_words import tiny_words
 from torch import Tensor, nn
 
 from pipeline.errors import ModelError
-from pipeline.language.completion import MAX_OBJECTS, read_completion
 from pipeline.model import decisions as d
 from pipeline.model.deciding import decide
 from pipeline.model.fields import NOTHING
 from pipeline.model.instances import HEIGHT, WIDTH
+from pipeline.model.language.completion import MAX_OBJECTS, read_completion
 from pipeline.model.sampling import Sampling
 from pipeline.model.shown import SeenBodies, SeenFrames, flow_frames, most_seen, rgb_frames, seen_bodies
 from pipeline.model.words_model import WordsModel, bodies_said, prompt_of, write_answers

@@ -5,7 +5,7 @@ import pytest
 import torch
 from tiny_words import tiny_words
 
-from pipeline.language.events import Event
+from pipeline.clips.events import Event
 from pipeline.model import decisions as d
 from pipeline.model.fields import NOTHING, OBJECT_FIELDS, SCENE_FIELDS, off_scale
 from pipeline.model.instances import HEIGHT, WIDTH

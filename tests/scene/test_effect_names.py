@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.mechanisms.registry import mechanism_effects
+from pipeline.discovery.mechanisms.registry import mechanism_effects
 from pipeline.scene.effects.registry import effect_kinds
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,8 +5,8 @@ import pytest
 from sampled_scenes import SCHEDULE
 from targets import HEIGHT, WIDTH, evaluator, exact_target, sampled
 
+from pipeline.clips.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.clips.view import pair_view, trace_pairs
-from pipeline.metrics.overlap import assign, count, pair_iou, sequence_iou
 from pipeline.physics.batch import stack_scenes
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import Scene, SceneObject

@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 from small_base import LAYOUT, random_clips, small_base
 
 from pipeline.errors import ParamsError, ShardError
-from pipeline.language.completion import completion_grammar, read_completion
+from pipeline.model.language.completion import completion_grammar, read_completion
 from pipeline.scene.text import write_scene
 from pipeline.shards.code_hash import ROOT
 from pipeline.shards.dataset import open_shards

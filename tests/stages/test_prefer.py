@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from small_base import LAYOUT, random_clips, small_base
 
 from pipeline.errors import ParamsError, ShardError
-from pipeline.evaluation.suite import AnsweredSuite
+from pipeline.report.suite import AnsweredSuite
 from pipeline.shards.code_hash import ROOT
 from pipeline.shards.map_shards import map_shards
 from pipeline.shards.opened_shard import OpenShard

@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 from sampled_scenes import draw
 from small_base import random_clips
 
-from pipeline.evaluation.suite import AnsweredSuite
+from pipeline.report.suite import AnsweredSuite
 from pipeline.scene.text import read_scene, write_scene
 from pipeline.shards.code_hash import ROOT
 from pipeline.shards.dataset import open_shards

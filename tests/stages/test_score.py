@@ -1,9 +1,9 @@
 """The stage `score`."""
 
-from pipeline.evaluation.event_scores import EVENT_METRICS
-from pipeline.evaluation.scene_scores import METRICS
-from pipeline.evaluation.summary import COUNTS
-from pipeline.evaluation.tables import ERRORS
+from pipeline.report.event_scores import EVENT_METRICS
+from pipeline.report.scene_scores import METRICS
+from pipeline.report.summary import COUNTS
+from pipeline.report.tables import ERRORS
 from stages.score import CLIP_COLUMNS
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.segmentation.inputs import network_input
-from pipeline.segmentation.network import VOTE_SCALE_PX, SegmentationNetwork
+from pipeline.bodies.networks.inputs import network_input
+from pipeline.bodies.networks.network import VOTE_SCALE_PX, SegmentationNetwork
 from training.segmentation.backgrounds import PICTURES, sample_background
 from training.segmentation.clip import BODY_SHADOW, MOVES, RESTS, UNSURE, TrainingClip, faint, state_of
 from training.segmentation.flat_motion import STEPS_PER_SECOND, integrate, sample_motion

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.language.events import KINDS, Event, physical_events
+from pipeline.clips.events import KINDS, Event, physical_events
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.rotation import quaternion_conjugate, quaternion_multiply

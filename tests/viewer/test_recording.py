@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from pipeline.clips.events import DEFAULT_THRESHOLDS, Event, find_events
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import frame_masks, pair_view, trace_pairs
 from pipeline.errors import OutputError
-from pipeline.language.events import DEFAULT_THRESHOLDS, Event, find_events
 from pipeline.physics.simulate import simulate
 from pipeline.physics.trace import Trace
 from pipeline.scene.scene import SIZE_KEYS, Camera, FixedBody, Scene, SceneObject

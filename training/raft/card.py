@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-from pipeline.evaluation.markdown import markdown
+from pipeline.report.markdown import markdown
 from pipeline.vision.flow.dis import DIS
 from pipeline.vision.flow.raft import RAFT
 from pipeline.vision.rendering.render_backend import choose_backend

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from pipeline.segmentation.inputs import ClipFeatures
+from pipeline.bodies.networks.inputs import ClipFeatures
 
 RESTS, MOVES, UNSURE, UNSEEN = 0, 1, 2, 3
 OTHER, BODY_SHADOW = 1, 2  # what moves and is no body: a hand, cloth or a mirror image; a shadow, where it is known

@@ -18,11 +18,11 @@ import torch
 from scipy.optimize import minimize
 from tqdm import tqdm
 
-from pipeline.segmentation.bodies import find_candidates
-from pipeline.segmentation.grouping import Track
-from pipeline.segmentation.mask_networks import MaskNetworks, load_mask_networks
-from pipeline.segmentation.network import CONFIG
-from pipeline.segmentation.track_score import FIGURES
+from pipeline.bodies.candidates import find_candidates
+from pipeline.bodies.networks.mask_networks import MaskNetworks, load_mask_networks
+from pipeline.bodies.networks.network import CONFIG
+from pipeline.bodies.tracks.grouping import Track
+from pipeline.bodies.tracks.track_score import FIGURES
 from training.segmentation.clip import MOVES, TrainingClip
 from training.segmentation.kept_arrays import load_arrays
 

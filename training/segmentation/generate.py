@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from pipeline.segmentation.inputs import clip_features, steady_exposure
+from pipeline.bodies.networks.inputs import clip_features, steady_exposure
 from pipeline.vision.rendering.render_backend import choose_backend
 from training.segmentation.clip import UNSEEN, DrawnClip, TrainingClip, faint
 from training.segmentation.filmed_clip import draw_filmed_clip

@@ -6,8 +6,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from pipeline.segmentation.inputs import network_input
-from pipeline.segmentation.network import BODY, MOVING, OTHER, VOTE_SCALE_PX, SegmentationNetwork
+from pipeline.bodies.networks.inputs import network_input
+from pipeline.bodies.networks.network import BODY, MOVING, OTHER, VOTE_SCALE_PX, SegmentationNetwork
 from training.segmentation.clip import BODY_SHADOW
 from training.segmentation.clip import OTHER as OTHER_LABEL
 

@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from pipeline.segmentation.outline_network import SIDE
-from pipeline.segmentation.outlines import LEAST_AREA_PX, Square, background, square_around
+from pipeline.bodies.networks.outline_network import SIDE
+from pipeline.bodies.networks.outlines import LEAST_AREA_PX, Square, background, square_around
 from training.segmentation.clip import UNSEEN, TrainingClip
 from training.segmentation.kept_arrays import load_arrays
 

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pipeline.segmentation.inputs import FAR, NEAR, flows_at, neighbours
-from pipeline.segmentation.network import VOTE_SCALE_PX
-from pipeline.segmentation.plate import clear_plate
+from pipeline.bodies.networks.inputs import FAR, NEAR, flows_at, neighbours
+from pipeline.bodies.networks.network import VOTE_SCALE_PX
+from pipeline.bodies.networks.plate import clear_plate
 from training.segmentation.clip import BODY_SHADOW, MOVES, RESTS, UNSEEN, UNSURE, TrainingClip
 
 LEAST_RADIUS_PX = 0.5

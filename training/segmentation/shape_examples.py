@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
+from pipeline.bodies.networks.body_shapes import tells_its_shape
+from pipeline.bodies.networks.outlines import square_around
 from pipeline.errors import DynamicsError
 from pipeline.physics.simulate import simulate
 from pipeline.scene.scene import BASIC_SHAPES, SceneObject
-from pipeline.segmentation.body_shapes import tells_its_shape
-from pipeline.segmentation.outlines import square_around
 from pipeline.vision.rendering.camera import pinhole
 from pipeline.vision.rendering.rasteriser import rasterise
 from pipeline.vision.rendering.render import render_rgb

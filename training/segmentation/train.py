@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 import torch
 
+from pipeline.bodies.networks.network import SegmentationNetwork, load_network, save_network
 from pipeline.csv_rows import append_row
-from pipeline.segmentation.network import SegmentationNetwork, load_network, save_network
 from training.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from training.segmentation.clip import TrainingClip
 from training.segmentation.kept_arrays import load_arrays

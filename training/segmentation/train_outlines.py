@@ -16,8 +16,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from pipeline.segmentation.outline_network import SIDE, OutlineNetwork, save_outline_network
-from pipeline.segmentation.outlines import input_of
+from pipeline.bodies.networks.outline_network import SIDE, OutlineNetwork, save_outline_network
+from pipeline.bodies.networks.outlines import input_of
 from training.segmentation.kept_arrays import load_arrays
 from training.segmentation.outline_examples import OutlineExamples
 from training.segmentation.timed_training import read_arguments, train_for

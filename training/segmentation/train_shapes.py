@@ -17,9 +17,9 @@ import torch.nn.functional as F
 from scipy.optimize import minimize_scalar
 from torch import Tensor
 
+from pipeline.bodies.networks.body_shapes import input_of
+from pipeline.bodies.networks.shape_network import ShapeNetwork, save_shape_network
 from pipeline.scene.scene import BASIC_SHAPES
-from pipeline.segmentation.body_shapes import input_of
-from pipeline.segmentation.shape_network import ShapeNetwork, save_shape_network
 from training.segmentation.shape_examples import ShapeExamples, load_examples
 from training.segmentation.timed_training import read_arguments, train_for
 from training.segmentation.train_outlines import degraded

@@ -14,15 +14,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from pipeline.clips.events import ANSWERED_KINDS, DEFAULT_THRESHOLDS
+from pipeline.clips.matched_events import EventCounts, count_by_kind, with_objects
 from pipeline.clips.schedule import Schedule
 from pipeline.clips.view import pair_view, trace_pairs
-from pipeline.evaluation.event_scores import simulated_events
-from pipeline.evaluation.scene_scores import score, true_reference
-from pipeline.language.completion import MAX_OBJECTS
-from pipeline.language.events import ANSWERED_KINDS, DEFAULT_THRESHOLDS
-from pipeline.metrics.events import EventCounts, count_by_kind, with_objects
 from pipeline.model.deciding import decide
 from pipeline.model.instances import HEIGHT, WIDTH
+from pipeline.model.language.completion import MAX_OBJECTS
 from pipeline.model.mask_errors import with_errors
 from pipeline.model.sampling import Sampling
 from pipeline.model.shown import SeenBodies, SeenFrames, seen_clip
@@ -30,6 +28,8 @@ from pipeline.model.words_model import bodies_said, events_said, load_words, pro
 from pipeline.physics.batch import scene_model
 from pipeline.physics.simulate import simulate_model
 from pipeline.physics.trace import Trace
+from pipeline.report.event_scores import simulated_events
+from pipeline.report.scene_scores import score, true_reference
 from pipeline.scene.scene import Scene
 from pipeline.shards.clip_rng import clip_rng
 from pipeline.vision.flow.flow_noise import add_raft_noise

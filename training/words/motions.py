@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.language.events import KINDS, Event
+from pipeline.clips.events import KINDS, Event
 
 FILE = 500
 SUITE = "words-training"
@@ -118,8 +118,8 @@ def read_motions(path: Path) -> list[Motion]:
 
 def drawn_motions(params, seed: int, suite: str, indices: range, objects=OBJECTS, without=()) -> list[Motion]:
     """Motions of scenes drawn as those of the suites; those whose simulation fails are left out."""
+    from pipeline.clips.events import Thresholds, physical_events
     from pipeline.errors import SimulationError
-    from pipeline.language.events import Thresholds, physical_events
     from pipeline.physics.batch import scene_model
     from pipeline.physics.simulate import simulate_model
     from training.drawn_scenes import drawn_scenes

@@ -14,8 +14,8 @@ from statistics import NormalDist
 import cv2
 import numpy as np
 
+from pipeline.clips.events import DEFAULT_THRESHOLDS, Event, told_events
 from pipeline.clips.view import areas_px
-from pipeline.language.events import DEFAULT_THRESHOLDS, Event, told_events
 from pipeline.model.instances import HEIGHT, WIDTH, Instances, crop_square, instances_of
 from pipeline.model.mask_errors import with_errors
 from pipeline.model.words_example import motions

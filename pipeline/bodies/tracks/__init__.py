@@ -1,0 +1,1 @@
+"""Bodies through the frames: pixels are grouped to tracks, tracks joined, followed at rest, and measured."""

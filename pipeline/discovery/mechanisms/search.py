@@ -1,0 +1,184 @@
+"""How models of a mechanism are fitted, and made longer and shorter, for the selection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pipeline.discovery.fitting.extension import EQUALS, MOST_FITTED, WORTH_FITTING
+from pipeline.discovery.mechanisms.candidate import UNIT, Candidate, Noise, excess_z, noise_of
+from pipeline.discovery.mechanisms.kind import MechanismEffect
+from pipeline.discovery.mechanisms.law_model import LawModel, with_effect, without_effect
+from pipeline.discovery.mechanisms.least_squares import MOST_ITERATIONS, Fit, fit
+from pipeline.discovery.mechanisms.problem import Problem
+from pipeline.discovery.mechanisms.screening import Guess, guesses
+from pipeline.discovery.mechanisms.simulation import States
+from pipeline.discovery.mechanisms.windows import guessed_states
+from pipeline.discovery.selection.arc_search import ENOUGH_Z, MOST_FITTED_MORE
+from pipeline.discovery.selection.established import HELD_OUT_GAIN
+from pipeline.discovery.selection.shorter import LEAST_REMAINDER
+from pipeline.discovery.selection.unexplained import UNEXPLAINED_SHARE
+
+FEW_ITERATIONS = 4  # of fits to windows that are not the longest
+RACE_ITERATIONS = 3  # after which effects that explain little are given up
+STARTS = 2  # guesses of an effect that are fitted, where they promise enough; one of those that take long
+
+
+@dataclass(frozen=True)
+class MechanismSearch:
+    """Models of a log that is cut into windows.
+
+    Attributes:
+        levels: The log in windows of growing length. Fits begin with short ones, in which every model is near the
+            motion, and go on to longer ones, which tell more.
+        kinds: The effects that may be named.
+        progress: Called with the name of each effect that is fitted.
+        noise: Of all scores.
+        whole: Variance that the model without effects leaves.
+        known: Models that were made longer before, by the effects and places of the base.
+    """
+
+    levels: tuple[Problem, ...]
+    kinds: tuple[MechanismEffect, ...]
+    progress: Callable[[str], None]
+    noise: Noise = UNIT
+    whole: float = 0.0
+    known: dict[tuple[str, ...], list[Candidate]] = field(default_factory=dict)
+
+    @property
+    def problem(self) -> Problem:
+        """What models are scored on: the longest windows."""
+        return self.levels[-1]
+
+    @property
+    def tried(self) -> list[Candidate]:
+        """All models that were made longer."""
+        return [c for found in self.known.values() for c in found]
+
+    def with_noise(self, noise: Noise, none: Candidate) -> MechanismSearch:
+        """The search with other noise. none: the model without effects."""
+        return replace(self, noise=noise, whole=none.variance)
+
+    def climb(
+        self, model: LawModel, theta: np.ndarray, begin: Candidate | None = None, *, rounds: int | None = None
+    ) -> list[Candidate]:
+        """A model fitted at each level, one after the other.
+
+        Args:
+            model: Of the mechanism.
+            theta: (G,) where the fit begins.
+            begin: A model of the first level whose states and derivatives serve as a start.
+            rounds: Iterations at each level; None: few, and at the last one as many as are needed.
+        """
+        out: list[Candidate] = []
+        for k, problem in enumerate(self.levels):
+            most = rounds or (MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS)
+            if k == 0 and begin is not None:
+                found = fit(problem, model, theta, begin.fit.states, begin.fit.own, iterations=most)
+            else:
+                states = guessed_states(problem.mechanism, problem.log, problem.windows)
+                if out:
+                    states = _inherited(out[-1].problem, out[-1].fit, problem, states)
+                found = fit(problem, model, theta, states, iterations=most)
+            theta = found.theta
+            out.append(Candidate(problem, found, self.noise))
+        return out
+
+    def singles(self, none: Candidate) -> list[list[Candidate]]:
+        """Models of one effect, each fitted at each level. none: the model without effects at the first level."""
+        return [
+            self.climb(first.fit.model, first.fit.theta, first, rounds=None if worth else RACE_ITERATIONS)
+            for first, worth in self._raced(none, MOST_FITTED)
+        ]
+
+    def longer(self, base: Candidate) -> list[Candidate]:
+        """`base` with one effect more, the best first."""
+        if base.effects not in self.known:
+            self.known[base.effects] = [
+                replace(c, fit=fit(c.problem, c.fit.model, c.fit.theta, c.fit.states, c.fit.own)) if worth else c
+                for c, worth in self._raced(base, MOST_FITTED_MORE)
+            ]
+        return best_of_each([c for c in (k.rescored(self.noise) for k in self.known[base.effects]) if shows(c, base)])
+
+    def _raced(self, base: Candidate, most: int) -> list[tuple[Candidate, bool]]:
+        """`base` with each promising effect, after a few iterations, and whether it is worth going on.
+
+        It is where chi squared falls by half as much as for the best one.
+        """
+        out = []
+        for kind, guess in self._promising(base, most):
+            self.progress(kind.name)
+            model = with_effect(base.fit.model, kind, guess.places)
+            theta = np.concatenate([base.fit.theta, guess.values])
+            first = fit(base.problem, model, theta, base.fit.states, base.fit.own, iterations=RACE_ITERATIONS)
+            out.append(Candidate(base.problem, first))
+        left, whole = [float(c.fit.chi2.sum()) for c in out], float(base.fit.chi2.sum())
+        enough = whole - WORTH_FITTING * (whole - min(left, default=whole))
+        return [(c, chi2 <= enough) for c, chi2 in zip(out, left, strict=True)]
+
+    def shorter(self, found: Candidate) -> list[Candidate]:
+        """`found` without each one of its effects."""
+        out = []
+        for name in found.effects:
+            model, kept = without_effect(found.fit.model, name)
+            again = fit(found.problem, model, found.fit.theta[kept], found.fit.states, found.fit.own)
+            out.append(Candidate(found.problem, again, self.noise))
+        return out
+
+    def rank(self, found: Candidate) -> float:
+        """A model's score."""
+        return found.score
+
+    def leaves_noise(self, found: Candidate) -> bool:
+        """Whether what a model leaves may be noise, or so little beside what it explains that the law itself may be a
+        little off: no integrator is exact, and no dry friction quite hard."""
+        share = (found.variance - 1) / max(self.whole - 1, 1e-12)
+        small = found.variance <= LEAST_REMAINDER**2 or share <= UNEXPLAINED_SHARE
+        return small or excess_z(found, self.noise.information) < ENOUGH_Z
+
+    def holds(self, found: Candidate) -> bool:
+        """Whether a model's effects hold without each recording; each has predicted what was not fitted (`shows`)."""
+        return bool(found.effects)
+
+    def _promising(self, base: Candidate, most: int) -> list[tuple[MechanismEffect, Guess]]:
+        """The effects that promise most, each with the guesses from which it is fitted."""
+        kinds = [kind for kind in self.kinds if kind.name not in base.effects]
+        noise = noise_of(base)
+        price = noise.variance / noise.information * float(np.log(max(base.problem.count * noise.information, 2.0)))
+        found = guesses(base.problem, base.fit, kinds, price)
+        ranked = sorted((k for k in kinds if k.name in found), key=lambda k: -found[k.name][0].gain)
+        enough = WORTH_FITTING * found[ranked[0].name][0].gain if ranked else 0.0
+        chosen = ranked[:most] + [k for k in ranked[most : most + EQUALS] if found[k.name][0].gain > enough]
+        return [
+            (kind, guess)
+            for kind in chosen
+            for guess in found[kind.name][: 1 if kind.friction else STARTS + (len(found[kind.name][0].places) > 1)]
+            if guess is found[kind.name][0] or guess.gain > WORTH_FITTING * found[kind.name][0].gain
+        ]
+
+
+def shows(longer: Candidate, base: Candidate) -> bool:
+    """Whether an effect predicts what was not fitted better; also where nothing was held out."""
+    return not base.problem.judged or base.held_out - longer.held_out > HELD_OUT_GAIN
+
+
+def best_of_each(found: Sequence[Candidate]) -> list[Candidate]:
+    """Of the models of the same effects the best one, the best first."""
+    best: dict[tuple[str, ...], Candidate] = {}
+    for c in sorted(found, key=lambda c: c.score):
+        best.setdefault(c.effects, c)
+    return list(best.values())
+
+
+def _inherited(before: Problem, found: Fit, problem: Problem, states: States) -> States:
+    """States of longer windows: those of the shorter ones that begin with them."""
+    begins = {(w.clip, w.rows.start): k for k, w in enumerate(before.windows)}
+    rows = [begins.get((w.clip, w.rows.start)) for w in problem.windows]
+    position, velocity, activation = states.position.copy(), states.velocity.copy(), states.activation.copy()
+    for k, row in enumerate(rows):
+        if row is not None:
+            position[k], velocity[k] = found.states.position[row], found.states.velocity[row]
+            activation[k] = found.states.activation[row]
+    return States(position, velocity, activation)

@@ -1,0 +1,216 @@
+"""Which effects a log supports: the selection of free bodies, on models of a mechanism."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.discovery.fitting.extension import CLAIM
+from pipeline.discovery.mechanisms.candidate import Candidate, Noise, excess_z, noise_of
+from pipeline.discovery.mechanisms.free_numbers import FreeNumber
+from pipeline.discovery.mechanisms.gap import measure_gap
+from pipeline.discovery.mechanisms.kind import MechanismEffect
+from pipeline.discovery.mechanisms.law_model import LawModel
+from pipeline.discovery.mechanisms.places import may_act
+from pipeline.discovery.mechanisms.problem import Problem
+from pipeline.discovery.mechanisms.search import MechanismSearch, best_of_each, shows
+from pipeline.discovery.mechanisms.time_step import integrations
+from pipeline.discovery.mechanisms.windows import guessed_states
+from pipeline.discovery.selection.equivalence import Sets, alike_each
+from pipeline.discovery.selection.established import MOST_LEFT
+from pipeline.discovery.selection.forward_selection import forward_selection
+from pipeline.discovery.selection.shorter import LEAST_REMAINDER
+from pipeline.discovery.selection.unexplained import UNEXPLAINED_Z
+
+ROUNDS = 3  # times that the noise is taken from the best model so far
+SHORTER = 2  # levels: of windows that tell where something acts, below those in which effects are compared
+SAME_NOISE = 1.5  # ratio of variances below which it need not be taken again
+
+
+@dataclass(frozen=True)
+class MechanismSelection:
+    """Which effects a log supports; as `Selection` of free bodies.
+
+    Attributes:
+        none: The calibrated model, without effects.
+        singles: A model for each effect alone, the best first.
+        tried: All models of several effects that were fitted.
+        chosen: The model that wins, possibly without effects.
+        alike: Sets of effects that cannot be told from one of the chosen model's.
+        excess_z: What it leaves beyond the noise of the columns, as a z-score.
+        unknown: Whether that is too much.
+        short: The calibrated model on short windows, which tell where something acts.
+        noise: What residuals counted as noise.
+        untestable: Names of effects that could not act, or not be seen.
+        stated_steps: Whether the log is explained by the time steps that the model states, and not by other ones.
+        ruled_out: Names of effects that something beside the motion speaks against.
+    """
+
+    none: Candidate
+    singles: tuple[Candidate, ...]
+    tried: tuple[Candidate, ...]
+    chosen: Candidate
+    alike: Sets
+    excess_z: float
+    unknown: bool
+    short: Candidate
+    noise: Noise
+    untestable: tuple[str, ...]
+    stated_steps: bool = True
+    ruled_out: tuple[str, ...] = ()
+
+    @property
+    def answer(self) -> Candidate:
+        """The model behind the verdict: the chosen one, or the calibrated one where the effect is unknown."""
+        return self.none if self.unknown else self.chosen
+
+
+def select_mechanism(
+    levels: Sequence[Problem],
+    numbers: tuple[FreeNumber, ...],
+    kinds: tuple[MechanismEffect, ...],
+    progress: Callable[[str], None],
+) -> MechanismSelection:
+    """The selection for a log.
+
+    Time steps that are small enough for the motion compete with those that the model states, where these predict
+    something else.
+
+    Args:
+        levels: The log in windows of growing length, simulated as the model states.
+        numbers: That the user lists as not known.
+        kinds: The effects that may be named.
+        progress: Called with the name of each effect that is fitted.
+    """
+    model, stated = LawModel(numbers), np.array([n.stated for n in numbers])
+    followed = _first_level(levels, model, stated, kinds, progress)
+    near = levels[followed[0]]
+    states = guessed_states(near.mechanism, near.log, near.windows)
+    ways = integrations(near, model, stated, states)
+    best: MechanismSelection | None = None
+    for simulator in ways:
+        cuts = tuple(p.simulated_by(simulator) for p in levels)
+        own = simulator is near.simulator
+        first, start = followed if own else _first_level(cuts, model, stated, kinds, progress)
+        none = MechanismSearch(cuts[first:], kinds, progress).climb(model, stated, start)
+        found = _select(cuts[first:], none, kinds, progress)
+        shorter = MechanismSearch((cuts[max(first - SHORTER, 0)],), kinds, progress)
+        short = shorter.climb(model, found.none.fit.theta)[0]
+        found = replace(found, short=short, stated_steps=simulator is ways[-1])
+        best = found if best is None else min(best, found, key=_preference(best, found))
+        if not best.chosen.effects and best.excess_z <= UNEXPLAINED_Z:
+            break
+    assert best is not None
+    return best
+
+
+def _preference(*found: MechanismSelection) -> Callable[[MechanismSelection], tuple[int, float]]:
+    """The key that orders selections with different time steps, the best first: longest windows, then the score."""
+    noise = min((f.noise for f in found), key=lambda n: n.variance)
+    return lambda f: (len(f.chosen.problem.windows), f.chosen.rescored(noise).score)
+
+
+def _first_level(
+    levels: Sequence[Problem],
+    model: LawModel,
+    stated: np.ndarray,
+    kinds: tuple[MechanismEffect, ...],
+    progress: Callable[[str], None],
+) -> tuple[int, Candidate]:
+    """The level with the longest windows in which the model without effects stays near the motion, and its fit there.
+
+    Args:
+        levels: The log in windows of growing length.
+        model: Without effects.
+        stated: (G,) its numbers as the user's model has them.
+        kinds: The effects that may be named.
+        progress: Called with the name of each effect that is fitted.
+    """
+    for level in reversed(range(len(levels))):
+        (found,) = MechanismSearch((levels[level],), kinds, progress).climb(model, stated)
+        if found.follows:
+            return level, found
+    return 0, found
+
+
+def _select(
+    levels: Sequence[Problem],
+    none: Sequence[Candidate],
+    kinds: tuple[MechanismEffect, ...],
+    progress: Callable[[str], None],
+) -> MechanismSelection:
+    """The selection with one time step.
+
+    Args:
+        levels: The log in windows of growing length.
+        none: The model without effects at each level.
+        kinds: The effects that may be named.
+        progress: Called with the name of each effect that is fitted.
+    """
+    first = max((k for k, c in enumerate(none) if c.follows), default=0)
+    search = MechanismSearch(tuple(levels[first:]), kinds, progress)
+    climbs = search.singles(none[first])
+    last = _longest(none[first:], climbs)
+    search = MechanismSearch(tuple(levels[first : first + last + 1]), kinds, progress)
+    base, fitted = none[first + last], [climb[last] for climb in climbs]
+    best = min([base, *fitted], key=lambda c: c.fit.chi2.sum())
+    noise = noise_of(best)
+    for _ in range(ROUNDS):
+        search = search.with_noise(noise, base)
+        base, fitted = base.rescored(noise), [c.rescored(noise) for c in fitted]
+        singles = best_of_each(fitted)
+        showing = [c for c in singles if shows(c, base)]
+        best = min([base, *showing], key=search.rank)
+        if best.effects and best.score < base.score - CLAIM:
+            found = forward_selection(search, base, best, showing)
+            chosen, tried = found.chosen, found.tried
+        else:
+            chosen, tried = base, ()
+        smallest = noise_of(min([chosen, *search.tried], key=lambda c: c.variance))
+        if smallest.variance > noise.variance / SAME_NOISE:
+            break
+        noise = smallest
+    z = excess_z(chosen, noise.information)
+    names = {name for c in singles for name in c.effects}
+    rivals = tried if len(chosen.effects) > 1 else singles
+    return MechanismSelection(
+        none=base,
+        singles=tuple(singles),
+        tried=tuple(tried),
+        chosen=chosen,
+        alike=alike_each(chosen, best_of_each(rivals), search.rank),
+        excess_z=z,
+        unknown=_is_unknown(base, chosen, z),
+        short=none[0],
+        noise=noise,
+        untestable=tuple(k.name for k in kinds if k.name not in names and not _can_show(search.problem, k)),
+    )
+
+
+def _can_show(problem: Problem, kind: MechanismEffect) -> bool:
+    """Whether there is a place at which an effect could act and be seen."""
+    return any(may_act(kind, problem.mechanism, problem.log, place) for place in problem.places[kind.target])
+
+
+def _longest(none: Sequence[Candidate], climbs: Sequence[Sequence[Candidate]]) -> int:
+    """The longest windows in which the best model stays near the motion: where it is chaotic none would in longer ones.
+
+    Args:
+        none: The model without effects at each level.
+        climbs: Models of one effect at each level.
+    """
+    for level in reversed(range(len(none))):
+        best = min([none[level], *(climb[level] for climb in climbs)], key=lambda c: c.fit.chi2.sum())
+        if best.follows:
+            return level
+    return 0
+
+
+def _is_unknown(none: Candidate, chosen: Candidate, z: float) -> bool:
+    """Whether a model leaves too much to be the answer: more than noise, and more than a part of the gap."""
+    gap = measure_gap(none, chosen)
+    if z <= UNEXPLAINED_Z or gap.after <= LEAST_REMAINDER * gap.noise_floor:
+        return False
+    return not chosen.effects or gap.left > MOST_LEFT

@@ -1,1 +1,0 @@
-"""Intersection over union, and confidence intervals of means and shares. Imports nothing but numerics."""
