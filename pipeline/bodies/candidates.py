@@ -13,7 +13,6 @@ from pipeline.bodies.networks.inputs import ClipFeatures, clip_features, steady_
 from pipeline.bodies.networks.network import STRIDE, SegmentationNetwork
 from pipeline.bodies.networks.plate import clear_plate
 from pipeline.bodies.networks.upsampling import enlarge
-from pipeline.bodies.tracks.cast_shadows import cast_shadows
 from pipeline.bodies.tracks.grouping import Track, follow
 from pipeline.bodies.tracks.joining import joined
 from pipeline.bodies.tracks.resting import ALIKE, covered, resting, without_ghosts
@@ -23,14 +22,12 @@ WORK_PX = 240 * 160  # of the picture that the network sees
 LEAST_SCORE = 0.4  # from which a track counts as a body; the background of the second look is without such tracks
 LEVEL = 0.38  # of a soft mask, at a body's edge: 0.5 draws bodies 6 % (rendered clips) to 14 % (real ones) too small
 LEAST_PART = 0.2  # of a body's largest connected part: smaller ones are flecks
-IN_SHADOW = 0.2  # factor of the probability where the background's texture is seen, darker
 
 
 @dataclass(frozen=True)
 class Candidates:
     """Tracks before any is dropped. frames: (T, h, w, 3) uint8, what the network saw. probability: (T, h, w), steadied.
-    figures: (N, F) of `track_score.FIGURES`. changed: (T, h, w) bool, where a frame differs from the background by more
-    than a shadow."""
+    figures: (N, F) of `track_score.FIGURES`. changed: (T, h, w) bool, where a frame differs from the background."""
 
     frames: np.ndarray
     changed: np.ndarray
@@ -86,9 +83,8 @@ def first_look(frames: np.ndarray, network: SegmentationNetwork) -> tuple[Candid
 
 
 def _tracked(prediction: Prediction, small: np.ndarray, background: np.ndarray) -> Candidates:
-    probability, shadows = steadied(prediction.moving, small), cast_shadows(small, background)
-    probability[shadows] *= IN_SHADOW
-    changed = np.stack([cv2.absdiff(frame, background).max(-1) >= ALIKE for frame in small]) & ~shadows
+    probability = steadied(prediction.moving, small)
+    changed = np.stack([cv2.absdiff(frame, background).max(-1) >= ALIKE for frame in small])
     tracks = joined(follow(prediction, probability, small), probability)
     figures = [track_figures(t, prediction) for t in tracks]
     table = np.array(figures).reshape(len(tracks), len(FIGURES))

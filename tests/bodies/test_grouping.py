@@ -7,7 +7,6 @@ from pipeline.bodies.candidates import draw_masks
 from pipeline.bodies.networks.inference import Prediction, steadied
 from pipeline.bodies.networks.upsampling import enlarge, guided_filter
 from pipeline.bodies.tracks.grouping import Piece, Track, follow
-from pipeline.bodies.tracks.identity_switches import without_leaps, without_switches
 from pipeline.bodies.tracks.joining import joined
 from pipeline.bodies.tracks.resting import resting, with_rests, without_ghosts
 from pipeline.bodies.tracks.track_ends import with_all_ends
@@ -227,42 +226,6 @@ def test_a_body_that_rests_behind_another_is_kept_while_parts_of_it_are_seen():
 def track_of(path, frames, mask, body, shown):
     pieces = {t: piece_in(mask[t] == body, frames[t]) for t in shown}
     return Track(np.array(path[0]), 6.0, np.zeros((1, 3)), pieces=pieces)
-
-
-def struck_pucks(shift=0):
-    """Three tracks of two pucks: the one that arrives goes on as the one that it hits at frame 8; the one that is hit;
-    the one that stops, `shift` px from where it does. And masks of the two pucks."""
-    arrives = np.concatenate([line((12, 40), (68, 40), 8), np.repeat([[70.0 + shift, 40.0]], 8, 0)])
-    leaves = np.concatenate([np.repeat([[82.0, 40.0]], 8, 0), line((84, 40), (112, 40), 8)])
-    frames, _, mask = answers([arrives, leaves], radius=6)
-    early, late = range(8), range(8, 16)
-    passing = track_of(arrives, frames, mask, 1, early)
-    passing.pieces.update(track_of(leaves, frames, mask, 2, late).pieces)
-    return [passing, track_of(leaves, frames, mask, 2, early), track_of(arrives, frames, mask, 1, late)], mask
-
-
-def test_a_puck_that_stops_and_the_one_that_goes_on_have_their_own_tracks():
-    tracks, mask = struck_pucks()
-    own = without_switches(tracks, len(mask))
-    assert [len(k.pieces) for k in own] == [16, 16]
-    for body, track in enumerate(own, 1):
-        assert all(np.array_equal(p.pixels, np.flatnonzero(mask[t] == body)) for t, p in track.pieces.items())
-
-
-def test_a_body_that_begins_elsewhere_takes_nobodys_place():
-    tracks, mask = struck_pucks(shift=-50)
-    assert [len(k.pieces) for k in without_switches(tracks, len(mask))] == [16, 8, 8]
-
-
-def test_a_body_that_was_lost_while_it_bounced_does_not_leap_to_another_one():
-    bounces = np.concatenate([line((100, 40), (40, 40), 13), line((45, 40), (100, 40), 12)])
-    rests = np.repeat([[22.0, 40.0]], 25, 0)
-    frames, _, mask = answers([bounces, rests], radius=6)
-    leaps = track_of(bounces, frames, mask, 1, range(12))
-    leaps.pieces.update(track_of(rests, frames, mask, 2, range(15, 25)).pieces)
-    own = without_leaps([leaps, track_of(bounces, frames, mask, 1, range(13, 25))])
-    seen = [{int(mask[t].ravel()[p.pixels[0]]) for t, p in track.pieces.items()} for track in own]
-    assert sorted(map(tuple, seen)) == [(1,), (2,)]
 
 
 def test_a_body_that_rests_in_the_background_has_no_ghost_before_it_comes():

@@ -9,7 +9,6 @@ import numpy as np
 
 from pipeline.bodies.tracks.grouping import Piece, Track
 from pipeline.bodies.tracks.hull import convex_hull
-from pipeline.bodies.tracks.identity_switches import without_leaps, without_switches
 
 LONGEST_GAP = 10  # frames
 SHORTEST = 2  # frames; what is seen for less is noise
@@ -28,8 +27,7 @@ LEAST_BRIDGE = 0.15  # mean probability, of a moving body, between the ends
 def joined(tracks: list[Track], probability: np.ndarray) -> list[Track]:
     """The tracks with those of one body made one. probability: (T, H, W) that a pixel shows a moving body."""
     width = probability.shape[2]
-    own = without_leaps(without_switches([t for t in tracks if len(t.pieces) >= SHORTEST], len(probability)))
-    whole = _together(_continued(own), width)
+    whole = _together(_continued([t for t in tracks if len(t.pieces) >= SHORTEST]), width)
     return _together(_continued(_stiff(whole, probability)), width)
 
 
