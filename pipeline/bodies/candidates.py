@@ -13,22 +13,24 @@ from pipeline.bodies.networks.inputs import ClipFeatures, clip_features, steady_
 from pipeline.bodies.networks.network import STRIDE, SegmentationNetwork
 from pipeline.bodies.networks.plate import clear_plate
 from pipeline.bodies.networks.upsampling import enlarge
+from pipeline.bodies.tracks.cast_shadows import cast_shadows
 from pipeline.bodies.tracks.grouping import Track, follow
 from pipeline.bodies.tracks.joining import joined
 from pipeline.bodies.tracks.resting import ALIKE, covered, resting, without_ghosts
 from pipeline.bodies.tracks.track_score import FIGURES, PLAIN, score, track_figures
 
-LEAST_PX, MOST_PX = 240 * 160, 360 * 240  # of the picture that the network sees
-MOST_FRAMES = 45  # in pictures of MOST_PX: those of longer clips are smaller, which takes as long
+WORK_PX = 240 * 160  # of the picture that the network sees
 LEAST_SCORE = 0.4  # from which a track counts as a body; the background of the second look is without such tracks
 LEVEL = 0.38  # of a soft mask, at a body's edge: 0.5 draws bodies 6 % (rendered clips) to 14 % (real ones) too small
 LEAST_PART = 0.2  # of a body's largest connected part: smaller ones are flecks
+IN_SHADOW = 0.2  # factor of the probability where the background's texture is seen, darker
 
 
 @dataclass(frozen=True)
 class Candidates:
     """Tracks before any is dropped. frames: (T, h, w, 3) uint8, what the network saw. probability: (T, h, w), steadied.
-    figures: (N, F) of `track_score.FIGURES`. changed: (T, h, w) bool, where a frame differs from the background."""
+    figures: (N, F) of `track_score.FIGURES`. changed: (T, h, w) bool, where a frame differs from the background by more
+    than a shadow."""
 
     frames: np.ndarray
     changed: np.ndarray
@@ -38,7 +40,7 @@ class Candidates:
     figures: np.ndarray
 
 
-def working_size(width: int, height: int, pixels: float = LEAST_PX) -> tuple[int, int]:
+def working_size(width: int, height: int, pixels: int = WORK_PX) -> tuple[int, int]:
     """Width and height, multiples of STRIDE, with the picture's shape and about so many pixels."""
     scale = math.sqrt(pixels / (width * height))
     w, h = (max(round(scale * side / STRIDE), 2) * STRIDE for side in (width, height))
@@ -60,8 +62,7 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     """
     if frames.ndim != 4 or frames.shape[-1] != 3 or frames.dtype != np.uint8 or len(frames) < 2:
         raise ValueError(f"frames are (T, H, W, 3) uint8 with T of 2 or more, not {frames.shape} {frames.dtype}")
-    own = min(MOST_PX, MOST_PX * MOST_FRAMES / len(frames), frames[0, ..., 0].size)
-    first, features = first_look(frames, network, max(own, LEAST_PX))
+    first, features = first_look(frames, network)
     small = first.frames
     scores = candidate_scores(first, network)
     likely = [t for t, s in zip(first.tracks, scores, strict=True) if s >= LEAST_SCORE]
@@ -76,19 +77,18 @@ def find_candidates(frames: np.ndarray, network: SegmentationNetwork) -> Candida
     return _tracked(replace(again, moving=moving), small, plate)
 
 
-def first_look(
-    frames: np.ndarray, network: SegmentationNetwork, pixels: float = LEAST_PX
-) -> tuple[Candidates, ClipFeatures]:
-    """Tracks of what differs from the clip's median picture of so many pixels, and what they were found with."""
-    size = working_size(frames.shape[2], frames.shape[1], pixels)
+def first_look(frames: np.ndarray, network: SegmentationNetwork) -> tuple[Candidates, ClipFeatures]:
+    """Tracks of what differs from the clip's median picture, and what they were found with; frames as above."""
+    size = working_size(frames.shape[2], frames.shape[1])
     small = steady_exposure(np.stack([cv2.resize(f, size, interpolation=cv2.INTER_AREA) for f in frames]))
     features = clip_features(small)
     return _tracked(predict(network, small, features), small, features.background), features
 
 
 def _tracked(prediction: Prediction, small: np.ndarray, background: np.ndarray) -> Candidates:
-    probability = steadied(prediction.moving, small)
-    changed = np.stack([cv2.absdiff(frame, background).max(-1) >= ALIKE for frame in small])
+    probability, shadows = steadied(prediction.moving, small), cast_shadows(small, background)
+    probability[shadows] *= IN_SHADOW
+    changed = np.stack([cv2.absdiff(frame, background).max(-1) >= ALIKE for frame in small]) & ~shadows
     tracks = joined(follow(prediction, probability, small), probability)
     figures = [track_figures(t, prediction) for t in tracks]
     table = np.array(figures).reshape(len(tracks), len(FIGURES))

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pipeline.bodies.tracks.cast_shadows import DARKEST, MOST_TINT
 from pipeline.bodies.tracks.grouping import Track
 
-DARKEST = 15.0  # of 255, added to values before their logarithm is taken
-MOST_TINT = 0.15  # difference of a channel's logarithm to that of all
 LEAST_COMMON = 6  # frames in which a body and its shadow are seen
 LEAST_TRAVEL = 4.0  # radii that both must go
 MOST_DRIFT, MOST_APART = 0.12, 8.0  # mean deviation of the shadow's place beside its body, over their way; radii
