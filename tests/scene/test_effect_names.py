@@ -10,9 +10,9 @@ from pipeline.scene.effects.registry import effect_kinds
 
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = ROOT / "pipeline" / "scene" / "effects" / "kinds"
-OF_MECHANISMS = ROOT / "pipeline" / "mechanisms" / "kinds"
+OF_MECHANISMS = ROOT / "pipeline" / "discovery" / "mechanisms" / "kinds"
 """Some laws act on free bodies and on mechanisms; each has a module of the same name in both folders."""
-REPORT_KEYS = {(ROOT / "pipeline" / "discrepancy" / "report" / "report_dict.py", "restitution")}
+REPORT_KEYS = {(ROOT / "pipeline" / "discovery" / "report" / "report_dict.py", "restitution")}
 """Keys of report.json that are field terms and effect names by chance."""
 
 
