@@ -19,7 +19,7 @@ def save_measured(table: pa.Table, name: str, notes: str, path: Path) -> None:
     """Write a recording of measured and predicted positions, under world/<clip>/<object>/<kind>.
 
     Args:
-        table: Residuals, from `pipeline.discovery.residual_table`.
+        table: Residuals, from `pipeline.discovery.report.residual_table`.
         name: Name and id of the recording.
         notes: Markdown.
         path: The file.
