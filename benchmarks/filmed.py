@@ -34,7 +34,6 @@ from pipeline.physics.simulate import simulate
 from pipeline.report.markdown import heading, table_row
 from pipeline.vision.recordings.letterbox import of_area
 from pipeline.vision.recordings.video import AREA, frame_times
-from pipeline.worlds.view import ArcMotion
 from training.data_folder import needed
 
 
@@ -101,20 +100,18 @@ def slope_deg(found: Inference) -> float:
     return abs(float(turn.as_euler("yxz", degrees=True)[0]))
 
 
-def longest(found: Inference) -> ArcMotion:
-    return max(found.scenes.filmed.motion.view.arcs, key=lambda m: m.path)
-
-
-def acceleration(found: Inference) -> float:
-    """m/s² of the longest arc."""
-    assert found.scenes.filmed.answer is not None
-    return float(np.linalg.norm(longest(found).arc.acceleration)) / found.scenes.filmed.answer.scale.px_per_m
-
-
 def fitted_stretch(found: Inference) -> tuple[float, float]:
     """s of the recording, from where to where the stretch goes that the answer is fitted to."""
     times = found.clip.taken.clip.source_times
     return float(times[0]), float(2 * times[-1] - times[-2])
+
+
+def acceleration(found: Inference) -> float:
+    """m/s² of the scene's only body, from the parabola that is nearest to its simulated way."""
+    begin, end = fitted_stretch(found)
+    trace = simulate(found.scene, end - begin)
+    times = np.arange(len(trace.position)) / trace.rate
+    return float(np.linalg.norm(2 * np.polyfit(times, trace.position[:, 0], 2)[0]))
 
 
 def launched(found: Inference) -> np.ndarray:
@@ -231,15 +228,15 @@ def in_slow_motion(clip: DrawnClip) -> bool:
     return abs(clip.fps / clip.file_fps - 1) > 0.05
 
 
-def drawn_iou(clip: DrawnClip, found: Inference, video: Path) -> float:
-    """Sequence IoU of the answer's replay with the outlines drawn in its stretch, in the video's own picture."""
+def drawn_iou(clip: DrawnClip, found: Inference, video: Path) -> float | None:
+    """Sequence IoU of the answer's replay with the outlines drawn in its stretch; None where that has no outlines."""
     names = [name for name, _ in clip.objects]
     stamps = frame_times(video, clip.fps if in_slow_motion(clip) else None)
     begin, end = fitted_stretch(found)
     within = (stamps >= begin - 0.5 / clip.fps) & (stamps <= end)
     frames = sorted(k for k in clip.frames if within[k])
     if not frames:
-        return 0.0
+        return None
     size = of_area((clip.width, clip.height), AREA)
     masks = np.zeros((len(frames), size[1], size[0]), np.uint8)
     for mask, k in zip(masks, frames, strict=True):
@@ -276,15 +273,19 @@ def clicked_distance(
     return float(np.median(every)), float(every.max())
 
 
-def row(clip: DrawnClip, found: Inference, video: Path, seconds: float) -> tuple[list[str], float]:
-    """A row of the table, and the IoU with the drawn outlines."""
+def row(clip: DrawnClip, found: Inference, video: Path, seconds: float) -> tuple[list[str], float | None]:
+    """A row of the table, and the IoU with the drawn outlines, where there are any."""
     kinds = "+".join(sorted(shape for _, shape in clip.objects))
     iou = drawn_iou(clip, found, video)
     view, true = found.scenes.view.kind, CLIPS[Path(clip.clip).stem].view
     seen_right = view == true or {view, true} == {"side", "flight"}
     marks = f"{'' if found.scene.composition == kinds else 'not '}{kinds}", f"{'' if seen_right else 'not '}{true}"
     begin, end = fitted_stretch(found)
-    seen = [f"{found.scene.composition} ({marks[0]})", f"{view} ({marks[1]})", f"{iou:.2f}"]
+    seen = [
+        f"{found.scene.composition} ({marks[0]})",
+        f"{view} ({marks[1]})",
+        "no outlines" if iou is None else f"{iou:.2f}",
+    ]
     graded = [found.grade.name, found.best.name, f"{begin:.2f} to {end:.2f}", f"{seconds:.0f}"]
     return [Path(clip.clip).stem, *seen, *graded], iou
 
@@ -314,11 +315,11 @@ def main(argv: Sequence[str] | None = None) -> None:
             continue
         cells, iou = row(clip, found, folder / clip.clip, time.monotonic() - start)
         print(table_row(cells), flush=True)
-        ious.append(iou)
+        ious += [] if iou is None else [iou]
         answers[name] = found
         if arguments.out is not None:
             found.save(arguments.out / name, force=True)
-    print(f"\nmean IoU {np.mean(ious):.3f} of {len(ious)} clips\n")
+    print(f"\nmean IoU {np.mean(ious):.3f} of {len(ious)} clips whose stretch has outlines\n")
     print(heading(["clip", "what", "expected", "bound", "found", ""]))
     shorter: dict[tuple[str, float], Inference] = {}
     for check in CHECKS:

@@ -21,6 +21,7 @@ from pipeline.inference.asking import LoadingModel, Question, ask_model
 from pipeline.inference.filmed_world import FilmedWorld, World, filmed_world, seen_as, with_forecast, with_scene
 from pipeline.inference.measured_clip import MeasuredClip
 from pipeline.inference.method import (
+    AMBIGUITY_MARGIN,
     SEARCH,
     TRACKS,
     Method,
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
 #: As params.yaml has them for the graph (`search`; a test compares them).
 SEARCH_SIZE = (120, 80)  # px of masks and flow in the search's reward; of another shape, as large an area
 STARTS = 3  # answers that a search starts from
+VIEW_PRICE = AMBIGUITY_MARGIN / np.log(CLOSE)  # of merit, for each nat by which another view is likelier
 MOST_FRAMES = 120  # of a clip that is fitted in more than one view: of a longer one that takes minutes
 
 
@@ -246,7 +248,7 @@ def from_tracks(
     """The scene that fits the tracks in the likeliest view or, where that does not explain the clip, in the best one.
 
     Where another view is nearly as likely, or the likeliest does not explain the clip, those that the tracks do not
-    exclude are fitted quickly, and those that beat the likeliest are fitted well.
+    exclude are fitted quickly, and those that beat the likeliest, by more than it is likelier, are fitted well.
 
     Args:
         filmed: The world that the tracks tell of.
@@ -269,12 +271,17 @@ def from_tracks(
     plausible = told.rivals(PLAUSIBLE) if told.costs else [k for k in VIEWS if k != told.kind]
     others = [seen_as(filmed, kind) for kind in plausible]
     seen = [filmed, *(other for other in others if other is not None)]
-    least, *merits = [merit(method_of(with_scene(each, cores(), quick=True))) for each in seen]
+    prices = [VIEW_PRICE * told.log_odds(each.motion.view.kind) for each in seen]
+    least, *merits = [
+        merit(method_of(with_scene(each, cores(), quick=True))) - price
+        for each, price in zip(seen, prices, strict=True)
+    ]
+    reached = merit(method)
     for k in sorted(np.flatnonzero(np.array(merits) > least), key=lambda k: -merits[k]):
         other = with_scene(seen[k + 1], cores())
         rival = method_of(other)
-        if merit(rival) > merit(method):
-            best, method = other, rival
+        if merit(rival) - prices[k + 1] > reached:
+            best, method, reached = other, rival, merit(rival) - prices[k + 1]
     return best, method
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from pipeline.bodies.tracks.image_track import ImageTrack
 from pipeline.worlds.arcs import Arc
-from pipeline.worlds.view import SIGNIFICANT
 
+SIGNIFICANT = 4.0  # standard errors from which a jump of the velocity counts
 SNAP_DEG = 30.0  # a surface that a body bounces off is level or upright if it is within this
 LEAST_JUMP = 0.15  # of the speed: change of velocity that is a bounce
 LEAST_NORMAL = 0.1  # of the speed, that is normal to the surface

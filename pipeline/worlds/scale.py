@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.worlds.silhouette import Silhouette
 from pipeline.worlds.tilt import Tilt
-from pipeline.worlds.view import View
+from pipeline.worlds.view import View, common_acceleration
 
 GRAVITY = 9.81  # m/s²
 KNOWN = ("length", "size", "board")  # what a user says of the scale
@@ -53,16 +53,16 @@ def find_scale(view: View, silhouettes: Sequence[Silhouette], gravity: float = G
         size = float(np.linalg.norm(view.gravity_px))
         return Scale(size / gravity, "gravity", max(view.gravity_error, 0.02))
     if view.kind == "incline":
-        arcs = [m for m in view.arcs if m.kind == "slope"] or [m for m in view.arcs if m.kind != "rest"]
+        arcs = [m for m in view.arcs if m.kind == "slope"]
         shapes = dict(zip(dict.fromkeys(m.arc.body for m in view.arcs), (s.shape for s in silhouettes), strict=True))
         rolling = [m for m in arcs if shapes[m.arc.body] in ROLLING]
         arcs = rolling or arcs
-        weights = [m.arc.covariance[2, 2] ** -1 for m in arcs]
+        weights = [m.sigma**-2 for m in arcs]
         slope = np.radians(abs(view.slope_deg))
         least = np.sin(slope) - min(SLIDING_FRICTION, 0.5 * np.tan(slope)) * np.cos(slope)
         pushes = [np.sin(slope) * ROLLING[shapes[m.arc.body]] if rolling else least for m in arcs]
-        size = float(np.average([np.linalg.norm(m.arc.acceleration) for m in arcs], weights=weights))
-        size = max(size, arcs[0].arc.acceleration_sigma)
+        size = float(np.linalg.norm(common_acceleration(arcs)))
+        size = max(size, arcs[0].sigma)
         push = float(np.average(pushes, weights=weights))
         return Scale(size / (gravity * push), "gravity", 0.15 if rolling else 0.3)
     largest = max((s.width for s in silhouettes), default=1.0) / 2

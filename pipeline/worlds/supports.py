@@ -12,11 +12,9 @@ from pipeline.bodies.tracks.image_track import ImageTrack
 from pipeline.worlds.arcs import Arc
 from pipeline.worlds.blocks import Block, at_block
 from pipeline.worlds.bounces import bounce_between
-from pipeline.worlds.view import View, down
+from pipeline.worlds.view import ArcMotion, View, down, mean_slope
 
 MARGIN = 4.0  # radii that a support goes on beyond what is seen of the motion along it
-LEVEL_DEG = 6.0  # of a straight way in a side view, that a level support explains
-ALIKE_DEG = 4.0  # ways along one support differ by no more
 NEAR = 1.5  # sums of radii within which two bodies may have hit each other
 LEAST_PATH = 1.0  # radii of a way along a support
 
@@ -86,8 +84,8 @@ def find_supports(
     carried = _ways(view, by_body)
     supports = []
     for group in carried:
-        arcs = [a for a, _ in group]
-        slope = np.radians(view.roll_deg + np.average([s for _, s in group], weights=[a.span for a in arcs]))
+        arcs = [m.arc for m in group]
+        slope = np.radians(view.roll_deg + mean_slope(group))
         along = np.array([np.cos(slope), np.sin(slope)])
         into = np.array([-along[1], along[0]])
         offsets, low, high = [], np.inf, -np.inf
@@ -111,23 +109,20 @@ def find_walls(view: View, tracks: Sequence[ImageTrack], blocks: Sequence[Block]
     return _with_bounces(view, {t.body: t for t in tracks}, lambda track, _: track.radius, [], blocks)
 
 
-def _ways(view: View, tracks: dict[int, ImageTrack]) -> list[list[tuple[Arc, float]]]:
-    """Arcs along supports with their slopes, deg; those of one support together."""
-    groups: list[list[tuple[Arc, float]]] = []
+def _ways(view: View, tracks: dict[int, ImageTrack]) -> list[list[ArcMotion]]:
+    """Arcs along supports; those of one support together: all that slope do so alike, the others are level."""
+    groups: list[list[ArcMotion]] = []
     for motion in view.arcs:
-        level = view.kind == "side" and motion.kind in ("straight", "slope") and abs(motion.slope_deg) < LEVEL_DEG
-        sloping = view.kind == "incline" and motion.kind in ("slope", "straight")
-        sloping = sloping and abs(motion.slope_deg - view.slope_deg) < ALIKE_DEG
-        if not (level or sloping):
+        if motion.kind not in ("slope", "straight"):
             continue
         into, radius = down(view.roll_deg + motion.slope_deg), tracks[motion.arc.body].radius
         for group in groups:
-            arc, slope = group[0]
-            if abs(slope - motion.slope_deg) < ALIKE_DEG and abs((arc.position - motion.arc.position) @ into) < radius:
-                group.append((motion.arc, motion.slope_deg))
+            first = group[0]
+            if first.kind == motion.kind and abs((first.arc.position - motion.arc.position) @ into) < radius:
+                group.append(motion)
                 break
         else:
-            groups.append([(motion.arc, motion.slope_deg)])
+            groups.append([motion])
     return groups
 
 

@@ -18,7 +18,7 @@ from pipeline.bodies.tracks.image_track import ImageTrack
 from pipeline.worlds.arcs import Arc, design
 from pipeline.worlds.bounces import changes_between
 from pipeline.worlds.silhouette import Silhouette
-from pipeline.worlds.view import LEAST_SIZES, ArcMotion, View, may_fall
+from pipeline.worlds.view import LEAST_SIZES, View
 
 SPREAD_DEG = 6.0  # of pitch and yaw, as people film
 DETERMINED = 0.25  # of that spread: a larger standard error does not determine the turn
@@ -132,7 +132,7 @@ def flights(track: ImageTrack, arcs: Sequence[Arc], view: View) -> list[ImageTra
     """
     width = track.axes[:, 1] / np.median(track.axes[track.whole, 1])
     good = track.whole & (np.abs(width - 1) < OFF_SIZE)
-    free = {id(m.arc) for m in view.arcs if m.kind == "free" or _may_fall(m, view)}
+    free = {id(m.arc) for m in view.arcs if m.kind == "free"}
     groups: list[list[Arc]] = []
     for arc, before in zip(arcs, (None, *arcs), strict=False):
         if id(arc) not in free:
@@ -148,10 +148,6 @@ def flights(track: ImageTrack, arcs: Sequence[Arc], view: View) -> list[ImageTra
         if len(use) >= LEAST_FLIGHT:
             out.append(track.part(use))
     return out
-
-
-def _may_fall(motion: ArcMotion, view: View) -> bool:
-    return view.gravity_px is not None and motion.kind != "rest" and may_fall(motion, view.gravity_px)
 
 
 def _sizes(track: ImageTrack) -> tuple[np.ndarray, np.ndarray, float] | None:

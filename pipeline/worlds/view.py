@@ -6,7 +6,7 @@ of constant acceleration do, at the price of their numbers.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,28 +16,20 @@ from pipeline.worlds.arcs import Arc
 from pipeline.worlds.swing import Swing, arcs_evidence, fit_swing, swing_evidence
 from pipeline.worlds.view_evidence import (
     LEAST_ERROR,
-    LEVEL_DEG,
-    LINE_DEG,
     OUTLINES,
-    STEEP_DEG,
+    Explanation,
     Growth,
     Moving,
-    view_costs,
+    explanations,
 )
 
 VIEWS = ("table", "side", "incline", "flight", "top", "hanging")
 LEVEL = ("table", "side", "top")  # views of a level ground
 UPRIGHT = ("side", "incline", "flight")  # views in which bodies move in an upright plane
 CLOSE, PLAUSIBLE = 20.0, 1e4  # times less likely: a view may as well be this one; is worth a fit where none explains
-SIGNIFICANT = 4.0  # standard errors from which an acceleration, or a jump of the velocity, counts
-STRAIGHT = 0.012  # of its length: largest sagitta of a straight arc
-STRAIGHT_RADII = 0.15  # of the body: and of one that speeds up downhill, whose outline shading and shadows change
 FOCAL = 377.0  # px, of a phone's main camera, in a picture of 480 px
-NEARLY_LEVEL_DEG = 6.0  # and by which a level line may be turned, with the camera
 UNKNOWN_ROLL_DEG, EDGES_ROLL_DEG = 3.0, 1.0  # standard deviation of a camera's roll; its error where edges tell it
-OFF_DOWN_DEG = 25.0  # largest angle of free fall to the picture's vertical
 LEAST_PATH, SLOW = 0.6, 0.2  # radii, and share of the body's fastest arc: what goes less far and as slow rests
-ALIKE = 0.3  # largest mean deviation of the accelerations of free arcs, as a share
 LEAST_SIZES = 6  # outlines of a body, from which its growth is measured
 
 
@@ -47,15 +39,17 @@ class ArcMotion:
 
     Attributes:
         arc: The arc.
-        kind: "free" (falls), "slope" (on a straight line, sped up downhill), "straight", "rest", or "other".
+        kind: "rest", or what the view takes it for, of `Explanation.kinds`.
         path: px, length of the way.
         slope_deg: Of the line to the world's horizontal, positive where it descends to the right; -90 to 90.
+        sigma: px/s², standard error of each coordinate of the acceleration, with what outlines err alike.
     """
 
     arc: Arc
     kind: str
     path: float
     slope_deg: float
+    sigma: float
 
 
 @dataclass(frozen=True)
@@ -70,7 +64,7 @@ class View:
         roll_deg: By which the world's vertical is turned in the picture, clockwise.
         reason: What told, in words.
         swings: Of each track, where bodies hang.
-        costs: Of each kind of view that tracks were compared with, the likeliest first (`view_costs`).
+        costs: Of each kind of view that tracks were compared with, the likeliest first (`explanations`).
     """
 
     kind: str
@@ -87,9 +81,13 @@ class View:
 
         A flight is a side view without supports, so that neither is a rival of the other.
         """
-        own = self.costs.get(self.kind, -np.inf)
         others = [k for k in self.costs if k != self.kind and {k, self.kind} != {"side", "flight"}]
-        return tuple(k for k in others if self.costs[k] - own <= 2 * np.log(odds))
+        return tuple(k for k in others if self.log_odds(k) <= np.log(odds))
+
+    def log_odds(self, kind: str) -> float:
+        """How much likelier, nats, the view is than that of another kind; 0 where they were not compared."""
+        own, other = self.costs.get(self.kind), self.costs.get(kind)
+        return 0.0 if own is None or other is None else 0.5 * (other - own)
 
     @property
     def gravity_error(self) -> float:
@@ -97,7 +95,7 @@ class View:
         assert self.gravity_px is not None
         if self.swings:
             return float(sum(s.rate_error**-2 for s in self.swings) ** -0.5)
-        errors = [m.arc.acceleration_sigma for m in self.arcs if m.kind == "free"]
+        errors = [m.sigma for m in self.arcs if m.kind == "free"]
         return float(sum(e**-2 for e in errors) ** -0.5 / np.linalg.norm(self.gravity_px))
 
 
@@ -124,7 +122,7 @@ def fastest_arc(arcs: Sequence[Arc], radius: float) -> float:
 
 
 def describe_arc(arc: Arc, radius: float, fastest: float, roll_deg: float = 0.0) -> ArcMotion:
-    """The kind of an arc.
+    """What an arc looks like before a view explains it: at rest or "other", and the line that it goes along.
 
     Args:
         arc: The arc.
@@ -133,28 +131,17 @@ def describe_arc(arc: Arc, radius: float, fastest: float, roll_deg: float = 0.0)
         roll_deg: By which the picture's vertical is turned.
     """
     ends, path = _ends(arc), path_length(arc)
+    sigma = float(np.hypot(arc.acceleration_sigma, OUTLINES * radius / arc.span**2))
     chord = ends[2] - ends[0]
     if path < LEAST_PATH * radius and np.linalg.norm(arc.velocity) <= SLOW * fastest:
-        return ArcMotion(arc, "rest", path, 0.0)
+        return ArcMotion(arc, "rest", path, 0.0, sigma)
     along = chord if np.linalg.norm(chord) > 0.3 * path else arc.acceleration
-    along = along / np.linalg.norm(along)
-    slope = float(np.degrees(np.arctan2(along[1], along[0]))) - roll_deg
-    slope = slope - 180 if slope > 90 else slope + 180 if slope <= -90 else slope
-    parallel = float(arc.acceleration @ along)
-    across = arc.acceleration - parallel * along
-    sagitta = float(np.linalg.norm(across)) * arc.span**2 / 8
-    bends = np.linalg.norm(across) > SIGNIFICANT * arc.acceleration_sigma
-    size = float(np.linalg.norm(arc.acceleration))
-    significant = size > SIGNIFICANT * arc.acceleration_sigma
-    falls = significant and arc.acceleration @ down(roll_deg) > np.cos(np.radians(OFF_DOWN_DEG)) * size
-    if bends and sagitta > max(STRAIGHT * path, STRAIGHT_RADII * radius):
-        return ArcMotion(arc, "free" if falls else "other", path, slope)
-    if falls and abs(slope) > STEEP_DEG:
-        return ArcMotion(arc, "free", path, slope)
-    downhill = along if along @ down(roll_deg) > 0 else -along
-    if significant and arc.acceleration @ downhill > 0 and LEVEL_DEG < abs(slope) <= STEEP_DEG:
-        return ArcMotion(arc, "slope", path, slope)
-    return ArcMotion(arc, "other" if bends and sagitta > STRAIGHT * path else "straight", path, slope)
+    return ArcMotion(arc, "other", path, _acute(float(np.degrees(np.arctan2(along[1], along[0]))) - roll_deg), sigma)
+
+
+def _acute(deg: float) -> float:
+    """The angle of a line, in (-90, 90]."""
+    return 90 - (90 - deg) % 180
 
 
 def growth(tracks: Sequence[ImageTrack]) -> Growth:
@@ -207,53 +194,40 @@ def find_view(
             return _hanging(motions, swings)
         if kind == "hanging":
             raise ValueError("no body swings")
+    if kind is None and all(m.kind == "rest" for m in motions):
+        return View("table", motions, None, 0.0, 0.0, "no body moves far enough to tell the view")
+    found = explanations(_moving(tracks, motions), growth(tracks), *edges, focal)
+    if kind is not None and kind not in found:
+        raise ValueError(f"no body {'falls freely' if kind == 'flight' else 'moves along a line'}")
+    view = _explained(kind or next(iter(found)), found, motions, edges, lines_are_level)
     if kind is not None:
-        return _seen_as(kind, tracks, arcs, edges, lines_are_level)
-    if all(m.kind == "rest" for m in motions):
-        view = _seen_as("table", tracks, arcs, edges, lines_are_level)
-        return replace(view, reason="no body moves far enough to tell the view")
-    costs = view_costs(_moving(tracks, motions), growth(tracks), *edges, focal)
-    for likely in costs:
-        try:
-            view = _seen_as(likely, tracks, arcs, edges, lines_are_level)
-        except ValueError:  # what the evidence takes for a fall or a slope may be too short to be measured
-            continue
-        if likely != "incline" or abs(view.slope_deg) > LEVEL_DEG:
-            return replace(view, costs=costs, reason=_reason(view, costs))
-    raise AssertionError("a view from above can always be measured")
+        return view
+    costs = {name: e.cost for name, e in found.items()}
+    return replace(view, costs=costs, reason=_reason(view, costs))
 
 
-def _seen_as(
+def _explained(
     kind: str,
-    tracks: Sequence[ImageTrack],
-    arcs: Sequence[Sequence[Arc]],
+    found: Mapping[str, Explanation],
+    motions: Sequence[ArcMotion],
     edges: tuple[float, float],
     lines_are_level: bool,
 ) -> View:
-    """The view of a kind. edges: roll, deg, and its standard error. Raises ValueError as `find_view` does."""
-    roll_deg = edges[0]
-    motions = _described(tracks, arcs, roll_deg)
-    gravity = None if kind in ("table", "top") else free_fall(_of_kind(motions, "free"))
+    """The view of a kind, with the motion of each arc as it explains it. edges: roll, deg, and its standard error."""
+    kinds, roll_deg = iter(found[kind].kinds), edges[0]
+    motions = [m if m.kind == "rest" else replace(m, kind=next(kinds)) for m in motions]
+    free, straight = _of_kind(motions, "free"), _of_kind(motions, "straight")
+    gravity = common_acceleration(free) if free else None
     if gravity is not None:
-        roll_deg = fall_roll(gravity, motions, *edges)
-        motions = _described(tracks, arcs, roll_deg)
-    elif kind == "flight":
-        raise ValueError("no body falls freely")
-    moving = [m for m in motions if m.kind != "rest"]
-    slope = None
-    if kind == "incline":
-        total = sum(m.path for m in moving)
-        slope = common_slope(_of_kind(moving, "slope"), total)
-        if slope is None:
-            slope = common_slope([m for m in moving if m.kind in ("slope", "straight")], total)
-        if slope is None:
-            raise ValueError("no body moves along a line")
+        roll_deg = fall_roll(gravity, free, *edges)
+    elif kind == "side" and lines_are_level and straight:
+        roll_deg = edges[0] + mean_slope(straight)
+    turned = roll_deg - edges[0]
+    motions = [m if m.kind == "rest" else replace(m, slope_deg=_acute(m.slope_deg - turned)) for m in motions]
+    slope = mean_slope(_of_kind(motions, "slope")) if kind == "incline" else 0.0
     if kind in ("table", "top"):
         roll_deg = 0.0
-    if kind == "side" and gravity is None and lines_are_level:
-        roll_deg = level_roll(moving)
-        motions = _described(tracks, arcs, roll_deg)
-    return View(kind, motions, gravity, slope or 0.0, roll_deg, "as it was asked for")
+    return View(kind, tuple(motions), gravity, slope, roll_deg, "as it was asked for")
 
 
 def _moving(tracks: Sequence[ImageTrack], motions: Sequence[ArcMotion]) -> Moving:
@@ -263,9 +237,8 @@ def _moving(tracks: Sequence[ImageTrack], motions: Sequence[ArcMotion]) -> Movin
     for motion in motions:
         if motion.kind != "rest":
             arc, radius = motion.arc, radii[motion.arc.body]
-            sigma = float(np.hypot(arc.acceleration_sigma, OUTLINES * radius / arc.span**2))
-            rows.append((*arc.velocity, *arc.bend, sigma, motion.path, motion.slope_deg, arc.span, radius))
-    table = np.array(rows).T
+            rows.append((*arc.velocity, *arc.bend, motion.sigma, motion.path, motion.slope_deg, arc.span, radius))
+    table = np.array(rows).reshape(-1, 9).T
     return Moving(table[:2].T, table[2:4].T, *table[4:])
 
 
@@ -335,57 +308,28 @@ def _of_kind(motions: Sequence[ArcMotion], kind: str) -> list[ArcMotion]:
     return [m for m in motions if m.kind == kind]
 
 
-def fall_roll(gravity: np.ndarray, motions: Sequence[ArcMotion], known_deg: float, error_deg: float) -> float:
+def fall_roll(gravity: np.ndarray, free: Sequence[ArcMotion], known_deg: float, error_deg: float) -> float:
     """The camera's roll, deg, by free fall and by what is known of it beside that.
 
     Args:
         gravity: (2,) px/s², of free fall.
-        motions: Of all arcs.
+        free: Arcs that fall.
         known_deg: The roll as it is known without free fall.
         error_deg: Its standard error.
     """
-    sigma = sum(m.arc.acceleration_sigma**-2 for m in motions if m.kind == "free") ** -0.5
+    sigma = sum(m.sigma**-2 for m in free) ** -0.5
     weight, known = (np.degrees(sigma) / np.linalg.norm(gravity)) ** -2, error_deg**-2
     fallen = np.degrees(np.arctan2(-gravity[0], gravity[1]))
     return float((weight * fallen + known * known_deg) / (weight + known))
 
 
-def level_roll(moving: Sequence[ArcMotion]) -> float:
-    """The camera's roll, deg, for which lines along which bodies move are level; 0 where no line is nearly so."""
-    lines = [m for m in moving if m.kind in ("straight", "slope") and abs(m.slope_deg) <= NEARLY_LEVEL_DEG]
-    return float(np.average([m.slope_deg for m in lines], weights=[m.path for m in lines])) if lines else 0.0
+def common_acceleration(motions: Sequence[ArcMotion]) -> np.ndarray:
+    """The acceleration (2,) px/s² that arcs share."""
+    found = np.array([m.arc.bend for m in motions])
+    errors = np.hypot(LEAST_ERROR * np.linalg.norm(found, axis=1), [m.sigma for m in motions])
+    return np.asarray(np.average(found, axis=0, weights=1 / errors**2))
 
 
-def may_fall(motion: ArcMotion, gravity: np.ndarray) -> bool:
-    """Whether an arc is too short to tell its motion from free fall. gravity: (2,) px/s²."""
-    off = np.linalg.norm(motion.arc.acceleration - gravity)
-    return bool(off <= SIGNIFICANT * motion.arc.acceleration_sigma)
-
-
-def free_fall(free: Sequence[ArcMotion]) -> np.ndarray | None:
-    """The common acceleration (2,) px/s² of arcs that fall; None where there are none, or they do not agree."""
-    if not free:
-        return None
-    paths = np.array([m.path for m in free])
-    found = np.array([m.arc.acceleration for m in free])
-    errors = np.hypot(LEAST_ERROR * np.linalg.norm(found, axis=1), [m.arc.acceleration_sigma for m in free])
-    gravity = np.average(found, axis=0, weights=1 / errors**2)
-    off = np.linalg.norm(found - gravity, axis=1) / np.linalg.norm(gravity)
-    return np.asarray(gravity) if np.average(off, weights=paths) < ALIKE else None
-
-
-def common_slope(sloping: Sequence[ArcMotion], total: float) -> float | None:
-    """The slope, deg, of the line along which bodies speed up downhill; None where less than half of the way is on one.
-
-    total: px, the way of all bodies.
-    """
-    if not sloping:
-        return None
-    paths = np.array([m.path for m in sloping])
-    slopes = np.array([m.slope_deg for m in sloping])
-    order = np.argsort(slopes)
-    median = slopes[order][np.searchsorted(np.cumsum(paths[order]), paths.sum() / 2)]
-    alike = np.abs(slopes - median) < 2 * LINE_DEG
-    if 2 * paths[alike].sum() <= total:
-        return None
-    return float(np.average(slopes[alike], weights=paths[alike]))
+def mean_slope(motions: Sequence[ArcMotion]) -> float:
+    """deg, of the lines that arcs go along, by the length of their ways."""
+    return float(np.average([m.slope_deg for m in motions], weights=[m.path for m in motions]))

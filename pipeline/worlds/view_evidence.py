@@ -1,4 +1,4 @@
-"""How well each view of the world explains tracks in the picture: their arcs' accelerations and directions, and sizes.
+"""How each view of the world explains tracks in the picture: their arcs' accelerations and directions, and sizes.
 
 A view allows an arc one motion or several. On a ground seen from above, bodies move straight on, or slow down. Over a
 table they do so, too, but what comes nearer grows and speeds up as perspective has it. What flies has one common
@@ -9,7 +9,7 @@ needs and another one does not costs what its prior is wider than its error. No 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,10 +75,26 @@ class Growth:
         return float(min(((self.slope - slope) * self.way / np.hypot(SIZE_ERROR, self.spread)) ** 2, OUTLIER))
 
 
-def view_costs(
+@dataclass(frozen=True)
+class Explanation:
+    """What a view takes arcs for.
+
+    Attributes:
+        cost: Of all of it.
+        kinds: Of each arc: "free" (falls), "slope" (on the line of an incline, sped up downhill), "straight" (goes
+            straight on, or slows down), or "other" (an outlier).
+    """
+
+    cost: float
+    kinds: tuple[str, ...]
+
+
+def explanations(
     moving: Moving, growth: Growth, roll_deg: float, roll_error_deg: float, focal: float
-) -> dict[str, float]:
-    """The cost of each view, the smallest first; ties in favour of what needs less.
+) -> dict[str, Explanation]:
+    """How each view that can explain arcs does so, the likeliest first; ties in favour of what needs less.
+
+    In a flight something falls, on an incline something is on its line: else the view is not there.
 
     Args:
         moving: The arcs.
@@ -87,20 +103,32 @@ def view_costs(
         roll_error_deg: Its standard error.
         focal: px, of the camera.
     """
-    onward = _level(moving, np.zeros(len(moving.path)))
+    count = len(moving.path)
+    onward = _level(moving, np.zeros(count))
     level = onward + _angle(moving.slope_deg, np.hypot(roll_error_deg, LINE_DEG))
-    level = np.minimum(level, OUTLIER)[:, None] + PRICE
-    never = np.full((len(moving.path), 1), OUTLIER)
+    ground = {"straight": np.minimum(level, OUTLIER) + PRICE}
     steady = growth.cost(0.0)
     roll = roll_deg, roll_error_deg
-    costs = {
-        "top": steady + onward.sum(),
-        "flight": steady + _falling(moving, never, *roll),
-        "side": steady + _falling(moving, level, *roll),
-        "incline": steady + PRICE + _incline(moving, level, *roll),
+    found = {
+        "top": Explanation(steady + float(onward.sum()), _cheapest({"straight": onward})),
+        "flight": _dearer(_falling(moving, {"other": np.full(count, OUTLIER)}, *roll), steady),
+        "side": _dearer(_falling(moving, ground, *roll), steady),
+        "incline": _dearer(_incline(moving, ground, *roll), steady + PRICE),
         "table": _table(moving, growth, focal),
     }
-    return {kind: float(costs[kind]) for kind in sorted(costs, key=lambda kind: round(costs[kind], 6))}
+    needed = {"flight": "free", "incline": "slope"}
+    able = {view: e for view, e in found.items() if view not in needed or needed[view] in e.kinds}
+    return {view: able[view] for view in sorted(able, key=lambda view: round(able[view].cost, 6))}
+
+
+def _cheapest(costs: dict[str, np.ndarray]) -> tuple[str, ...]:
+    """For each arc the kind of least cost (N,), "other" for outliers."""
+    kinds, table = list(costs), np.array(list(costs.values()))
+    return tuple(kinds[k] if cost < OUTLIER else "other" for k, cost in zip(table.argmin(0), table.min(0), strict=True))
+
+
+def _dearer(explanation: Explanation, cost: float) -> Explanation:
+    return replace(explanation, cost=explanation.cost + cost)
 
 
 def _level(moving: Moving, expected: np.ndarray) -> np.ndarray:
@@ -124,10 +152,11 @@ def _angle(deg: np.ndarray, sigma: np.ndarray | float) -> np.ndarray:
     return np.asarray((deg / sigma) ** 2 + 2 * np.log(sigma * np.sqrt(2 * np.pi) / 180))
 
 
-def _falling(moving: Moving, other: np.ndarray, roll_deg: float, roll_error_deg: float) -> float:
-    """The cost of arcs of which each either falls freely or is of another kind, of costs (N, M)."""
+def _falling(moving: Moving, others: dict[str, np.ndarray], roll_deg: float, roll_error_deg: float) -> Explanation:
+    """Of arcs of which each either falls freely or is of another kind, of costs (N,)."""
     size = np.linalg.norm(moving.acceleration, axis=1)
-    best = float(other.min(1).sum())
+    other = np.min(list(others.values()), axis=0)
+    best = Explanation(float(other.sum()), _cheapest(others))
     for k in np.flatnonzero(size**2 > OUTLIER * moving.sigma**2):
         gravity = moving.acceleration[k]
         error = np.hypot(moving.sigma, LEAST_ERROR * size)
@@ -140,9 +169,10 @@ def _falling(moving: Moving, other: np.ndarray, roll_deg: float, roll_error_deg:
         error = np.hypot(moving.sigma, LEAST_ERROR * strength)
         falls = (np.linalg.norm(moving.acceleration - gravity, axis=1) / error) ** 2
         needed = 2 * np.log(max(_pull(moving)[k] / moving.sigma[k], 1.0)) + PRICE
-        cost = (turned / turned_error) ** 2 + needed + np.minimum(falls, other.min(1)).sum()
-        best = min(best, float(cost))
-    return float(best)
+        cost = float((turned / turned_error) ** 2 + needed + np.minimum(falls, other).sum())
+        if cost < best.cost:
+            best = Explanation(cost, _cheapest({"free": falls, **others}))
+    return best
 
 
 def _pull(moving: Moving) -> np.ndarray:
@@ -150,9 +180,9 @@ def _pull(moving: Moving) -> np.ndarray:
     return 2 * moving.path / moving.span**2
 
 
-def _incline(moving: Moving, level: np.ndarray, roll_deg: float, roll_error_deg: float) -> float:
-    """The cost of arcs that speed up down a common line, fall, or are on a level ground, of costs (N, 1)."""
-    best = np.inf
+def _incline(moving: Moving, ground: dict[str, np.ndarray], roll_deg: float, roll_error_deg: float) -> Explanation:
+    """Of arcs that speed up down a common line, fall, or are on a level ground, of costs (N,)."""
+    best = Explanation(np.inf, ())
     spread = np.hypot(LINE_DEG, np.degrees(LINE_RADII * moving.radius / np.maximum(moving.path, 1)))
     for slope in moving.slope_deg[(np.abs(moving.slope_deg) < STEEP_DEG) & (np.abs(moving.slope_deg) > LEVEL_DEG)]:
         angle = np.radians(slope + roll_deg)
@@ -161,18 +191,20 @@ def _incline(moving: Moving, level: np.ndarray, roll_deg: float, roll_error_deg:
         across = np.linalg.norm(moving.acceleration - along[:, None] * down, axis=1)
         cost = (across / moving.sigma) ** 2 + _sided(along, _pull(moving), moving.sigma)
         cost += _angle((moving.slope_deg - slope + 90) % 180 - 90, spread)
-        ways = np.concatenate([np.minimum(cost, OUTLIER)[:, None], level], 1)
         needed = -float(_angle(np.zeros(()), LINE_DEG))
-        best = min(best, needed + _falling(moving, ways, roll_deg, roll_error_deg))
-    return float(best)
+        ways = {"slope": np.minimum(cost, OUTLIER), **ground}
+        best = min(best, _dearer(_falling(moving, ways, roll_deg, roll_error_deg), needed), key=lambda e: e.cost)
+    return best
 
 
-def _table(moving: Moving, growth: Growth, focal: float) -> float:
-    """The cost of bodies on a level ground that is seen from aside: they come nearer as they come down the picture."""
-    best = np.inf
+def _table(moving: Moving, growth: Growth, focal: float) -> Explanation:
+    """Of bodies on a level ground that is seen from aside: they come nearer as they come down the picture."""
+    best = Explanation(np.inf, ())
     for cot in np.linspace(LEAST_COT, MOST_COT, COTS):
         slope = cot / focal  # of the logarithm of the radius; that of the speed is twice as large
         prior = ((cot - USUAL_COT) / USUAL_SPREAD) ** 2
-        nearer = 2 * slope * moving.velocity[:, 1] * moving.speed
-        best = min(best, prior + growth.cost(slope) + float(_level(moving, nearer).sum()))
-    return float(best)
+        onward = _level(moving, 2 * slope * moving.velocity[:, 1] * moving.speed)
+        cost = float(prior + growth.cost(slope) + onward.sum())
+        if cost < best.cost:
+            best = Explanation(cost, _cheapest({"straight": onward}))
+    return best

@@ -47,7 +47,7 @@ def test_a_scene_in_an_ambiguous_view_has_to_be_clearly_better_than_one_on_a_tab
 def view(kind: str, slope: float, costs: dict[str, float]) -> View:
     """A view of a straight motion with a slope, deg, and a body at rest."""
     arc = Arc(1, 0, 30, 0.5, 1.0, np.zeros(2), np.zeros(2), np.zeros(2), np.eye(3), 1.0, np.zeros(2))
-    motions = (ArcMotion(arc, "straight", 50.0, slope), ArcMotion(arc, "rest", 0.0, 80.0))
+    motions = (ArcMotion(arc, "straight", 50.0, slope, 1.0), ArcMotion(arc, "rest", 0.0, 80.0, 1.0))
     return View(kind, motions, None, 0.0, 0.0, "", costs=costs)
 
 

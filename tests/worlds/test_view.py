@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.bodies.tracks.image_track import ImageTrack
-from pipeline.worlds.arcs import cut_arcs
+from pipeline.worlds.arcs import Arc, cut_arcs
 from pipeline.worlds.upright import camera_roll
 from pipeline.worlds.view import View, find_view
 
@@ -62,6 +62,37 @@ def test_what_speeds_up_downhill_along_a_line_is_on_an_incline(slope_deg: float,
     view = view_of(track_of(np.array([300.0, 100.0]) + along[:, None] * way), roll_deg=roll_deg)
     assert view.kind == "incline"
     assert view.slope_deg == pytest.approx(slope_deg, abs=0.5)
+
+
+def arc_of(start: int, stop: int, velocity: list[float], acceleration: list[float], sigma: float) -> Arc:
+    """An arc of a body from a frame to another one, with the standard error of its acceleration, px/s²."""
+    bend, time, span = np.array(acceleration), 0.5 * (TIMES[start] + TIMES[stop - 1]), TIMES[stop - 1] - TIMES[start]
+    return Arc(
+        body=1,
+        start=start,
+        stop=stop,
+        time=float(time),
+        span=float(span),
+        position=np.array([60.0, 20.0]) + 950 * time**2 * np.array([0.73, 0.68]),
+        velocity=np.array(velocity),
+        acceleration=bend,
+        covariance=np.diag([1.0, 1.0, sigma**2]),
+        rms=0.8,
+        bend=bend,
+    )
+
+
+def test_a_ramp_stays_one_where_outlines_bend_parts_of_the_way() -> None:
+    way = 950 * TIMES[:23, None] ** 2 * np.array([0.73, 0.68])
+    arcs = [
+        arc_of(0, 12, [251, 257], [1218, 1248], 39),
+        arc_of(12, 16, [630, 633], [985, 827], 709),
+        arc_of(16, 23, [853, 860], [955, 2115], 198),
+    ]
+    view = find_view([track_of(np.array([60.0, 20.0]) + way, radius=26.0)], [arcs])
+    assert view.kind == "incline"
+    assert [m.kind for m in view.arcs] == ["slope"] * 3
+    assert view.slope_deg == pytest.approx(43, abs=3)
 
 
 def test_straight_ways_in_several_directions_are_seen_from_above() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.worlds.view_evidence import Growth, Moving, view_costs
+from pipeline.worlds.view_evidence import Growth, Moving, explanations
 
 FOCAL = 400.0
 STILL = Growth(0.0, 1e-4, 100.0, 0.0)
@@ -21,7 +21,7 @@ def arcs(*rows: tuple[float, float, float, float], sigma: float = 20.0) -> Movin
 
 
 def likeliest(moving: Moving, growth: Growth = STILL) -> str:
-    return next(iter(view_costs(moving, growth, 0.0, 1.0, FOCAL)))
+    return next(iter(explanations(moving, growth, 0.0, 1.0, FOCAL)))
 
 
 def test_straight_ways_in_many_directions_are_seen_from_above() -> None:
@@ -54,3 +54,14 @@ def test_what_speeds_up_as_perspective_has_it_is_on_a_table() -> None:
 def test_an_arc_that_no_view_explains_costs_no_more_than_an_outlier() -> None:
     steady = [(200, 80, 0, 0), (-100, 150, 0, 0), (60, -180, 0, 0), (90, 140, 0, 0)]
     assert likeliest(arcs(*steady, (10, 10, 3000, -9000))) == "top"
+
+
+def test_each_arc_is_what_costs_least_in_a_view() -> None:
+    moving = arcs((200, 0, 0, 0), (180, 2, 0, 0), (170, 200, 0, 1500), (10, 10, 3000, -9000))
+    assert explanations(moving, STILL, 0.0, 1.0, FOCAL)["side"].kinds == ("straight", "straight", "free", "other")
+
+
+def test_a_flight_needs_a_fall_and_an_incline_a_line() -> None:
+    found = explanations(arcs((200, 0, 0, 0)), STILL, 0.0, 1.0, FOCAL)
+    assert "flight" not in found
+    assert "incline" not in found
