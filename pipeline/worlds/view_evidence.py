@@ -51,6 +51,11 @@ class Moving:
         """(N,) px/s."""
         return np.maximum(np.linalg.norm(self.velocity, axis=1), 1e-9)
 
+    @property
+    def line_error(self) -> np.ndarray:
+        """(N,) deg, by which the line that an arc goes along is off."""
+        return np.hypot(LINE_DEG, np.degrees(LINE_RADII * self.radius / np.maximum(self.path, 1)))
+
 
 @dataclass(frozen=True)
 class Growth:
@@ -105,7 +110,7 @@ def explanations(
     """
     count = len(moving.path)
     onward = _level(moving, np.zeros(count))
-    level = onward + _angle(moving.slope_deg, np.hypot(roll_error_deg, LINE_DEG))
+    level = onward + _angle(moving.slope_deg, np.hypot(roll_error_deg, moving.line_error))
     ground = {"straight": np.minimum(level, OUTLIER) + PRICE}
     steady = growth.cost(0.0)
     roll = roll_deg, roll_error_deg
@@ -137,7 +142,7 @@ def _level(moving: Moving, expected: np.ndarray) -> np.ndarray:
     along = (moving.acceleration * way).sum(1)
     across = np.linalg.norm(moving.acceleration - along[:, None] * way, axis=1)
     steadily = ((along - expected) / moving.sigma) ** 2
-    slower = _sided(expected - along, moving.speed / moving.span, moving.sigma)
+    slower = _sided(expected - along, _pull(moving), moving.sigma)
     return np.asarray(np.minimum((across / moving.sigma) ** 2 + np.minimum(steadily, slower), OUTLIER))
 
 
@@ -176,21 +181,20 @@ def _falling(moving: Moving, others: dict[str, np.ndarray], roll_deg: float, rol
 
 
 def _pull(moving: Moving) -> np.ndarray:
-    """(N,) px/s², accelerations that would make bodies go as far from rest."""
+    """(N,) px/s², accelerations with which bodies would go as far from rest, or to it."""
     return 2 * moving.path / moving.span**2
 
 
 def _incline(moving: Moving, ground: dict[str, np.ndarray], roll_deg: float, roll_error_deg: float) -> Explanation:
     """Of arcs that speed up down a common line, fall, or are on a level ground, of costs (N,)."""
     best = Explanation(np.inf, ())
-    spread = np.hypot(LINE_DEG, np.degrees(LINE_RADII * moving.radius / np.maximum(moving.path, 1)))
     for slope in moving.slope_deg[(np.abs(moving.slope_deg) < STEEP_DEG) & (np.abs(moving.slope_deg) > LEVEL_DEG)]:
         angle = np.radians(slope + roll_deg)
         down = np.array([np.cos(angle), np.sin(angle)]) * np.sign(np.sin(angle))
         along = moving.acceleration @ down
         across = np.linalg.norm(moving.acceleration - along[:, None] * down, axis=1)
         cost = (across / moving.sigma) ** 2 + _sided(along, _pull(moving), moving.sigma)
-        cost += _angle((moving.slope_deg - slope + 90) % 180 - 90, spread)
+        cost += _angle((moving.slope_deg - slope + 90) % 180 - 90, moving.line_error)
         needed = -float(_angle(np.zeros(()), LINE_DEG))
         ways = {"slope": np.minimum(cost, OUTLIER), **ground}
         best = min(best, _dearer(_falling(moving, ways, roll_deg, roll_error_deg), needed), key=lambda e: e.cost)
