@@ -162,7 +162,7 @@ def _falling(moving: Moving, others: dict[str, np.ndarray], roll_deg: float, rol
     size = np.linalg.norm(moving.acceleration, axis=1)
     other = np.min(list(others.values()), axis=0)
     best = Explanation(float(other.sum()), _cheapest(others))
-    for k in np.flatnonzero(size**2 > OUTLIER * moving.sigma**2):
+    for k in np.flatnonzero(size > moving.sigma):
         gravity = moving.acceleration[k]
         error = np.hypot(moving.sigma, LEAST_ERROR * size)
         off = np.linalg.norm(moving.acceleration - gravity, axis=1)
