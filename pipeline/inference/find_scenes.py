@@ -248,7 +248,8 @@ def from_tracks(
     """The scene that fits the tracks in the likeliest view or, where that does not explain the clip, in the best one.
 
     Where another view is nearly as likely, or the likeliest does not explain the clip, those that the tracks do not
-    exclude are fitted quickly, and those that beat the likeliest, by more than it is likelier, are fitted well.
+    exclude are fitted quickly. Merits are compared less the price of a less likely view. Views that then beat the
+    likeliest one are fitted well.
 
     Args:
         filmed: The world that the tracks tell of.
@@ -260,10 +261,13 @@ def from_tracks(
 
     method_of = partial(_tracks_method, evaluator=evaluator, clip=clip, world=world, searched=searched)
 
-    def merit(method: Method | None) -> float:
-        return -1.0 if method is None else method.merit
+    told = filmed.motion.view
 
-    best, told = with_scene(filmed, cores()), filmed.motion.view
+    def merit(candidate: FilmedWorld, method: Method | None) -> float:
+        price = VIEW_PRICE * told.log_odds(candidate.motion.view.kind)
+        return (-1.0 if method is None else method.merit) - price
+
+    best = with_scene(filmed, cores())
     method = method_of(best)
     alone = world.view is not None or len(clip.taken.masks) > MOST_FRAMES
     if alone or (method is not None and settled([method]) and not told.rivals(CLOSE)):
@@ -271,17 +275,12 @@ def from_tracks(
     plausible = told.rivals(PLAUSIBLE) if told.costs else [k for k in VIEWS if k != told.kind]
     others = [seen_as(filmed, kind) for kind in plausible]
     seen = [filmed, *(other for other in others if other is not None)]
-    prices = [VIEW_PRICE * told.log_odds(each.motion.view.kind) for each in seen]
-    least, *merits = [
-        merit(method_of(with_scene(each, cores(), quick=True))) - price
-        for each, price in zip(seen, prices, strict=True)
-    ]
-    reached = merit(method)
+    least, *merits = [merit(each, method_of(with_scene(each, cores(), quick=True))) for each in seen]
     for k in sorted(np.flatnonzero(np.array(merits) > least), key=lambda k: -merits[k]):
         other = with_scene(seen[k + 1], cores())
         rival = method_of(other)
-        if merit(rival) - prices[k + 1] > reached:
-            best, method, reached = other, rival, merit(rival) - prices[k + 1]
+        if merit(other, rival) > merit(best, method):
+            best, method = other, rival
     return best, method
 
 

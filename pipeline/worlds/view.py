@@ -42,7 +42,7 @@ class ArcMotion:
         kind: "rest", or what the view takes it for, of `Explanation.kinds`.
         path: px, length of the way.
         slope_deg: Of the line to the world's horizontal, positive where it descends to the right; -90 to 90.
-        sigma: px/s², standard error of each coordinate of the acceleration, with what outlines err alike.
+        sigma: px/s², standard error of each coordinate of the acceleration, that of biased outlines included.
     """
 
     arc: Arc
@@ -95,8 +95,7 @@ class View:
         assert self.gravity_px is not None
         if self.swings:
             return float(sum(s.rate_error**-2 for s in self.swings) ** -0.5)
-        errors = [m.sigma for m in self.arcs if m.kind == "free"]
-        return float(sum(e**-2 for e in errors) ** -0.5 / np.linalg.norm(self.gravity_px))
+        return common_error(_of_kind(self.arcs, "free")) / float(np.linalg.norm(self.gravity_px))
 
 
 def down(roll_deg: float) -> np.ndarray:
@@ -317,8 +316,7 @@ def fall_roll(gravity: np.ndarray, free: Sequence[ArcMotion], known_deg: float, 
         known_deg: The roll as it is known without free fall.
         error_deg: Its standard error.
     """
-    sigma = sum(m.sigma**-2 for m in free) ** -0.5
-    weight, known = (np.degrees(sigma) / np.linalg.norm(gravity)) ** -2, error_deg**-2
+    weight, known = (np.degrees(common_error(free)) / np.linalg.norm(gravity)) ** -2, error_deg**-2
     fallen = np.degrees(np.arctan2(-gravity[0], gravity[1]))
     return float((weight * fallen + known * known_deg) / (weight + known))
 
@@ -328,6 +326,11 @@ def common_acceleration(motions: Sequence[ArcMotion]) -> np.ndarray:
     found = np.array([m.arc.bend for m in motions])
     errors = np.hypot(LEAST_ERROR * np.linalg.norm(found, axis=1), [m.sigma for m in motions])
     return np.asarray(np.average(found, axis=0, weights=1 / errors**2))
+
+
+def common_error(motions: Sequence[ArcMotion]) -> float:
+    """px/s², standard error of each coordinate of the acceleration that arcs share."""
+    return float(sum(m.sigma**-2 for m in motions) ** -0.5)
 
 
 def mean_slope(motions: Sequence[ArcMotion]) -> float:

@@ -99,7 +99,7 @@ def explanations(
 ) -> dict[str, Explanation]:
     """How each view that can explain arcs does so, the likeliest first; ties in favour of what needs less.
 
-    In a flight something falls, on an incline something is on its line: else the view is not there.
+    A flight needs an arc that falls, an incline one on its line. A view that lacks it is left out.
 
     Args:
         moving: The arcs.
@@ -115,10 +115,10 @@ def explanations(
     steady = growth.cost(0.0)
     roll = roll_deg, roll_error_deg
     found = {
-        "top": Explanation(steady + float(onward.sum()), _cheapest({"straight": onward})),
-        "flight": _dearer(_falling(moving, {"other": np.full(count, OUTLIER)}, *roll), steady),
-        "side": _dearer(_falling(moving, ground, *roll), steady),
-        "incline": _dearer(_incline(moving, ground, *roll), steady + PRICE),
+        "top": Explanation(steady + float(onward.sum()), _likeliest_kinds({"straight": onward})),
+        "flight": _with_added_cost(_falling(moving, {"other": np.full(count, OUTLIER)}, *roll), steady),
+        "side": _with_added_cost(_falling(moving, ground, *roll), steady),
+        "incline": _with_added_cost(_incline(moving, ground, *roll), steady + PRICE),
         "table": _table(moving, growth, focal),
     }
     needed = {"flight": "free", "incline": "slope"}
@@ -126,13 +126,13 @@ def explanations(
     return {view: able[view] for view in sorted(able, key=lambda view: round(able[view].cost, 6))}
 
 
-def _cheapest(costs: dict[str, np.ndarray]) -> tuple[str, ...]:
+def _likeliest_kinds(costs: dict[str, np.ndarray]) -> tuple[str, ...]:
     """For each arc the kind of least cost (N,), "other" for outliers."""
     kinds, table = list(costs), np.array(list(costs.values()))
     return tuple(kinds[k] if cost < OUTLIER else "other" for k, cost in zip(table.argmin(0), table.min(0), strict=True))
 
 
-def _dearer(explanation: Explanation, cost: float) -> Explanation:
+def _with_added_cost(explanation: Explanation, cost: float) -> Explanation:
     return replace(explanation, cost=explanation.cost + cost)
 
 
@@ -161,7 +161,7 @@ def _falling(moving: Moving, others: dict[str, np.ndarray], roll_deg: float, rol
     """Of arcs of which each either falls freely or is of another kind, of costs (N,)."""
     size = np.linalg.norm(moving.acceleration, axis=1)
     other = np.min(list(others.values()), axis=0)
-    best = Explanation(float(other.sum()), _cheapest(others))
+    best = Explanation(float(other.sum()), _likeliest_kinds(others))
     for k in np.flatnonzero(size > moving.sigma):
         gravity = moving.acceleration[k]
         error = np.hypot(moving.sigma, LEAST_ERROR * size)
@@ -176,7 +176,7 @@ def _falling(moving: Moving, others: dict[str, np.ndarray], roll_deg: float, rol
         needed = 2 * np.log(max(_pull(moving)[k] / moving.sigma[k], 1.0)) + PRICE
         cost = float((turned / turned_error) ** 2 + needed + np.minimum(falls, other).sum())
         if cost < best.cost:
-            best = Explanation(cost, _cheapest({"free": falls, **others}))
+            best = Explanation(cost, _likeliest_kinds({"free": falls, **others}))
     return best
 
 
@@ -197,7 +197,9 @@ def _incline(moving: Moving, ground: dict[str, np.ndarray], roll_deg: float, rol
         cost += _angle((moving.slope_deg - slope + 90) % 180 - 90, moving.line_error)
         needed = -float(_angle(np.zeros(()), LINE_DEG))
         ways = {"slope": np.minimum(cost, OUTLIER), **ground}
-        best = min(best, _dearer(_falling(moving, ways, roll_deg, roll_error_deg), needed), key=lambda e: e.cost)
+        best = min(
+            best, _with_added_cost(_falling(moving, ways, roll_deg, roll_error_deg), needed), key=lambda e: e.cost
+        )
     return best
 
 
@@ -210,5 +212,5 @@ def _table(moving: Moving, growth: Growth, focal: float) -> Explanation:
         onward = _level(moving, 2 * slope * moving.velocity[:, 1] * moving.speed)
         cost = float(prior + growth.cost(slope) + onward.sum())
         if cost < best.cost:
-            best = Explanation(cost, _cheapest({"straight": onward}))
+            best = Explanation(cost, _likeliest_kinds({"straight": onward}))
     return best
