@@ -43,7 +43,12 @@ LEAST_Z = 4.0
 RIGHT_REGION = 0.8  # F1 of a region's samples and those in which the hidden effect acts
 MOST_ALIKE = 3  # effects in a set that counts as right
 #: Effects that are one law in these worlds: on pucks, which never fly, drag of the contact and of the air.
-SAME = {"viscous_friction": {"linear_drag"}, "wind": {"air_drag"}, "air_drag": {"wind"}}
+SAME = {
+    "viscous_friction": {"linear_drag"},
+    "linear_drag": {"viscous_friction"},
+    "wind": {"air_drag"},
+    "air_drag": {"wind"},
+}
 
 
 @dataclass(frozen=True)
@@ -96,13 +101,16 @@ def region_f1(world: LocalWorld, report: dict[str, Any]) -> float:
 
 
 def named(world: LocalWorld, found: Discovery) -> str:
-    """Whether the verdict names what is hidden, with what it is not told from."""
+    """Whether the verdict names what is hidden, with what it is not told from; laws that are one count once."""
     verdict, true = found.verdict, {e.name for e in world.effects}
     if not verdict.effects:
         return "nothing"
     if verdict.effects == ("unknown",):
         return "unknown"
-    alike = {n for group in verdict.equivalent[:1] for n in group[:MOST_ALIKE]} | set(verdict.effects)
+    alike = set(verdict.effects)
+    for name in (n for group in verdict.equivalent[:1] for n in group):
+        if not any(name in SAME.get(other, ()) for other in alike) and len(alike) < MOST_ALIKE:
+            alike.add(name)
     may_be = true | {s for n in true for s in SAME.get(n, set())}
     return "right" if alike & may_be and len(verdict.effects) <= len(true) else "wrong"
 

@@ -140,7 +140,7 @@ class Model:
         return (
             kind
             if region is None or region is kind.only
-            else local_kind(effect_kinds()[kind.name], region, kind.bodies, kind.blur)
+            else local_kind(effect_kinds()[kind.name], region, kind.bodies)
         )
 
     def _stated(self, stack: ArcStack) -> list[ActingEffect]:

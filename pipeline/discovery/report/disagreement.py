@@ -15,7 +15,7 @@ from pipeline.discovery.report.localisation import Stretch, normal_z, regime_of
 from pipeline.discovery.selection.local_effect import Where, only_of
 from pipeline.discovery.selection.selection import Selection
 from pipeline.discovery.tracks.arc import FAR_AWAY
-from pipeline.discovery.where.region_search import BLOW_SAMPLES, smooth_velocity
+from pipeline.discovery.where.path_evidence import BLOW_SAMPLES, smooth_velocity
 
 
 def disagreement(found: Selection) -> list[Stretch]:
@@ -65,14 +65,16 @@ def clean_numbers(found: Selection) -> dict[str, ParameterEstimate]:
     return calibrated(found.calibration, found.none, clean.theta, errors)
 
 
-def _false_discovery_rate(where: Where) -> float:
-    """The share of the intervals that noise alone would make: each may have any of a path's pairs of ends."""
+def _false_discovery_rate(where: Where, told: bool) -> float:
+    """The share of the intervals that noise alone would make: each may have any of a path's pairs of ends, unless a law
+    has told where they are."""
     parts, chances = [part for own in where.clean.explained for part in own], []
     for part in parts:
         samples = int((np.abs(part.basis).max(1) > 0).sum())
         for v in part.intervals:
             shown = max(int((v.acceleration != 0).sum()), 1)
-            chances.append(min(1.0, len(parts) * samples**2 / 2 * float(chdtrc(shown, v.gain))))
+            choices = 1.0 if told else samples**2 / 2
+            chances.append(min(1.0, len(parts) * choices * float(chdtrc(shown, v.gain))))
     return float(np.mean(chances)) if chances else 0.0
 
 
@@ -81,8 +83,8 @@ def where_dict(found: Selection) -> dict[str, Any] | None:
     where = found.where
     if where is None or where.region is None:
         return None
-    rate = _false_discovery_rate(where)
     local = any(kind.only is not None for kind in found.answer.fit.model.effects)
+    rate = _false_discovery_rate(where, local)
     # a law that holds everywhere explains what disagrees
     if found.answer.effects and not local and found.answer.hits is None:
         return {"only": {}, "objects": None, "share": 1.0, "agreement": 1.0, "false_discovery_rate": rate}

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from pipeline.discovery.report.discovery import Discovery
 from pipeline.discovery.selection.comparison import Compared
-from pipeline.discovery.where.region_search import smooth_velocity
+from pipeline.discovery.where.path_evidence import smooth_velocity
 from pipeline.report.figures import COLOURS, svg
 
 REGIME_COLOURS = {

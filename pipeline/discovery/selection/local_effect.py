@@ -2,40 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.discovery.fitting.calibration import LEAST_BETTER, Calibration, fit_model
+from pipeline.discovery.fitting.calibration import Calibration, fit_model
 from pipeline.discovery.fitting.candidate import Candidate
 from pipeline.discovery.fitting.extension import Progress, completed, with_arc_effect
 from pipeline.discovery.fitting.least_squares import fit_initial_states
 from pipeline.discovery.fitting.model import OBJECT, Model, with_effect, with_free_region, without_effect
 from pipeline.discovery.fitting.possible import is_possible
 from pipeline.discovery.fitting.screening import ScreeningRegression
-from pipeline.discovery.selection.comparison import ALIKE
 from pipeline.discovery.tracks.problem import Problem
 from pipeline.discovery.where.clean_part import CleanPart, find_clean_part
-from pipeline.discovery.where.intervals import Interval
-from pipeline.discovery.where.region_search import (
-    AGREES,
-    FoundRegion,
-    find_regions,
-    is_blow,
-    moving_samples,
-    region_of_law,
-)
+from pipeline.discovery.where.intervals import Interval, intervals_where
+from pipeline.discovery.where.local_law import LawFits, LocalLaw, Place
+from pipeline.discovery.where.path_evidence import Paths, is_blow, paths_of, smooth_velocity
+from pipeline.discovery.where.region_search import FoundRegion, find_regions, region_of_law
 from pipeline.scene.effects.kind import EffectKind, local_kind
 from pipeline.scene.effects.region import Region
-from pipeline.scene.effects.registry import effect_kinds
 from pipeline.scene.scene import half_extents
 
-MOST_REGIONS = 5  # descriptions in which effects are sought
-BLURS = (8.0, 1.0)  # steps of an integration, by which a region's edges are blurred, one after the other
+MOST_REGIONS, MOST_STARTS = 8, 3  # regions in which laws are sought, and starts from which each one is fitted
 MOST_LOCAL = 5  # effects that are fitted in a region: the most promising in the screening regression
-Place = tuple[Region, tuple[int, ...] | None]
-"""A region, and the objects in it; None: all."""
 LEAST_SPEED = 0.05  # m/s: where a slower body is tells nothing of what acts on it
 
 
@@ -97,13 +87,16 @@ def find_where(none: Candidate) -> Where:
         none: The calibrated model.
     """
     problem, clean = none.problem, _clean_part(none)
-    samples = moving_samples(problem.arcs, clean.explained, problem.clips, LEAST_SPEED)
-    regions = tuple(find_regions(samples, problem.clips))
-    best = next((found for found in regions if found.agreement >= AGREES), None)
-    where = Where(clean, best, regions, float(samples.inside.mean()))
+    paths = _paths(problem, clean)
+    regions = tuple(find_regions(paths, problem.clips))
+    where = Where(clean, regions[0] if regions else None, regions, float(paths.samples.inside.mean()))
     hit = {arc.clip for k, arc in enumerate(problem.arcs) if any(is_blow(v, arc) for v in where.of_arc(k))}
     some = frozenset(arc.clip for k, arc in enumerate(problem.arcs) if where.of_arc(k))
     return replace(where, blown=tuple(clip for clip in problem.clips if clip in hit), disagreeing=some)
+
+
+def _paths(problem: Problem, clean: CleanPart) -> Paths:
+    return paths_of(problem.arcs, clean, problem.clips, LEAST_SPEED, float(np.log(problem.effective_rows)))
 
 
 def intervals_left(found: Candidate) -> bool:
@@ -134,12 +127,14 @@ def where_hit(found: Candidate, problem: Problem, where: Where) -> Where:
     assert isinstance(place, list) and isinstance(size, float)
     way = max(float(np.linalg.norm(np.diff(arc.position, axis=0), axis=1).max()) for arc in problem.arcs)  # of a sample
     reach = size + max(float(half_extents(o).max()) for o in problem.known.scene.objects) + way / 2
-    samples = moving_samples(problem.arcs, where.clean.explained, problem.clips, LEAST_SPEED)
+    samples = _paths(problem, where.clean).samples
     return replace(where, region=region_of_law(samples, problem.clips, Region(centre=tuple(place), radius=reach), None))
 
 
 def where_with(found: Candidate, where: Where) -> Where:
     """Where the known scene fails, its free numbers as fitted with an effect that acts in a part.
+
+    The intervals are those in which the law acts and shows, with those that it does not explain.
 
     Args:
         found: The model with the effect.
@@ -148,14 +143,27 @@ def where_with(found: Candidate, where: Where) -> Where:
     problem, model = found.problem, where.clean.model
     clean = find_clean_part(problem, model, found.fit.theta[: model.size], known=True)
     covariance = found.fit.covariance[: model.size, : model.size] / problem.floor.information
-    samples = moving_samples(problem.arcs, clean.explained, problem.clips, LEAST_SPEED)
-    region = region_of_law(samples, problem.clips, _first_region(found), found.fit.model.effects[0].bodies)
-    return Where(replace(clean, covariance=covariance), region, (), float(samples.inside.mean()))
+    region, bodies = _region(found), found.fit.model.effects[-1].bodies
+    price = float(np.log(problem.effective_rows))
+    explained = []
+    for arc, leftovers, own in zip(problem.arcs, clean.leftovers, clean.explained, strict=True):
+        velocity = smooth_velocity(arc.time, arc.position)
+        acts = region.holds(arc.time, arc.position, velocity) & (np.linalg.norm(velocity, axis=1) > LEAST_SPEED)
+        acts &= (bodies is None or arc.object in bodies) and (region.clips is None or arc.clip in region.clips)
+        explained.append(
+            tuple(
+                intervals_where(arc.time, left.path, left.weight, acts, part.intervals, price)
+                for left, part in zip(leftovers, own, strict=True)
+            )
+        )
+    told = region_of_law(_paths(problem, clean).samples, problem.clips, region, bodies)
+    clean = replace(clean, covariance=covariance, explained=tuple(explained))
+    return Where(clean, told, (), float(_paths(problem, clean).samples.inside.mean()))
 
 
-def _first_region(found: Candidate) -> Region:
-    """The region of a model's first effect, that of a blow with the time of a sample about it."""
-    kind = found.fit.model.effects[0]
+def _region(found: Candidate) -> Region:
+    """The region of a model's last effect, that of a blow with the time of a sample about it."""
+    kind = found.fit.model.effects[-1]
     region, column = only_of(found, kind.name) or Region(), found.fit.model.column(kind.name, "time")
     if kind.kick is None or column is None:
         return region
@@ -166,15 +174,14 @@ def _first_region(found: Candidate) -> Region:
 def local_effects(
     calibration: Calibration, where: Where, kinds: Sequence[EffectKind], progress: Progress
 ) -> list[Candidate]:
-    """Models of one effect that acts in the region in which the known scene fails, the best first.
+    """Models of one effect that acts in a part of the world, of a blow in some recordings, and of both, the best first.
 
-    Each effect is screened in each region that describes the intervals, and blows in the recordings that have some;
-    those that promise most are fitted. The best one is fitted in each region with the region's numbers, and the others
-    in the region that wins.
+    Laws and regions are fitted to what the clean part leaves of the paths, from the regions in which the known scene
+    fails; those that explain most of it are fitted to the motion, with the region's numbers.
 
     Args:
         calibration: Of the problem.
-        where: With regions.
+        where: Where the known scene fails.
         kinds: The effects that may be named.
         progress: Called with the name of each effect that is fitted.
     """
@@ -184,84 +191,59 @@ def local_effects(
     starts = [fit_initial_states(stack, model, theta, start)[0] for stack, start in pairs]
     base = replace(none, fit=replace(none.fit, theta=theta, starts=starts))
     # a law that acts in some recordings only could explain a fault of these recordings
-    regions = [found for found in where.regions if found.region.clips is None]
-    places: list[Place] = [(found.region, found.objects) for found in regions[:MOST_REGIONS]]
+    places: list[Place] = [(r.region, r.objects) for r in where.regions if r.region.clips is None][:MOST_REGIONS]
     # a law of one body may act everywhere, though it shows in a part only
-    places += [(Region(), bodies) for bodies in dict.fromkeys(b for _, b in places if b is not None)]
+    bodies = dict.fromkeys(b for _, b in places if b is not None)
+    places += [(Region(), b) for b in bodies if (Region(), b) not in places]
     forces = [kind for kind in kinds if kind.may_be_local and kind.discovery.gravity_scale is None]
-    local = [local_kind(kind, *place) for place in places for kind in forces]
-    screening = ScreeningRegression(_as_calibrated(problem, model, theta), base.fit)
-    screened = [(kind, screening.guesses(kind)) for kind in [*local, *_blows(where, kinds, problem)]]
-    screened.sort(key=lambda pair: _price(calibration, pair[0]) - pair[1][0].gain * calibration.information)
-    found: dict[str, Candidate] = {}
-    for kind, guesses in screened:
-        if len(found) < MOST_LOCAL and kind.name not in found:
-            progress(kind.name)
-            single = with_arc_effect(calibration, kind, base, guesses)
-            if single is not None and is_possible(single):
-                found[kind.name] = _priced(calibration, single)
-    blows = [_in_its_recordings(calibration, c) for c in found.values() if _is_blow(c)]
-    return sorted(filter(is_possible, [*blows, *_in_best_place(calibration, found, places)]), key=lambda c: c.score)
+    fits = LawFits.of(_as_calibrated(problem, model, theta), model, theta, _paths(problem, where.clean))
+    bases = [base, *_with_blows(calibration, where, base, kinds)]
+    simple, double = ([p for p in places if (p[0].conditions < 2) is few] for few in (True, False))
+    laws = [law for kind in forces if (law := fits.best(kind, simple, MOST_STARTS)) is not None]
+    found: dict[EffectKind, Candidate] = {}
+
+    def add(law: LocalLaw | None) -> None:
+        if law is not None:
+            progress(law.kind.name)
+            tried = [_with_law(calibration, beside, law) for beside in bases]
+            old = [found[law.kind]] if law.kind in found else []
+            found[law.kind] = min([*old, *tried], key=lambda c: c.score)
+
+    for law in sorted(laws, key=lambda law: -law.gain)[:MOST_LOCAL]:
+        add(law)
+    if found:
+        kind = min(found, key=lambda kind: found[kind].score)
+        add(fits.best(kind, double, MOST_STARTS))
+        there = only_of(found[kind], kind.name) or Region(), found[kind].fit.model.effects[-1].bodies
+        for other in [k for k in found if k is not kind]:
+            add(fits.best(other, [there], 1, stay=True))
+    return sorted(filter(is_possible, [*bases[1:], *found.values()]), key=lambda c: c.score)
 
 
-def with_blow(
-    calibration: Calibration, where: Where, singles: Sequence[Candidate], kinds: Sequence[EffectKind]
-) -> Candidate | None:
-    """The best model of one effect in a region with a blow beside it; None where there is none, or nothing was hit.
+def _with_law(calibration: Calibration, base: Candidate, law: LocalLaw) -> Candidate:
+    """`base` with a law that acts in a region, fitted to the motion with the region's numbers."""
+    acting = local_kind(law.kind, law.region, law.objects)
+    model = with_free_region(with_effect(base.fit.model, acting, calibration.problem.known), law.region)
+    theta = np.concatenate([base.fit.theta, np.tile(law.numbers, len(law.objects or (0,)))])
+    theta = np.append(theta, model.start[len(theta) :])
+    effects = (*base.effects, law.kind.name)
+    found = fit_model(calibration, base.problem, model, theta, base.fit.starts, effects=effects)
+    return _priced(calibration, completed(calibration, found, calibration.none))
 
-    Args:
-        calibration: Of the problem.
-        where: Where the known scene fails.
-        singles: Models of one effect, the best first.
-        kinds: The effects that may be named.
-    """
-    found = next((c for c in singles if not _is_blow(c)), None)
-    if found is None:
-        return None
-    screening = ScreeningRegression(calibration.problem, found.fit)
-    both = [
-        with_arc_effect(calibration, kind, found, screening.guesses(kind))
-        for kind in _blows(where, kinds, calibration.problem)
-    ]
-    best = min((c for c in both if c is not None), key=lambda c: c.score, default=None)
-    return None if best is None else _in_its_recordings(calibration, best)
+
+def _with_blows(
+    calibration: Calibration, where: Where, base: Candidate, kinds: Sequence[EffectKind]
+) -> list[Candidate]:
+    """`base` with a blow in the recordings that it explains; none where nothing is hit, or something is in all."""
+    screening = ScreeningRegression(calibration.problem, base.fit)
+    found = (with_arc_effect(calibration, k, base, screening.guesses(k)) for k in _blows(where, kinds, base.problem))
+    return [_in_its_recordings(calibration, c) for c in found if c is not None]
 
 
 def _blows(where: Where, kinds: Sequence[EffectKind], problem: Problem) -> list[EffectKind]:
     """The blows that may be named, in the recordings in which something is hit; none where that is in all."""
     some = Region(clips=where.blown)
     return [local_kind(k, some) for k in kinds if k.kick is not None and 0 < len(where.blown) < len(problem.clips)]
-
-
-def _is_blow(found: Candidate) -> bool:
-    return any(kind.kick is not None for kind in found.fit.model.effects)
-
-
-def _in_best_place(
-    calibration: Calibration, found: Mapping[str, Candidate], places: Sequence[Place]
-) -> list[Candidate]:
-    """Each model of one effect, in the region in which the best of them fits best; the region's numbers are fitted,
-    too."""
-    singles = sorted((c for c in found.values() if not _is_blow(c)), key=lambda c: c.score)
-    if not singles:
-        return []
-    first, *others = singles
-    placed = sorted((_placed(calibration, first, place) for place in places), key=lambda c: c.score)
-    near = [c for c in placed if c.score < placed[0].score + ALIKE]
-    # of regions that fit alike the smallest: the data do not show the law beyond it
-    best = min(near, key=lambda c: _extent(only_of(c, c.name)))
-    while (again := _refitted(calibration, best, best.fit.model, best.fit.theta)).score < best.score - LEAST_BETTER:
-        best = again
-    (kind,) = best.fit.model.effects
-    there = best.fit.model.region(kind, best.fit.theta) or Region(), kind.bodies
-    return [best, *(min(c, _placed(calibration, c, there), key=lambda c: c.score) for c in others)]
-
-
-def _extent(region: Region | None) -> tuple[float, float]:
-    """How many numbers a region has, and how wide its ball is, m; no region is the widest."""
-    if region is None:
-        return np.inf, 0.0
-    return region.numbers, float(region.radius)
 
 
 def _in_its_recordings(calibration: Calibration, found: Candidate) -> Candidate:
@@ -296,22 +278,6 @@ def _as_calibrated(problem: Problem, model: Model, theta: np.ndarray) -> Problem
         for o, column in zip(scene.objects, columns, strict=True)
     )
     return replace(problem, known=replace(problem.known, scene=replace(scene, objects=objects)))
-
-
-def _placed(calibration: Calibration, found: Candidate, place: Place) -> Candidate:
-    """A model of one effect, fitted again in another region, whose numbers are fitted, too.
-
-    Which paths enter a region changes by steps with its numbers, so its edges are blurred at first.
-    """
-    none, (kind,) = calibration.none.fit.model, found.fit.model.effects
-    region, bodies = place
-    theta = found.fit.theta[: none.size + kind.size]
-    for blur in BLURS:
-        acting = local_kind(effect_kinds()[kind.name], region, bodies, blur)
-        model = with_free_region(with_effect(none, acting, calibration.problem.known), region)
-        found = _refitted(calibration, found, model, np.append(theta, model.start[len(theta) :]))
-        theta = found.fit.theta
-    return found
 
 
 def _refitted(calibration: Calibration, found: Candidate, model: Model, theta: np.ndarray) -> Candidate:

@@ -30,7 +30,6 @@ from pipeline.discovery.selection.local_effect import (
     local_effects,
     where_hit,
     where_with,
-    with_blow,
 )
 from pipeline.discovery.selection.selection import Selection
 from pipeline.discovery.selection.testable import testable_kinds
@@ -84,8 +83,9 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     """
     calibration = _calibrate(problem)
     where = find_where(calibration.none)
+    other = hold_out(problem, problem.fitted[: len(problem.held_out)])
     if where.disagreeing and not where.disagreeing & set(problem.fitted):  # nothing is fitted to what is held out
-        calibration = _calibrate(hold_out(problem, problem.fitted[: len(problem.held_out)]))
+        calibration = _calibrate(other)
         where = find_where(calibration.none)
     if problem.one_camera or has_few_clips(problem):  # slow errors of a camera, or of one clip, look like a force
         found = select_once(calibration, effects, progress)
@@ -94,6 +94,9 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     local = None
     if where.local and not _is_enough(singles):
         local = _select_local(calibration, where, singles, effects, progress)
+        if local is None and problem.held_out:  # the fitted clips may not tell where a region ends
+            again = _calibrate(other)
+            local = _select_local(again, find_where(again.none), singles, effects, progress)
     everywhere = where.in_all(problem.clips)  # laws that act everywhere would show in every recording
     if local is not None and not everywhere:
         return replace(local, where=where_with(local.chosen, where))
@@ -136,7 +139,7 @@ def _select_local(
     Args:
         calibration: Of the problem.
         where: Where the known scene fails.
-        everywhere: Models of effects that act everywhere. They are rivals if they were fitted to the same arcs.
+        everywhere: Models of effects that act everywhere. They are rivals if they explain the same measurements.
         effects: Names of the effects that may be answered.
         progress: Called with the name of each effect that is fitted.
     """
@@ -146,16 +149,14 @@ def _select_local(
         return None
     chosen = models[0]
     if is_unexplained(calibration, chosen):
-        chosen = with_blow(calibration, where, models, kinds) or chosen
-        if is_unexplained(calibration, chosen):
-            return None
-    same = everywhere.calibration.problem is calibration.problem
+        return None
+    same = everywhere.calibration.problem.rows == calibration.problem.rows
     best = min([calibration.none.score, *(c.score for c in everywhere.models if same)])
     if chosen.score > best - CLAIM_MORE:
         return None
-    models = [c for k, c in enumerate(models) if c.effects not in [other.effects for other in models[:k]]]
-    alike = alike_single(chosen, models) if len(chosen.effects) == 1 else ()
-    return _outcome(_Singles(calibration, kinds, models), effects, ForwardSelection(chosen, ()), alike, unknown=False)
+    singles = [c for c in models if len(c.effects) == 1]
+    alike = alike_single(chosen, singles) if len(chosen.effects) == 1 else ()
+    return _outcome(_Singles(calibration, kinds, singles), effects, ForwardSelection(chosen, ()), alike, unknown=False)
 
 
 def _with_nuisances(

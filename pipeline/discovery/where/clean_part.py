@@ -34,6 +34,21 @@ ENDS = 2  # numbers of an interval, beside its acceleration
 
 
 @dataclass(frozen=True)
+class Leftover:
+    """What the known scene leaves of a part of a path: straight, but for what acts beside the scene.
+
+    Attributes:
+        path: (T, 3) m.
+        slope: (G, T, 3) how it changes with each free number.
+        weight: (T, 3) 1/m, of independent samples; 0 outside of the part, and of what is not measured.
+    """
+
+    path: np.ndarray
+    slope: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True)
 class CleanPart:
     """Where the known scene holds.
 
@@ -41,7 +56,8 @@ class CleanPart:
         model: Of the known scene, without effects.
         theta: (G,) its free numbers, as fitted outside of the intervals.
         covariance: (G, G).
-        explained: Per arc of the problem, of each part in which its body moves, or rests, what is left of its path.
+        leftovers: Per arc of the problem, of each part in which its body moves, or rests, what is left of its path.
+        explained: What explains each of these.
         cost: Chi squared of the paths, plus the price of their parts, of the intervals, and of what is in neither.
         chi2: Of all measured coordinates, those in no part taken for noise, plus the price of the intervals.
     """
@@ -49,6 +65,7 @@ class CleanPart:
     model: Model
     theta: np.ndarray
     covariance: np.ndarray
+    leftovers: tuple[tuple[Leftover, ...], ...]
     explained: tuple[tuple[Explained, ...], ...]
     cost: float
     chi2: float
@@ -61,12 +78,16 @@ class CleanPart:
 
 
 @dataclass(frozen=True)
-class _Motion:
+class Motion:
     """What a model makes of an arc: at times (K,) s its acceleration (K, 3) m/s² and speed (K,) m/s."""
 
     time: np.ndarray
     acceleration: np.ndarray
     speed: np.ndarray
+
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Its acceleration (T, 3) at times (T,) s."""
+        return np.stack([np.interp(times, self.time, a) for a in self.acceleration.T], 1)
 
 
 @dataclass(frozen=True)
@@ -89,24 +110,13 @@ class _Paths:
     weights: tuple[np.ndarray, ...]
     price: float
 
-    def motion(self, theta: np.ndarray) -> list[_Motion]:
+    def motion(self, theta: np.ndarray) -> list[Motion]:
         """Of each arc, as the model has it."""
-        known: dict[tuple[str, int], list[_Motion]] = {}
-        for stack, begin in zip(self.pieces.stacks, self.starts, strict=True):
-            start, _ = fit_initial_states(stack, self.model, theta, begin)
-            _, nodes = run(stack, self.model, theta[None], start[None])
-            for i in range(len(stack)):
-                arc = self.pieces.arcs[stack.index[i]]
-                times = arc.time[0] + np.linspace(0, stack.duration[i], stack.steps + 1)
-                velocity = nodes.velocity[0, i]
-                change = np.diff(velocity, axis=0) / np.diff(times)[:, None]
-                speed = np.linalg.norm(velocity[1:] + velocity[:-1], axis=1) / 2
-                known.setdefault((arc.clip, arc.object), []).append(
-                    _Motion((times[1:] + times[:-1]) / 2, change, speed)
-                )
-        return [_joined(known.get((arc.clip, arc.object), []), arc) for arc in self.problem.arcs]
+        pairs = zip(self.pieces.stacks, self.starts, strict=True)
+        starts = [fit_initial_states(stack, self.model, theta, begin)[0] for stack, begin in pairs]
+        return [own[0] for own in short_motions(self.problem, self.pieces, starts, self.model, theta[None])]
 
-    def left(self, theta: np.ndarray, motions: Sequence[_Motion]) -> list[np.ndarray]:
+    def left(self, theta: np.ndarray, motions: Sequence[Motion]) -> list[np.ndarray]:
         """Per arc (T, 3) m: its positions, as the camera shows them, minus the twice integrated acceleration of its
         motion at theta."""
         positions = [arc.position for arc in self.problem.arcs]
@@ -117,7 +127,7 @@ class _Paths:
         triples = zip(self.problem.arcs, positions, motions, strict=True)
         return [place - _integrated(arc, motion) for arc, place, motion in triples]
 
-    def parts(self, motions: Sequence[_Motion]) -> list[list[np.ndarray]]:
+    def parts(self, motions: Sequence[Motion]) -> list[list[np.ndarray]]:
         """Per arc its weights (T, 3) in each part in which the body moves, or rests; 0 elsewhere.
 
         When it comes to rest is known less exactly than its velocity before and after, so no path leads through that.
@@ -167,7 +177,7 @@ def find_clean_part(problem: Problem, model: Model, theta: np.ndarray, known: bo
     # BIC's price of an acceleration and two ends; and any two samples of an arc may be ends, in any of the arcs.
     choices = sum(len(w) ** 2 / 2 for w in weights)
     price = float((shown + ENDS) * np.log(problem.effective_rows) + 2 * np.log(max(choices, 1.0)))
-    pieces = short_pieces(problem, PIECE_SECONDS, LEAST_SAMPLES)
+    pieces = short_parts(problem)
     paths = _Paths(problem, pieces, initial_states(pieces), model, tuple(weights), price)
     if known:
         return _settled(paths, theta, rounds=1)
@@ -192,7 +202,7 @@ def _starts(paths: _Paths, theta: np.ndarray) -> list[np.ndarray]:
                 chosen = np.zeros_like(weight)
                 chosen[half] = weight[half]
                 straight = find_intervals(arc.time, path, chosen, np.inf)
-                normal, reach = _normal(path, slope, chosen, straight)
+                normal, reach = _normal(Leftover(path, slope, chosen), straight)
                 change, known = np.full(size, np.nan), np.diag(normal) > 1e-6
                 change[known] = np.linalg.lstsq(normal[np.ix_(known, known)], reach[known], rcond=None)[0]
                 told.append(theta + change)
@@ -217,10 +227,14 @@ def _settled(paths: _Paths, theta: np.ndarray, rounds: int) -> CleanPart:
             tuple(find_intervals(arc.time, path, weight, paths.price) for weight in own)
             for arc, path, own in zip(problem.arcs, left, parts, strict=True)
         ]
+        leftovers = [
+            tuple(Leftover(path, slope, weight) for weight in own)
+            for path, slope, own in zip(left, paths.slopes(theta, left), parts, strict=True)
+        ]
         normal, reach = prior.copy(), -prior @ (theta - model.start)
-        for path, slope, own, found in zip(left, paths.slopes(theta, left), parts, explained, strict=True):
-            for weight, part in zip(own, found, strict=True):
-                more, pull = _normal(path, slope, weight, part)
+        for own, found in zip(leftovers, explained, strict=True):
+            for leftover, part in zip(own, found, strict=True):
+                more, pull = _normal(leftover, part)
                 normal, reach = normal + more, reach + pull
         covariance = np.linalg.pinv(normal)
         change = np.clip(theta + covariance @ reach, low, high) - theta
@@ -230,37 +244,65 @@ def _settled(paths: _Paths, theta: np.ndarray, rounds: int) -> CleanPart:
     each = [e for own in explained for e in own]
     unseen, chi2 = paths.unseen(parts), sum(e.chi2 + paths.price * e.count for e in each)
     cost = chi2 + paths.price * len(each) + UNSEEN * unseen
-    return CleanPart(model, theta, covariance, tuple(explained), float(cost), float(chi2) + unseen)
+    chi2 = float(chi2) + unseen
+    return CleanPart(model, theta, covariance, tuple(leftovers), tuple(explained), float(cost), chi2)
 
 
-def _normal(path: np.ndarray, slope: np.ndarray, weight: np.ndarray, own: Explained) -> tuple[np.ndarray, np.ndarray]:
-    """Normal matrix (G, G) and right side (G,) of the free numbers in one arc, beside its line and intervals.
-
-    path: (T, 3) m; slope: (G, T, 3), how it changes with each number; weight: (T, 3) 1/m.
-    """
-    y, x = weight * path, weight * slope
+def _normal(left: Leftover, own: Explained) -> tuple[np.ndarray, np.ndarray]:
+    """Normal matrix (G, G) and right side (G,) of the free numbers in one part, beside its line and intervals."""
+    y, x = left.weight * left.path, left.weight * left.slope
     y = y - own.basis @ (own.basis.T @ y)
     x = x - np.einsum("tk,sk,gsc->gtc", own.basis, own.basis, x, optimize=True)
     return np.einsum("gtc,htc->gh", x, x), -np.einsum("gtc,tc->g", x, y)
 
 
-def _joined(parts: list[_Motion], arc: Arc) -> _Motion:
+def short_parts(problem: Problem) -> Problem:
+    """A problem in pieces so short that a model stays near the measured path."""
+    return short_pieces(problem, PIECE_SECONDS, LEAST_SAMPLES)
+
+
+def short_motions(
+    problem: Problem, pieces: Problem, starts: Sequence[np.ndarray], model: Model, theta: np.ndarray
+) -> list[list[Motion]]:
+    """Per arc of a problem the motion at each of theta (P, G), from that of its pieces.
+
+    starts: per stack of the pieces (A, 11), their initial states.
+    """
+    known: dict[tuple[str, int], list[list[Motion]]] = {}
+    for stack, start in zip(pieces.stacks, starts, strict=True):
+        _, nodes = run(stack, model, theta, np.broadcast_to(start, (len(theta), *start.shape)))
+        for i in range(len(stack)):
+            arc = pieces.arcs[stack.index[i]]
+            times = arc.time[0] + np.linspace(0, stack.duration[i], stack.steps + 1)
+            velocity = nodes.velocity[:, i]
+            change = np.diff(velocity, axis=1) / np.diff(times)[:, None]
+            speed = np.linalg.norm(velocity[:, 1:] + velocity[:, :-1], axis=2) / 2
+            middle = (times[1:] + times[:-1]) / 2
+            own = [Motion(middle, *pair) for pair in zip(change, speed, strict=True)]
+            known.setdefault((arc.clip, arc.object), []).append(own)
+    return [
+        [_joined([own[p] for own in known.get((arc.clip, arc.object), [])], arc) for p in range(len(theta))]
+        for arc in problem.arcs
+    ]
+
+
+def _joined(parts: list[Motion], arc: Arc) -> Motion:
     """The motion of an arc from that of its pieces; of an arc without any, at rest."""
     if not parts:
-        return _Motion(arc.time[:1], np.zeros((1, 3)), np.zeros(1))
+        return Motion(arc.time[:1], np.zeros((1, 3)), np.zeros(1))
     time = np.concatenate([p.time for p in parts])
     order = np.argsort(time)
-    return _Motion(
+    return Motion(
         time[order],
         np.concatenate([p.acceleration for p in parts])[order],
         np.concatenate([p.speed for p in parts])[order],
     )
 
 
-def _integrated(arc: Arc, motion: _Motion) -> np.ndarray:
+def _integrated(arc: Arc, motion: Motion) -> np.ndarray:
     """(T, 3) m at an arc's samples: the acceleration, integrated twice from rest at 0."""
     fine = np.linspace(arc.time[0], arc.time[-1], FINE * len(arc.time))
-    acceleration = np.stack([np.interp(fine, motion.time, a) for a in motion.acceleration.T], 1)
+    acceleration = motion.at(fine)
     step = fine[1] - fine[0]
     velocity = np.concatenate([np.zeros((1, 3)), np.cumsum((acceleration[1:] + acceleration[:-1]) * step / 2, axis=0)])
     path = np.concatenate([np.zeros((1, 3)), np.cumsum((velocity[1:] + velocity[:-1]) * step / 2, axis=0)])

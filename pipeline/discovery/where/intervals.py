@@ -7,6 +7,7 @@ every interval is that of the difference of two columns of one design, and all p
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,13 +64,8 @@ def find_intervals(time: np.ndarray, path: np.ndarray, weight: np.ndarray, price
             At least three samples are measured.
         price: By which chi squared has to fall with each interval.
     """
-    shown = weight.max(0) > 0
-    there = weight.max(1) > 0
-    t, w = time[there], weight[there].max(1)
-    edges = np.concatenate([[t[0]], (t[1:] + t[:-1]) / 2, [t[-1]]])
-    bends = w[:, None] * 0.5 * np.maximum(t[:, None] - edges, 0) ** 2  # (n, E)
-    straight = w[:, None] * np.column_stack([np.ones_like(t), t - t.mean()])
-    y = w[:, None] * path[there][:, shown]
+    rows = _rows(time, path, weight)
+    bends, straight, y = rows.bends, rows.straight, rows.y
     chosen: list[tuple[int, int]] = []
     while len(chosen) < MOST:
         best, gain = _best_pair(bends, straight, y, chosen)
@@ -78,11 +74,76 @@ def find_intervals(time: np.ndarray, path: np.ndarray, weight: np.ndarray, price
         chosen = _refined(bends, straight, y, [*chosen, best])
     chosen = _worth_their_price(bends, straight, y, chosen, price)
     chosen = _up_to_the_ends(bends, straight, y, _as_blows(bends, straight, y, chosen, price / 10), price / 4)
-    chosen = _worth_their_price(bends, straight, y, chosen, price)
-    basis = np.zeros((len(time), 2 + len(chosen)))
-    basis[there], _ = np.linalg.qr(_design(bends, straight, chosen))
-    found = tuple(_interval(pair, edges, bends, straight, y, chosen, shown) for pair in _merged(chosen))
+    return _explained(rows, _worth_their_price(bends, straight, y, chosen, price))
+
+
+def intervals_where(
+    time: np.ndarray, path: np.ndarray, weight: np.ndarray, acts: np.ndarray, beside: Sequence[Interval], price: float
+) -> Explained:
+    """The intervals in which a known law acts and shows, and others.
+
+    Args:
+        time: As of `find_intervals`, as are path and weight.
+        path: See time.
+        weight: See time.
+        acts: (T,) bool, the samples at which the law acts.
+        beside: Intervals of which those are kept that lie outside of that.
+        price: By which chi squared has to fall with each number of an acceleration.
+    """
+    rows = _rows(time, path, weight)
+    changes = np.flatnonzero(np.diff(np.concatenate([[False], acts[rows.there], [False]]).astype(int)))
+    chosen = list(zip(changes[::2].tolist(), changes[1::2].tolist(), strict=True))
+    chosen = _worth_their_price(rows.bends, rows.straight, rows.y, chosen, price * int(rows.shown.sum()))
+    for v in beside:
+        pair = int(np.abs(rows.edges - v.start).argmin()), int(np.abs(rows.edges - v.end).argmin())
+        if pair[0] < pair[1] and not any(pair[0] < end and start < pair[1] for start, end in chosen):
+            chosen.append(pair)
+    return _explained(rows, chosen)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """A path in units of its noise.
+
+    Attributes:
+        there: (T,) bool, the n samples that are measured; `shown` (3,) bool, the C coordinates that are.
+        shown: See there.
+        edges: (n + 1,) s, about the samples.
+        bends: (n, n + 1), columns of accelerations that begin at each edge.
+        straight: (n, 2), columns of a straight line.
+        y: (n, C).
+    """
+
+    there: np.ndarray
+    shown: np.ndarray
+    edges: np.ndarray
+    bends: np.ndarray
+    straight: np.ndarray
+    y: np.ndarray
+
+
+def _rows(time: np.ndarray, path: np.ndarray, weight: np.ndarray) -> _Rows:
+    shown, there = weight.max(0) > 0, weight.max(1) > 0
+    t, w = time[there], weight[there].max(1)[:, None]
+    edges, bends = bends_at(t)
+    straight = np.column_stack([np.ones_like(t), t - t.mean()])
+    return _Rows(there, shown, edges, w * bends, w * straight, w * path[there][:, shown])
+
+
+def _explained(rows: _Rows, chosen: list[tuple[int, int]]) -> Explained:
+    """A path explained by the intervals between these edges."""
+    bends, straight, y = rows.bends, rows.straight, rows.y
+    basis = np.zeros((len(rows.there), 2 + len(chosen)))
+    basis[rows.there], _ = np.linalg.qr(_design(bends, straight, chosen))
+    found = tuple(_interval(pair, rows.edges, bends, straight, y, chosen, rows.shown) for pair in _merged(chosen))
     return Explained(found, len(chosen), _chi2(bends, straight, y, chosen), basis)
+
+
+def bends_at(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges (T + 1,) s about samples at times (T,) s, and how a path bends there (T, T + 1) s²: by the twice integrated
+    unit acceleration that begins at each edge."""
+    edges = np.concatenate([time[:1], (time[1:] + time[:-1]) / 2, time[-1:]])
+    return edges, 0.5 * np.maximum(time[:, None] - edges, 0) ** 2
 
 
 def _column(bends: np.ndarray, pair: tuple[int, int]) -> np.ndarray:

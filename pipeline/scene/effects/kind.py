@@ -104,7 +104,6 @@ class EffectKind:
         hiding: How it is hidden in worlds for the blind benchmark; None: it is not.
         only: Where it acts; None: everywhere.
         bodies: Indices of the objects on which it acts; None: all.
-        blur: Steps of an integration in which it sets in at an edge of its region.
     """
 
     name: str
@@ -130,7 +129,6 @@ class EffectKind:
     hiding: Hiding | None = None
     only: Region | None = None
     bodies: tuple[int, ...] | None = None
-    blur: float = 1.0
 
     @property
     def size(self) -> int:
@@ -154,11 +152,9 @@ class EffectKind:
         return self.kick is not None or self.discovery.fit_hits is not None
 
 
-def local_kind(
-    kind: EffectKind, region: Region, bodies: tuple[int, ...] | None = None, blur: float = 1.0
-) -> EffectKind:
+def local_kind(kind: EffectKind, region: Region, bodies: tuple[int, ...] | None = None) -> EffectKind:
     """The effect as it acts in a region only, on some bodies (None: all). MuJoCo has no such effect, so its force is
-    applied. blur: steps of an integration in which it sets in."""
+    applied."""
     edges = region.edges
     if not edges:
         return replace(kind, edit=None, fluid=None, only=region, bodies=bodies)
@@ -169,7 +165,7 @@ def local_kind(
             return None
 
         def cut(values: Values, body: Body) -> np.ndarray:
-            share = share_within(edges, body.time, body.position, body.velocity, blur * body.step, body.gravity)
+            share = share_within(edges, body.time, body.position, body.velocity, body.step, body.gravity)
             return (share[..., None] if vector else share) * law(values, body)
 
         return cut
@@ -186,5 +182,4 @@ def local_kind(
         fluid=None,
         only=region,
         bodies=bodies,
-        blur=blur,
     )

@@ -113,6 +113,11 @@ class Region:
         return plain + 3 * (self.centre is not None) + 2 * (self.normal is not None) + 2 * len(self.clips or ())
 
     @property
+    def conditions(self) -> int:
+        """How many are asked for."""
+        return len(self.edges) + (self.clips is not None)
+
+    @property
     def free(self) -> dict[str, tuple[float, str]]:
         """Its numbers that may be fitted, with their units: of a ball those along the ground, of an upright plane the
         heading of its normal."""
