@@ -14,6 +14,7 @@ from pipeline.discovery.fitting.least_squares import fit_initial_states
 from pipeline.discovery.fitting.model import OBJECT, Model, with_effect, with_free_region, without_effect
 from pipeline.discovery.fitting.possible import is_possible
 from pipeline.discovery.fitting.screening import ScreeningRegression
+from pipeline.discovery.selection.forward_selection import CLAIM_MORE
 from pipeline.discovery.tracks.problem import Problem
 from pipeline.discovery.where.clean_part import CleanPart, find_clean_part
 from pipeline.discovery.where.intervals import Interval, intervals_where
@@ -207,17 +208,18 @@ def local_effects(
             progress(law.kind.name)
             tried = [_with_law(calibration, beside, law) for beside in bases]
             old = [found[law.kind]] if law.kind in found else []
-            found[law.kind] = min([*old, *tried], key=lambda c: c.score)
+            found[law.kind] = min([*old, *tried], key=lambda c: c.score + CLAIM_MORE * len(c.effects))
 
     for law in sorted(laws, key=lambda law: -law.gain)[:MOST_LOCAL]:
         add(law)
     if found:
-        kind = min(found, key=lambda kind: found[kind].score)
+        kind = min(found, key=lambda kind: found[kind].score + CLAIM_MORE * len(found[kind].effects))
         add(fits.best(kind, double, MOST_STARTS))
         there = only_of(found[kind], kind.name) or Region(), found[kind].fit.model.effects[-1].bodies
         for other in [k for k in found if k is not kind]:
             add(fits.best(other, [there], 1, stay=True))
-    return sorted(filter(is_possible, [*bases[1:], *found.values()]), key=lambda c: c.score)
+    ranked = filter(is_possible, [*bases[1:], *found.values()])
+    return sorted(ranked, key=lambda c: c.score + CLAIM_MORE * len(c.effects))
 
 
 def _with_law(calibration: Calibration, base: Candidate, law: LocalLaw) -> Candidate:

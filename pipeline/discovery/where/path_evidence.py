@@ -211,7 +211,7 @@ def _part(number: int, arc: Arc, left: Leftover, own: Explained, rows: np.ndarra
     """A part of an arc, beside its line and blows."""
     shown, there = left.weight.max(0) > 0, left.weight.max(1) > 0
     t, weight = arc.time[there], left.weight[there].max(1)
-    blows = [np.maximum(t - (v.start + v.end) / 2, 0) for v in own.intervals if is_blow(v, arc)]
+    blows = [np.maximum(t - at, 0) for v in own.intervals if is_blow(v, arc) for at in (v.start, v.end)]
     basis, _ = np.linalg.qr(weight[:, None] * np.column_stack([np.ones_like(t), t - t.mean(), *blows]))
 
     def beside(values: np.ndarray) -> np.ndarray:

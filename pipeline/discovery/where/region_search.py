@@ -59,13 +59,24 @@ def find_regions(paths: Paths, clips: tuple[str, ...]) -> list[FoundRegion]:
             part = [Region(clips=names) for names in dict.fromkeys(some) if 0 < len(names) < len(clips)]
             singles += search.tried(part, len(LAWS))
         found += singles
-        first = max(singles, key=lambda s: s.gain)
+        first = max(singles, key=_gain)
         if first.region.numbers:
-            found += [both for both in search.best(first.region, first.choices) if both.gain > first.gain]
-    ranked = sorted((f for f in found if f.gain > 0), key=lambda f: -f.gain)
+            for both in search.best(first.region, first.choices):
+                found.append(max([first, *search.tried(_simpler(both.region), first.choices), both], key=_gain))
+    ranked = sorted({f for f in found if f.gain > 0}, key=lambda f: -f.gain)
     if ranked and ranked[0].region == Region() and ranked[0].objects is None:
         ranked = ranked[:1]
     return [region_of_law(paths.samples, clips, f.region, f.objects) for f in ranked]
+
+
+def _gain(tried: Tried) -> float:
+    return tried.gain
+
+
+def _simpler(region: Region) -> list[Region]:
+    """The region without each one of its conditions."""
+    names = [name for name in (*LIMITS, "centre", "normal", "clips") if getattr(region, name) is not None]
+    return [replace(region, **{name: None}) for name in names]  # type: ignore[arg-type]
 
 
 def region_of_law(
@@ -129,7 +140,7 @@ class RegionSearch:
         """
         out = [] if beside.numbers else self.tried([beside], choices)
         for regions in _grids(self.paths.samples.where(self.inside(beside)), beside):
-            out.append(self.improved(max(self.tried(regions, choices * len(regions)), key=lambda t: t.gain)))
+            out.append(self.improved(max(self.tried(regions, choices * len(regions)), key=_gain)))
         return out
 
     def tried(self, regions: Sequence[Region], choices: int) -> list[Tried]:
@@ -151,7 +162,7 @@ class RegionSearch:
                 _moved(found.region, {k: m * s / 2**halving for m, (k, s) in zip(move, steps.items(), strict=True)})
                 for move in moves
             ]
-            found = max([found, *self.tried(near, found.choices)], key=lambda t: t.gain)
+            found = max([found, *self.tried(near, found.choices)], key=_gain)
         return found
 
 
