@@ -15,7 +15,8 @@ from pipeline.discovery.report.localisation import Stretch, normal_z, regime_of
 from pipeline.discovery.selection.local_effect import Where, only_of
 from pipeline.discovery.selection.selection import Selection
 from pipeline.discovery.tracks.arc import FAR_AWAY
-from pipeline.discovery.where.path_evidence import BLOW_SAMPLES, smooth_velocity
+from pipeline.discovery.where.intervals import is_blow
+from pipeline.discovery.where.path_evidence import smooth_velocity
 
 
 def disagreement(found: Selection) -> list[Stretch]:
@@ -36,7 +37,7 @@ def disagreement(found: Selection) -> list[Stretch]:
                 row = int(np.argmin(np.abs(arc.time - middle)))
                 node = int(np.clip((middle - stack.start[i]) / max(stack.duration[i], 1e-9), 0, 1) * stack.steps)
                 others = arc.others[row][np.abs(arc.others[row]).max(1) < FAR_AWAY]
-                blow = v.end - v.start < BLOW_SAMPLES * step
+                blow = is_blow(v, arc)
                 size = stack.mass[i] * (v.end - v.start if blow else 1.0)
                 out.append(
                     Stretch(

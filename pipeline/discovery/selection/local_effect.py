@@ -17,16 +17,16 @@ from pipeline.discovery.fitting.screening import ScreeningRegression
 from pipeline.discovery.selection.forward_selection import CLAIM_MORE
 from pipeline.discovery.tracks.problem import Problem
 from pipeline.discovery.where.clean_part import CleanPart, find_clean_part
-from pipeline.discovery.where.intervals import Interval, intervals_where
+from pipeline.discovery.where.intervals import Interval, intervals_where, is_blow
 from pipeline.discovery.where.local_law import LawFits, LocalLaw, Place
-from pipeline.discovery.where.path_evidence import Paths, is_blow, paths_of, smooth_velocity
+from pipeline.discovery.where.path_evidence import Paths, paths_of, smooth_velocity
 from pipeline.discovery.where.region_search import FoundRegion, find_regions, region_of_law
 from pipeline.scene.effects.kind import EffectKind, local_kind
 from pipeline.scene.effects.region import Region
 from pipeline.scene.scene import half_extents
 
 MOST_REGIONS, MOST_STARTS = 8, 3  # regions in which laws are sought, and starts from which each one is fitted
-MOST_LOCAL = 5  # effects that are fitted in a region: the most promising in the screening regression
+MOST_LOCAL = 5  # effects that are fitted to the motion in a region: those that explain most of the paths
 LEAST_SPEED = 0.05  # m/s: where a slower body is tells nothing of what acts on it
 
 
@@ -144,8 +144,7 @@ def where_with(found: Candidate, where: Where) -> Where:
     problem, model = found.problem, where.clean.model
     clean = find_clean_part(problem, model, found.fit.theta[: model.size], known=True)
     covariance = found.fit.covariance[: model.size, : model.size] / problem.floor.information
-    region, bodies = _region(found), found.fit.model.effects[-1].bodies
-    price = float(np.log(problem.effective_rows))
+    region, bodies, paths = _region(found), found.fit.model.effects[-1].bodies, _paths(problem, clean)
     explained = []
     for arc, leftovers, own in zip(problem.arcs, clean.leftovers, clean.explained, strict=True):
         velocity = smooth_velocity(arc.time, arc.position)
@@ -153,11 +152,11 @@ def where_with(found: Candidate, where: Where) -> Where:
         acts &= (bodies is None or arc.object in bodies) and (region.clips is None or arc.clip in region.clips)
         explained.append(
             tuple(
-                intervals_where(arc.time, left.path, left.weight, acts, part.intervals, price)
+                intervals_where(arc.time, left.path, left.weight, acts, part.intervals, paths.price)
                 for left, part in zip(leftovers, own, strict=True)
             )
         )
-    told = region_of_law(_paths(problem, clean).samples, problem.clips, region, bodies)
+    told = region_of_law(paths.samples, problem.clips, region, bodies)
     clean = replace(clean, covariance=covariance, explained=tuple(explained))
     return Where(clean, told, (), float(_paths(problem, clean).samples.inside.mean()))
 
@@ -208,18 +207,22 @@ def local_effects(
             progress(law.kind.name)
             tried = [_with_law(calibration, beside, law) for beside in bases]
             old = [found[law.kind]] if law.kind in found else []
-            found[law.kind] = min([*old, *tried], key=lambda c: c.score + CLAIM_MORE * len(c.effects))
+            found[law.kind] = min([*old, *tried], key=_with_claims)
 
     for law in sorted(laws, key=lambda law: -law.gain)[:MOST_LOCAL]:
         add(law)
     if found:
-        kind = min(found, key=lambda kind: found[kind].score + CLAIM_MORE * len(found[kind].effects))
+        kind = min(found, key=lambda kind: _with_claims(found[kind]))
         add(fits.best(kind, double, MOST_STARTS))
         there = only_of(found[kind], kind.name) or Region(), found[kind].fit.model.effects[-1].bodies
         for other in [k for k in found if k is not kind]:
             add(fits.best(other, [there], 1, stay=True))
-    ranked = filter(is_possible, [*bases[1:], *found.values()])
-    return sorted(ranked, key=lambda c: c.score + CLAIM_MORE * len(c.effects))
+    return sorted(filter(is_possible, [*bases[1:], *found.values()]), key=_with_claims)
+
+
+def _with_claims(found: Candidate) -> float:
+    """A model's score with what each of its effects has to win by."""
+    return found.score + CLAIM_MORE * len(found.effects)
 
 
 def _with_law(calibration: Calibration, base: Candidate, law: LocalLaw) -> Candidate:
@@ -237,8 +240,11 @@ def _with_blows(
     calibration: Calibration, where: Where, base: Candidate, kinds: Sequence[EffectKind]
 ) -> list[Candidate]:
     """`base` with a blow in the recordings that it explains; none where nothing is hit, or something is in all."""
+    blows = _blows(where, kinds, base.problem)
+    if not blows:
+        return []
     screening = ScreeningRegression(calibration.problem, base.fit)
-    found = (with_arc_effect(calibration, k, base, screening.guesses(k)) for k in _blows(where, kinds, base.problem))
+    found = (with_arc_effect(calibration, kind, base, screening.guesses(kind)) for kind in blows)
     return [_in_its_recordings(calibration, c) for c in found if c is not None]
 
 

@@ -84,7 +84,8 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     calibration = _calibrate(problem)
     where = find_where(calibration.none)
     other = hold_out(problem, problem.fitted[: len(problem.held_out)])
-    if where.disagreeing and not where.disagreeing & set(problem.fitted):  # nothing is fitted to what is held out
+    swapped = bool(where.disagreeing) and not where.disagreeing & set(problem.fitted)
+    if swapped:  # nothing was fitted to what is held out
         calibration = _calibrate(other)
         where = find_where(calibration.none)
     if problem.one_camera or has_few_clips(problem):  # slow errors of a camera, or of one clip, look like a force
@@ -94,7 +95,7 @@ def select_effects(problem: Problem, effects: Sequence[str], progress: Progress)
     local = None
     if where.local and not _is_enough(singles):
         local = _select_local(calibration, where, singles, effects, progress)
-        if local is None and problem.held_out:  # the fitted clips may not tell where a region ends
+        if local is None and problem.held_out and not swapped:  # the fitted clips may not tell where a region ends
             again = _calibrate(other)
             local = _select_local(again, find_where(again.none), singles, effects, progress)
     everywhere = where.in_all(problem.clips)  # laws that act everywhere would show in every recording

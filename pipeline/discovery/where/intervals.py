@@ -12,7 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.discovery.tracks.arc import Arc
+
 BLOW = 1  # sample
+BLOW_SAMPLES = 2.5  # a shorter interval is a blow, which has no region
 MOST = 12  # intervals of one path, before those that touch are made one
 LEAST_SQUARE = 1e-9  # of a column, relative: what a straight line explains cannot be told
 
@@ -65,16 +68,15 @@ def find_intervals(time: np.ndarray, path: np.ndarray, weight: np.ndarray, price
         price: By which chi squared has to fall with each interval.
     """
     rows = _rows(time, path, weight)
-    bends, straight, y = rows.bends, rows.straight, rows.y
     chosen: list[tuple[int, int]] = []
     while len(chosen) < MOST:
-        best, gain = _best_pair(bends, straight, y, chosen)
+        best, gain = _best_pair(rows, chosen)
         if gain < price:
             break
-        chosen = _refined(bends, straight, y, [*chosen, best])
-    chosen = _worth_their_price(bends, straight, y, chosen, price)
-    chosen = _up_to_the_ends(bends, straight, y, _as_blows(bends, straight, y, chosen, price / 10), price / 4)
-    return _explained(rows, _worth_their_price(bends, straight, y, chosen, price))
+        chosen = _refined(rows, [*chosen, best])
+    chosen = _worth_their_price(rows, chosen, price)
+    chosen = _up_to_the_ends(rows, _as_blows(rows, chosen, price / 10), price / 4)
+    return _explained(rows, _worth_their_price(rows, chosen, price))
 
 
 def intervals_where(
@@ -83,9 +85,9 @@ def intervals_where(
     """The intervals in which a known law acts and shows, and others.
 
     Args:
-        time: As of `find_intervals`, as are path and weight.
-        path: See time.
-        weight: See time.
+        time: As `find_intervals` has it.
+        path: As `find_intervals` has it.
+        weight: As `find_intervals` has it.
         acts: (T,) bool, the samples at which the law acts.
         beside: Intervals of which those are kept that lie outside of that.
         price: By which chi squared has to fall with each number of an acceleration.
@@ -93,7 +95,7 @@ def intervals_where(
     rows = _rows(time, path, weight)
     changes = np.flatnonzero(np.diff(np.concatenate([[False], acts[rows.there], [False]]).astype(int)))
     chosen = list(zip(changes[::2].tolist(), changes[1::2].tolist(), strict=True))
-    chosen = _worth_their_price(rows.bends, rows.straight, rows.y, chosen, price * int(rows.shown.sum()))
+    chosen = _worth_their_price(rows, chosen, price * int(rows.shown.sum()))
     for v in beside:
         pair = int(np.abs(rows.edges - v.start).argmin()), int(np.abs(rows.edges - v.end).argmin())
         if pair[0] < pair[1] and not any(pair[0] < end and start < pair[1] for start, end in chosen):
@@ -106,8 +108,8 @@ class _Rows:
     """A path in units of its noise.
 
     Attributes:
-        there: (T,) bool, the n samples that are measured; `shown` (3,) bool, the C coordinates that are.
-        shown: See there.
+        there: (T,) bool, the n samples that are measured.
+        shown: (3,) bool, the C coordinates that are measured.
         edges: (n + 1,) s, about the samples.
         bends: (n, n + 1), columns of accelerations that begin at each edge.
         straight: (n, 2), columns of a straight line.
@@ -121,6 +123,11 @@ class _Rows:
     straight: np.ndarray
     y: np.ndarray
 
+    @property
+    def last(self) -> int:
+        """Index of the last edge."""
+        return len(self.edges) - 1
+
 
 def _rows(time: np.ndarray, path: np.ndarray, weight: np.ndarray) -> _Rows:
     shown, there = weight.max(0) > 0, weight.max(1) > 0
@@ -132,11 +139,10 @@ def _rows(time: np.ndarray, path: np.ndarray, weight: np.ndarray) -> _Rows:
 
 def _explained(rows: _Rows, chosen: list[tuple[int, int]]) -> Explained:
     """A path explained by the intervals between these edges."""
-    bends, straight, y = rows.bends, rows.straight, rows.y
     basis = np.zeros((len(rows.there), 2 + len(chosen)))
-    basis[rows.there], _ = np.linalg.qr(_design(bends, straight, chosen))
-    found = tuple(_interval(pair, rows.edges, bends, straight, y, chosen, rows.shown) for pair in _merged(chosen))
-    return Explained(found, len(chosen), _chi2(bends, straight, y, chosen), basis)
+    basis[rows.there], _ = np.linalg.qr(_design(rows, chosen))
+    found = tuple(_interval(pair, rows, chosen) for pair in _merged(chosen))
+    return Explained(found, len(chosen), _chi2(rows, chosen), basis)
 
 
 def bends_at(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -146,27 +152,22 @@ def bends_at(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return edges, 0.5 * np.maximum(time[:, None] - edges, 0) ** 2
 
 
-def _column(bends: np.ndarray, pair: tuple[int, int]) -> np.ndarray:
-    return np.asarray(bends[:, pair[0]] - bends[:, pair[1]])
+def _design(rows: _Rows, chosen: list[tuple[int, int]]) -> np.ndarray:
+    """(n, 2 + K) columns of a straight line and of K intervals."""
+    return np.column_stack([rows.straight, *(rows.bends[:, start] - rows.bends[:, end] for start, end in chosen)])
 
 
-def _design(bends: np.ndarray, straight: np.ndarray, chosen: list[tuple[int, int]]) -> np.ndarray:
-    return np.column_stack([straight, *(_column(bends, p) for p in chosen)])
-
-
-def _best_pair(
-    bends: np.ndarray, straight: np.ndarray, y: np.ndarray, chosen: list[tuple[int, int]], most: int | None = None
-) -> tuple[tuple[int, int], float]:
+def _best_pair(rows: _Rows, chosen: list[tuple[int, int]], most: int | None = None) -> tuple[tuple[int, int], float]:
     """The ends of the interval that explains most of what the chosen ones leave, and by how much chi squared falls.
 
     most: samples of the interval; None: any number.
     """
-    basis, _ = np.linalg.qr(_design(bends, straight, chosen))
-    free = bends - basis @ (basis.T @ bends)
-    left = y - basis @ (basis.T @ y)
+    basis, _ = np.linalg.qr(_design(rows, chosen))
+    free = rows.bends - basis @ (basis.T @ rows.bends)
+    left = rows.y - basis @ (basis.T @ rows.y)
     reach, gram = free.T @ left, free.T @ free
     square = np.diag(gram)[:, None] + np.diag(gram) - 2 * gram
-    scale = float((bends * bends).sum(0).max()) * LEAST_SQUARE
+    scale = float((rows.bends**2).sum(0).max()) * LEAST_SQUARE
     gains = np.triu(((reach[:, None] - reach[None]) ** 2).sum(-1) / np.maximum(square, scale), 1)
     if most is not None:
         gains -= np.triu(gains, most + 1)
@@ -174,28 +175,24 @@ def _best_pair(
     return (int(i), int(j)), float(gains[i, j])
 
 
-def _refined(
-    bends: np.ndarray, straight: np.ndarray, y: np.ndarray, chosen: list[tuple[int, int]]
-) -> list[tuple[int, int]]:
+def _refined(rows: _Rows, chosen: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """The intervals, each moved once to where it explains most beside the others."""
     for k in range(len(chosen)):
         others = [*chosen[:k], *chosen[k + 1 :]]
-        chosen = [*chosen[:k], _best_pair(bends, straight, y, others)[0], *chosen[k + 1 :]]
+        chosen = [*chosen[:k], _best_pair(rows, others)[0], *chosen[k + 1 :]]
     return chosen
 
 
-def _chi2(bends: np.ndarray, straight: np.ndarray, y: np.ndarray, chosen: list[tuple[int, int]]) -> float:
-    basis, _ = np.linalg.qr(_design(bends, straight, chosen))
-    return float((y * y).sum() - ((basis.T @ y) ** 2).sum())
+def _chi2(rows: _Rows, chosen: list[tuple[int, int]]) -> float:
+    basis, _ = np.linalg.qr(_design(rows, chosen))
+    return float((rows.y**2).sum() - ((basis.T @ rows.y) ** 2).sum())
 
 
-def _worth_their_price(
-    bends: np.ndarray, straight: np.ndarray, y: np.ndarray, chosen: list[tuple[int, int]], price: float
-) -> list[tuple[int, int]]:
+def _worth_their_price(rows: _Rows, chosen: list[tuple[int, int]], price: float) -> list[tuple[int, int]]:
     """The intervals without those that chi squared falls too little with, the least first."""
     while chosen:
-        whole = _chi2(bends, straight, y, chosen)
-        gains = [_chi2(bends, straight, y, [*chosen[:k], *chosen[k + 1 :]]) - whole for k in range(len(chosen))]
+        whole = _chi2(rows, chosen)
+        gains = [_chi2(rows, [*chosen[:k], *chosen[k + 1 :]]) - whole for k in range(len(chosen))]
         worst = int(np.argmin(gains))
         if gains[worst] >= price:
             break
@@ -203,39 +200,34 @@ def _worth_their_price(
     return chosen
 
 
-def _as_blows(
-    bends: np.ndarray, straight: np.ndarray, y: np.ndarray, chosen: list[tuple[int, int]], price: float
-) -> list[tuple[int, int]]:
+def _as_blows(rows: _Rows, chosen: list[tuple[int, int]], price: float) -> list[tuple[int, int]]:
     """The intervals, of which each is a blow where that, which has a number less, explains about as much.
 
     price: Of one number.
     """
     for k in range(len(chosen)):
         others = [*chosen[:k], *chosen[k + 1 :]]
-        blow = [*others, _best_pair(bends, straight, y, others, BLOW)[0]]
-        spared = 0.0 if 0 in chosen[k] or bends.shape[1] - 1 in chosen[k] else price  # an end of the path is no number
-        if _chi2(bends, straight, y, blow) < _chi2(bends, straight, y, chosen) + spared:
+        blow = [*others, _best_pair(rows, others, BLOW)[0]]
+        spared = 0.0 if 0 in chosen[k] or rows.last in chosen[k] else price  # an end of the path is no number
+        if _chi2(rows, blow) < _chi2(rows, chosen) + spared:
             chosen = [*chosen[:k], blow[-1], *chosen[k + 1 :]]
     return chosen
 
 
-def _up_to_the_ends(
-    bends: np.ndarray, straight: np.ndarray, y: np.ndarray, chosen: list[tuple[int, int]], price: float
-) -> list[tuple[int, int]]:
+def _up_to_the_ends(rows: _Rows, chosen: list[tuple[int, int]], price: float) -> list[tuple[int, int]]:
     """The intervals, of which the first begins and the last ends with the path where that spares the number of an end.
 
     price: Of one number.
     """
-    last = bends.shape[1] - 1
-    for end in (0, last):
+    for end in (0, rows.last):
         if not chosen:
             break
         k = chosen.index(min(chosen) if end == 0 else max(chosen, key=lambda c: c[1]))
-        moved = (0, chosen[k][1]) if end == 0 else (chosen[k][0], last)
+        moved = (0, chosen[k][1]) if end == 0 else (chosen[k][0], rows.last)
         other = [*chosen[:k], moved, *chosen[k + 1 :]]
         if moved[1] - moved[0] > 2 * (chosen[k][1] - chosen[k][0]):  # what is short is no part of what is long
             continue
-        if _chi2(bends, straight, y, other) < _chi2(bends, straight, y, chosen) + price:
+        if _chi2(rows, other) < _chi2(rows, chosen) + price:
             chosen = other
     return chosen
 
@@ -253,18 +245,20 @@ def _merged(chosen: list[tuple[int, int]]) -> list[tuple[int, int]]:
 
 def _interval(
     pair: tuple[int, int],
-    edges: np.ndarray,
-    bends: np.ndarray,
-    straight: np.ndarray,
-    y: np.ndarray,
+    rows: _Rows,
     chosen: list[tuple[int, int]],
-    shown: np.ndarray,
 ) -> Interval:
     """An interval of one or several of the chosen ones, with its mean acceleration."""
     others = [c for c in chosen if not (pair[0] <= c[0] and c[1] <= pair[1])]
-    gain = _chi2(bends, straight, y, others) - _chi2(bends, straight, y, chosen)
-    design = _design(bends, straight, [*others, pair])
+    gain = _chi2(rows, others) - _chi2(rows, chosen)
+    design = _design(rows, [*others, pair])
     inverse = np.linalg.pinv(design.T @ design)
     acceleration = np.zeros(3)
-    acceleration[shown] = (inverse @ (design.T @ y))[-1]
-    return Interval(float(edges[pair[0]]), float(edges[pair[1]]), acceleration, float(inverse[-1, -1] ** 0.5), gain)
+    acceleration[rows.shown] = (inverse @ (design.T @ rows.y))[-1]
+    start, end = (float(rows.edges[k]) for k in pair)
+    return Interval(start, end, acceleration, float(inverse[-1, -1] ** 0.5), gain)
+
+
+def is_blow(interval: Interval, arc: Arc) -> bool:
+    """Whether an interval of an arc is so short that it has no extent."""
+    return bool(interval.end - interval.start < BLOW_SAMPLES * np.median(np.diff(arc.time)))

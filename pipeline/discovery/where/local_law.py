@@ -1,7 +1,7 @@
 """A law and the region in which it acts, fitted to what the known scene leaves of the measured paths.
 
-The law is evaluated along the measured paths, on short pieces that stay near them. So it is no matter how far a
-simulation would go astray that enters a region elsewhere, and the fit begins anywhere.
+A simulation that enters the region at another place goes astray. So the law is evaluated along the measured paths, on
+short pieces that stay near them: the fit then converges from poor starts.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from pipeline.discovery.fitting.model import Model, with_effect
 from pipeline.discovery.fitting.screening import BATCH, starts
 from pipeline.discovery.tracks.problem import Problem
 from pipeline.discovery.where.clean_part import short_motions, short_parts
-from pipeline.discovery.where.path_evidence import Paths, SimpleForces, explained
-from pipeline.discovery.where.region_search import HALVINGS, Forces, RegionSearch
+from pipeline.discovery.where.path_evidence import Paths, explained
+from pipeline.discovery.where.region_search import HALVINGS, RegionSearch, samples_inside
 from pipeline.scene.effects.discovery_rules import Start
 from pipeline.scene.effects.kind import EffectKind
 from pipeline.scene.effects.region import Region
@@ -113,7 +113,8 @@ class LawFits:
             return None
         begin = starts(kind, self.problem)
         begun: list[tuple[float, int, np.ndarray]] = []
-        inside = np.stack([self._search(place).inside(place[0]) for place in places])
+        samples, clips = self.paths.samples, self.problem.clips
+        inside = np.stack([samples_inside(samples, clips, *place) for place in places])
         paid = self.paths.price * np.array([region.numbers + (bodies is not None) for region, bodies in places])
         for start, forces in zip(begin, self._near(kind, begin), strict=True):
             gains, amplitudes = forces.solved(inside)
@@ -133,13 +134,12 @@ class LawFits:
         numbers, best = np.clip(numbers, low, high), -np.inf
         for _ in range(ROUNDS):
             (forces,) = self._near(kind, [Start(numbers, steps)])
-            search = self._search((region, place[1]), forces)
             if not stay:
+                search = RegionSearch(self.paths, forces, self.problem.clips, place[1])
                 region = search.improved(search.tried([region], 1)[0]).region
-            inside = search.inside(region)[None]
-            moved = np.clip(
-                numbers + np.outer([0, *0.5 ** np.arange(HALVINGS)], forces.solved(inside)[1][0] @ steps), low, high
-            )
+            inside = samples_inside(self.paths.samples, self.problem.clips, region, place[1])[None]
+            change = forces.solved(inside)[1][0] @ steps
+            moved = np.clip(numbers + np.outer([0, *0.5 ** np.arange(HALVINGS)], change), low, high)
             (forces,) = self._near(kind, [Start(moved[0], moved[1:] - moved[0])])
             gains = forces.gains_of_each(inside)
             numbers, before = moved[int(gains.argmax())], best
@@ -147,11 +147,6 @@ class LawFits:
             if best < before + LEAST_BETTER:
                 break
         return LocalLaw(kind, numbers, region, place[1], best)
-
-    def _search(self, place: Place, forces: Forces | None = None) -> RegionSearch:
-        samples = self.paths.samples
-        own = np.ones(len(samples.time), bool) if place[1] is None else np.isin(samples.object, place[1])
-        return RegionSearch(self.paths, forces or SimpleForces(self.paths), self.problem.clips, place[1], own)
 
     @cached_property
     def _without(self) -> list[np.ndarray]:

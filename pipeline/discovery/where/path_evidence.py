@@ -1,8 +1,8 @@
-"""How much of what the known scene leaves of the paths a force would explain that acts in a region.
+"""How much a force that acts in a region explains of what the known scene leaves of the paths.
 
-A force field is a sum of a few simple ones with unknown coefficients. In a region it bends the paths by its twice
-integrated acceleration there, so that chi squared falls by what linear regression says, beside straight lines, blows
-and the free numbers of the known scene.
+The force is a sum of simple force fields with unknown coefficients. It bends the paths by its acceleration in the
+region, integrated twice. Linear regression tells how much chi squared falls, beside straight lines, blows and the free
+numbers of the known scene.
 """
 
 from __future__ import annotations
@@ -15,13 +15,12 @@ import numpy as np
 
 from pipeline.discovery.tracks.arc import Arc
 from pipeline.discovery.where.clean_part import CleanPart, Leftover
-from pipeline.discovery.where.intervals import Explained, Interval, bends_at
+from pipeline.discovery.where.intervals import Explained, bends_at, is_blow
 
-BLOW_SAMPLES = 2.5  # a shorter interval is a blow, which has no region
 AXES = ("x", "y", "z")
-FIELDS = ("way", "velocity", "square", *AXES, "place")
-"""Simple force fields: along a body's motion, by its velocity, by the square of it, along axes, by its position."""
-LAWS = (("way",), ("velocity",), ("square",), AXES, ("velocity", *AXES))
+FIELDS = ("direction", "velocity", "square", *AXES, "position")
+"""Simple force fields: a unit vector along the motion, the velocity, speed times velocity, axes, and the position."""
+LAWS = (("direction",), ("velocity",), ("square",), AXES, ("velocity", *AXES))
 """The fields of friction, slowing, drag, a push and a stream; in a ball a pull towards its centre is one more law."""
 TINY = 1e-9  # of a column's square, relative: what the rest explains as well cannot be told
 CHUNK = 256  # regions that are compared at once
@@ -58,8 +57,7 @@ class Part:
 
     Attributes:
         arc: Index of its arc.
-        rows: (n,) indices of its samples, of all; (n,) of these in the arc are in `at`.
-        at: See rows.
+        rows: (n,) indices of its samples, in `Samples`.
         shown: (3,) bool, the C coordinates that are measured.
         bend: (K, n) how accelerations at the samples change the rows of the regression.
         left: (K, C) what is left.
@@ -68,7 +66,6 @@ class Part:
 
     arc: int
     rows: np.ndarray
-    at: np.ndarray
     shown: np.ndarray
     bend: np.ndarray
     left: np.ndarray
@@ -208,10 +205,10 @@ def paths_of(
 
 
 def _part(number: int, arc: Arc, left: Leftover, own: Explained, rows: np.ndarray, at: np.ndarray) -> Part:
-    """A part of an arc, beside its line and blows."""
+    """A part of an arc, beside its line and blows. rows: indices of its samples, of all; at: in the arc."""
     shown, there = left.weight.max(0) > 0, left.weight.max(1) > 0
     t, weight = arc.time[there], left.weight[there].max(1)
-    blows = [np.maximum(t - at, 0) for v in own.intervals if is_blow(v, arc) for at in (v.start, v.end)]
+    blows = [np.maximum(t - end, 0) for v in own.intervals if is_blow(v, arc) for end in (v.start, v.end)]
     basis, _ = np.linalg.qr(weight[:, None] * np.column_stack([np.ones_like(t), t - t.mean(), *blows]))
 
     def beside(values: np.ndarray) -> np.ndarray:
@@ -220,7 +217,7 @@ def _part(number: int, arc: Arc, left: Leftover, own: Explained, rows: np.ndarra
 
     bend = -np.diff(beside(bends_at(t)[1]), axis=1)[:, np.isin(np.flatnonzero(there), at)]
     slopes = beside(np.moveaxis(left.slope, 0, -1)[there][:, shown])
-    return Part(number, rows, at, shown, bend, beside(left.path[there][:, shown]), slopes)
+    return Part(number, rows, shown, bend, beside(left.path[there][:, shown]), slopes)
 
 
 def _beside_free_numbers(parts: Sequence[Part]) -> tuple[Part, ...]:
@@ -238,11 +235,6 @@ def _beside_free_numbers(parts: Sequence[Part]) -> tuple[Part, ...]:
         out.append(replace(part, left=left[here].reshape(shape), slopes=unit[here].reshape(*shape, unit.shape[1])))
         place += part.left.size
     return tuple(out)
-
-
-def is_blow(interval: Interval, arc: Arc) -> bool:
-    """Whether an interval of an arc is so short that it has no extent."""
-    return bool(interval.end - interval.start < BLOW_SAMPLES * np.median(np.diff(arc.time)))
 
 
 def smooth_velocity(time: np.ndarray, position: np.ndarray) -> np.ndarray:

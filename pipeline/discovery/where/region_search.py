@@ -51,11 +51,12 @@ def find_regions(paths: Paths, clips: tuple[str, ...]) -> list[FoundRegion]:
     """
     found: list[Tried] = []
     forces = SimpleForces(paths)
-    for objects, own in _by_object(paths.samples):
-        search = RegionSearch(paths, forces, clips, objects, own)
+    numbers = np.unique(paths.samples.object)
+    for objects in (None, *((int(n),) for n in numbers if len(numbers) > 1)):
+        search = RegionSearch(paths, forces, clips, objects)
         singles = search.best(Region(), len(LAWS))
         if objects is None and len(clips) > 1:
-            some = [tuple(c for c, yes in zip(clips, own, strict=True) if yes) for own in forces.recordings()]
+            some = [tuple(c for c, yes in zip(clips, chosen, strict=True) if yes) for chosen in forces.recordings()]
             part = [Region(clips=names) for names in dict.fromkeys(some) if 0 < len(names) < len(clips)]
             singles += search.tried(part, len(LAWS))
         found += singles
@@ -83,24 +84,20 @@ def region_of_law(
     samples: Samples, clips: tuple[str, ...], region: Region, objects: tuple[int, ...] | None
 ) -> FoundRegion:
     """The region of a law that was found, judged by the intervals. objects: on which it acts; None: all."""
-    own = np.ones(len(samples.time), bool) if objects is None else np.isin(samples.object, objects)
-    says, inside = own & _holds(region, samples, clips), samples.inside
+    says, inside = samples_inside(samples, clips, region, objects), samples.inside
     right = float((says & inside).sum())
     return FoundRegion(region, objects, float(says.mean()), 2 * right / max(float(says.sum() + inside.sum()), 1.0))
 
 
-def _by_object(samples: Samples) -> Iterator[tuple[tuple[int, ...] | None, np.ndarray]]:
-    """All objects, and each alone, with its samples (S,) bool."""
-    yield None, np.ones(len(samples.time), bool)
-    numbers = np.unique(samples.object)
-    for number in numbers if len(numbers) > 1 else ():
-        yield (int(number),), samples.object == number
-
-
-def _holds(region: Region, samples: Samples, clips: tuple[str, ...]) -> np.ndarray:
+def samples_inside(
+    samples: Samples, clips: tuple[str, ...], region: Region, objects: tuple[int, ...] | None
+) -> np.ndarray:
+    """(S,) bool, the samples of some objects (None: all) in a region. clips: names of the recordings."""
     out = region.holds(samples.time, samples.position, samples.velocity)
     if region.clips is not None:
         out = out & np.isin(samples.clip, [clips.index(c) for c in region.clips])
+    if objects is not None:
+        out = out & np.isin(samples.object, objects)
     return np.asarray(out)
 
 
@@ -120,18 +117,16 @@ class RegionSearch:
         forces: By which.
         clips: Names of the recordings.
         objects: None: all.
-        own: (S,) bool, their samples.
     """
 
     paths: Paths
     forces: Forces
     clips: tuple[str, ...]
     objects: tuple[int, ...] | None
-    own: np.ndarray
 
     def inside(self, region: Region) -> np.ndarray:
         """(S,) bool, the objects' samples in a region."""
-        return self.own & _holds(region, self.paths.samples, self.clips)
+        return samples_inside(self.paths.samples, self.clips, region, self.objects)
 
     def best(self, beside: Region, choices: int) -> list[Tried]:
         """The best region with one more condition of each kind that `beside` lacks; without conditions also itself.
@@ -170,8 +165,7 @@ def _moved(region: Region, by: dict[str, float]) -> Region:
     """A region with numbers that are moved: those of LIMITS, x, y, z and radius of a ball, offset and heading."""
     out = replace(region, **{k: getattr(region, k) + by[k] for k in (*LIMITS, "radius", "offset") if k in by})
     if "x" in by and out.centre is not None:
-        centre = tuple(c + by.get(k, 0.0) for c, k in zip(out.centre, "xyz", strict=True))
-        out = replace(out, centre=centre)
+        out = replace(out, centre=tuple(c + by.get(k, 0.0) for c, k in zip(out.centre, "xyz", strict=True)))
     if "heading" in by and out.normal is not None:
         angle = np.arctan2(out.normal[1], out.normal[0]) + by["heading"]
         out = replace(out, normal=(float(np.cos(angle)), float(np.sin(angle)), 0.0))
