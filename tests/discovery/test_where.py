@@ -1,22 +1,27 @@
 """Laws of the search for where a scene fails: intervals of a path, and the region that holds them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_world import KNOWN, effect, thrown
 
-from pipeline.discovery.fitting.model import Model, with_effect, with_free_region
+from pipeline.discovery.fitting.model import Model, known_model, with_effect, with_free_region
 from pipeline.discovery.tracks.arc import Arc
 from pipeline.discovery.tracks.known_scene import known_scene
-from pipeline.discovery.where.clean_part import CleanPart, Leftover
+from pipeline.discovery.tracks.problem import build_problem
+from pipeline.discovery.where.clean_part import CleanPart, Leftover, find_clean_part
 from pipeline.discovery.where.intervals import bends_at, find_intervals, intervals_where
+from pipeline.discovery.where.local_law import LawFits
 from pipeline.discovery.where.path_evidence import Paths, paths_of
 from pipeline.discovery.where.region_search import find_regions
 from pipeline.errors import SceneError
+from pipeline.scene.effects.discovery_rules import Start
 from pipeline.scene.effects.kind import local_kind
 from pipeline.scene.effects.region import Region, share_within
 from pipeline.scene.effects.registry import effect_kinds
-from pipeline.scene.scene import Scene, SceneObject
+from pipeline.scene.scene import Effect, Scene, SceneObject
 from pipeline.scene.text import read_scene, write_scene
 
 SIGMA, PRICE = 0.002, 45.0
@@ -121,6 +126,32 @@ def test_a_known_law_acts_where_it_shows(rng: np.random.Generator) -> None:
 
 def test_what_does_not_show_is_no_interval_of_a_law(rng: np.random.Generator) -> None:
     assert not any(intervals_where(TIME, path(rng), weights(), TIME > 0.5, (), price=15.0).intervals for _ in range(20))
+
+
+def law_fits(rng: np.random.Generator, *effects: Effect) -> LawFits:
+    """What a scene without effects leaves of throws with some."""
+    known = known_scene(KNOWN)
+    problem = build_problem(thrown(rng, 8, effects), known, 0.0, rng)
+    model = known_model(known, problem.stacks)
+    clean = find_clean_part(problem, model, model.start)
+    left = paths_of(problem.arcs, clean, problem.clips, 0.05, float(np.log(problem.effective_rows)))
+    return LawFits.of(problem, model, model.start, left)
+
+
+def test_a_law_is_fitted_to_the_paths_with_its_region(rng: np.random.Generator) -> None:
+    fits = law_fits(rng, Effect("air_drag", (("coefficient", 0.02),), None, Region(after=0.4)))
+    law = fits.best(effect_kinds()["air_drag"], [(Region(), None), (Region(after=0.6), None)], 2)
+    assert law is not None and set(law.region.as_dict()) == {"after"}
+    assert law.region.after == pytest.approx(0.4, abs=0.05)
+    assert law.numbers[0] == pytest.approx(0.02, rel=0.3)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_law_that_makes_the_motion_diverge_explains_nothing(rng: np.random.Generator) -> None:
+    fits, kind = law_fits(rng, effect("air_drag", coefficient=0.02)), effect_kinds()["air_drag"]
+    far = Start(np.array([1e200]), np.array([[1e199]]))
+    wild = replace(kind, discovery=replace(kind.discovery, starts=lambda _: [far]))
+    assert fits.best(wild, [(Region(), None)], 1) is None
 
 
 def scene_text(only: str) -> str:

@@ -154,11 +154,16 @@ class LawFits:
         return [own[0] for own in self._accelerations(self.model, self.theta[None])]
 
     def _near(self, kind: EffectKind, begin: Sequence[Start]) -> list[_LawForces]:
-        """The forces of a law with each start's numbers, and their changes by its directions."""
+        """The forces of a law with each start's numbers, and their changes by its directions; none where the motion
+        diverges."""
         model = with_effect(self.model, replace(kind, only=None, bodies=None), self.problem.known)
         own = np.vstack([np.vstack([s.centre, s.centre + s.directions]) for s in begin])
         theta = np.hstack([np.tile(self.theta, (len(own), 1)), own])
-        found = [a - base for a, base in zip(self._accelerations(model, theta), self._without, strict=True)]
+        with np.errstate(all="ignore"):
+            found = [a - base for a, base in zip(self._accelerations(model, theta), self._without, strict=True)]
+        diverges = ~np.all([np.isfinite(a).all((1, 2)) for a in found], axis=0)
+        for a in found:
+            a[diverges] = 0.0
         out, place = [], 0
         for start in begin:
             rows = slice(place, place + 1 + len(start.directions))
