@@ -2,9 +2,9 @@
 
 Models: six of dm_control's suite, an arm of three joints whose drives hold positions, and a crane with motors.
 Hidden: one effect, two, or a law that no effect states. Motion: from random initial states, driven by random sums of
-sines with steps. The log is of an encoder, which rounds and has noise. MuJoCo simulates the hidden model with steps
-that are shorter than the known model's, and with its own elements for delay and lag, where the discovery changes the
-controls.
+sines with steps. The log is of an encoder, which rounds and has noise. MuJoCo simulates the hidden model by Runge and
+Kutta's method with steps so short that half of them give the same motion, as a real mechanism has none, and with its
+own elements for delay and lag, where the discovery changes the controls.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ OWN = {
 }
 MODELS = (*SUITE, *OWN)
 CLIPS, SECONDS, RATE = 5, 4.0, 100.0
-STEP = 5e-4  # s, of the hidden model at most: a real mechanism has none
+STEP = 2e-4  # s, of the hidden model at most: a real mechanism has none
 TURN, WAY = 2 * np.pi / 16384, 1e-4  # steps of an encoder: of 14 bits, rad, and m
 NOISE = 1.0  # of its steps
 STRENGTHS = {"strong": 60.0, "medium": 20.0}
@@ -263,7 +263,7 @@ def _motion(
 ) -> list[np.ndarray]:
     """Positions of the joints in each clip, (T, joints), as their sensors show them."""
     spec = mechanism.physics.copy()
-    spec.option.timestep = min(spec.option.timestep / 4, STEP)
+    spec.option.timestep, spec.option.integrator = min(spec.option.timestep / 4, STEP), mujoco.mjtIntegrator.mjINT_RK4
     for acting, values in hidden:
         if acting.kind.edit is not None:
             acting.kind.edit(spec, acting.place.name, values)

@@ -54,6 +54,7 @@ class Fit:
         own: Per window, derivatives by its initial state (L, numbers).
         ahead: Of the windows that make a forecast.
         determined: How many of the shared numbers the data determine better than their weak priors.
+        falling: By how much the last iteration decreased chi squared.
     """
 
     model: LawModel
@@ -64,6 +65,7 @@ class Fit:
     own: list[np.ndarray]
     ahead: list[Forecast]
     determined: float
+    falling: float = 0.0
 
     @property
     def chi2(self) -> np.ndarray:
@@ -100,22 +102,23 @@ def fit(
     residual = residuals(problem, model, theta, states)
     kept = None if own is None else list(own)
     fresh, damping = False, 1e-3
-    covariance, determined = np.zeros((len(theta), len(theta))), 0.0
+    covariance, determined, improved = np.zeros((len(theta), len(theta))), 0.0, 0.0
     for _ in range(iterations):
         if kept is None:
             kept, fresh = derivatives_by_states(problem, model, theta, states), True
         shared = derivatives(problem, model, theta, states, residual)
         normal, gradient = np.diag(prior), -prior * (theta - centre)
-        parts = []
+        parts, typical = [], typical_square(problem, residual)
+        weight = np.minimum(1.0, typical / np.maximum(_mean_squares(residual), typical))
         for w, (r, jl, jg) in enumerate(zip(residual, kept, shared, strict=True)):
             inverse = problem.state_covariance(jl)
             cross, mine = jl @ jg.T, jl @ r
             parts.append((inverse, cross, mine))
             if problem.chosen[w]:
-                normal = normal + jg @ jg.T - cross.T @ inverse @ cross
-                gradient = gradient + jg @ r - cross.T @ inverse @ mine
+                normal = normal + weight[w] * (jg @ jg.T - cross.T @ inverse @ cross)
+                gradient = gradient + weight[w] * (jg @ r - cross.T @ inverse @ mine)
         covariance, determined = _information(normal, prior, moves)
-        before = _objective(problem, residual, theta, centre, prior)
+        before = _objective(problem, residual, typical, theta, centre, prior)
         enough = TOLERANCE * max(before / max(problem.count, 1), 1.0)
         improved, expected = 0.0, 0.0
         for _ in range(TRIALS):
@@ -127,11 +130,11 @@ def fit(
             trial = np.clip(theta + change, low, high)
             shifts = np.stack([i @ (m - c @ (trial - theta)) for i, c, m in parts])
             trial_states, trial_residual = _best_shift(problem, model, trial, states, residual, shifts)
-            after = _objective(problem, trial_residual, trial, centre, prior)
+            after = _objective(problem, trial_residual, typical, trial, centre, prior)
             if np.isfinite(after) and after <= before + 1e-9:
                 improved = before - after
                 expected = float(change @ gradient) + sum(
-                    float(m @ i @ m) for (i, _, m), c in zip(parts, problem.chosen, strict=True) if c
+                    own * float(m @ i @ m) for (i, _, m), own in zip(parts, weight * problem.chosen, strict=True)
                 )
                 theta, states, residual = trial, trial_states, trial_residual
                 damping = max(damping / 10, 1e-7)
@@ -145,7 +148,7 @@ def fit(
     if kept is None:
         kept = derivatives_by_states(problem, model, theta, states)
     ahead = [_forecast(problem, model, theta, states, prior, w) for w in problem.ahead]
-    return Fit(model, theta, covariance, states, residual, kept, ahead, determined)
+    return Fit(model, theta, covariance, states, residual, kept, ahead, determined, improved)
 
 
 def _forecast(
@@ -255,7 +258,7 @@ def _best_shift(
 ) -> tuple[States, list[np.ndarray]]:
     """The states after the share of its shift (W, L) that suits each window best, and the residuals then.
 
-    A part of the shift is tried only for windows that the whole one makes worse.
+    A part of the shift is tried only where all windows together become worse, for those that do.
     """
     variant = model.variant(problem.mechanism, problem.simulator.spec, theta)
 
@@ -266,7 +269,8 @@ def _best_shift(
 
     best = states.moved(problem.mechanism.model, shifts)
     left = tried(range(len(problem.windows)), best)
-    worse = [w for w, (new, old) in enumerate(zip(left, residual, strict=True)) if new @ new > old @ old]
+    rise = np.array([new @ new - old @ old for new, old in zip(left, residual, strict=True)])
+    worse = np.flatnonzero(rise > 0).tolist()
     for share in SHARES if worse else ():
         trials = states.of(worse).moved(problem.mechanism.model, share * shifts[worse])
         for k, (w, new) in enumerate(zip(worse, tried(worse, trials), strict=True)):
@@ -277,11 +281,35 @@ def _best_shift(
     return best, left
 
 
+def _mean_squares(residual: Sequence[np.ndarray]) -> np.ndarray:
+    """(W,) of each window's residuals."""
+    return np.array([float(r @ r) / max(len(r), 1) for r in residual])
+
+
+def counted(residual: Sequence[np.ndarray], typical: float) -> np.ndarray:
+    """Chi squared of each window, (W,), which counts by its logarithm where it is more than typical.
+
+    Near an unstable equilibrium a window may be far off until the numbers are right, and must not decide them.
+    """
+    worse = np.maximum(_mean_squares(residual) / typical, 1e-300)
+    return np.where(worse > 1, 1 + np.log(worse), worse) * typical * np.array([len(r) for r in residual])
+
+
+def typical_square(problem: Problem, residual: Sequence[np.ndarray]) -> float:
+    """The median mean square of the fitted windows, at least that of the noise."""
+    return max(float(np.median(_mean_squares(residual)[problem.chosen])), 1.0)
+
+
 def _objective(
-    problem: Problem, residual: Sequence[np.ndarray], theta: np.ndarray, centre: np.ndarray, prior: np.ndarray
+    problem: Problem,
+    residual: Sequence[np.ndarray],
+    typical: float,
+    theta: np.ndarray,
+    centre: np.ndarray,
+    prior: np.ndarray,
 ) -> float:
-    inside = sum(float(r @ r) for r, c in zip(residual, problem.chosen, strict=True) if c)
-    return inside + float((prior * (theta - centre) ** 2).sum())
+    """What a fit decreases."""
+    return float(counted(residual, typical)[problem.chosen].sum()) + float((prior * (theta - centre) ** 2).sum())
 
 
 def _bounded(x: np.ndarray) -> np.ndarray:

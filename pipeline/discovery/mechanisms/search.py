@@ -7,17 +7,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pipeline.discovery.fitting.extension import EQUALS, MOST_FITTED, WORTH_FITTING
+from pipeline.discovery.fitting.extension import EQUALS, WORTH_FITTING
 from pipeline.discovery.mechanisms.candidate import UNIT, Candidate, Noise, excess_z, noise_of
 from pipeline.discovery.mechanisms.kind import MechanismEffect
 from pipeline.discovery.mechanisms.law_model import LawModel, with_effect, without_effect
-from pipeline.discovery.mechanisms.least_squares import MOST_ITERATIONS, Fit, fit
+from pipeline.discovery.mechanisms.least_squares import MOST_ITERATIONS, Fit, counted, fit, residuals, typical_square
 from pipeline.discovery.mechanisms.problem import Problem
 from pipeline.discovery.mechanisms.screening import Guess, guesses
 from pipeline.discovery.mechanisms.simulation import States
 from pipeline.discovery.mechanisms.windows import guessed_states
 from pipeline.discovery.selection.arc_search import ENOUGH_Z, MOST_FITTED_MORE
 from pipeline.discovery.selection.established import HELD_OUT_GAIN
+from pipeline.discovery.selection.forward_selection import CLAIM_MORE
 from pipeline.discovery.selection.shorter import LEAST_REMAINDER
 from pipeline.discovery.selection.unexplained import UNEXPLAINED_SHARE
 
@@ -33,6 +34,7 @@ class MechanismSearch:
     Attributes:
         levels: The log in windows of growing length. Fits begin with short ones, in which every model is near the
             motion, and go on to longer ones, which tell more.
+        race: Index of the level in which effects are first compared.
         kinds: The effects that may be named.
         progress: Called with the name of each effect that is fitted.
         noise: Of all scores.
@@ -41,6 +43,7 @@ class MechanismSearch:
     """
 
     levels: tuple[Problem, ...]
+    race: int
     kinds: tuple[MechanismEffect, ...]
     progress: Callable[[str], None]
     noise: Noise = UNIT
@@ -61,51 +64,44 @@ class MechanismSearch:
         """The search with other noise. none: the model without effects."""
         return replace(self, noise=noise, whole=none.variance)
 
-    def climb(
-        self, model: LawModel, theta: np.ndarray, begin: Candidate | None = None, *, rounds: int | None = None
-    ) -> list[Candidate]:
+    def climb(self, model: LawModel, theta: np.ndarray, levels: Sequence[Problem] = ()) -> list[Candidate]:
         """A model fitted at each level, one after the other.
 
         Args:
             model: Of the mechanism.
             theta: (G,) where the fit begins.
-            begin: A model of the first level whose states and derivatives serve as a start.
-            rounds: Iterations at each level; None: few, and at the last one as many as are needed.
+            levels: Some of the first levels; empty: all.
         """
         out: list[Candidate] = []
-        for k, problem in enumerate(self.levels):
-            most = rounds or (MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS)
-            if k == 0 and begin is not None:
-                found = fit(problem, model, theta, begin.fit.states, begin.fit.own, iterations=most)
-            else:
-                states = guessed_states(problem.mechanism, problem.log, problem.windows)
-                if out:
-                    states = _inherited(out[-1].problem, out[-1].fit, problem, states)
-                found = fit(problem, model, theta, states, iterations=most)
+        for problem in levels or self.levels:
+            most = MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS
+            states = guessed_states(problem.mechanism, problem.log, problem.windows)
+            if out:
+                states = _inherited(out[-1].problem, out[-1].fit, problem, states)
+            found = _without_wrong_turns(problem, fit(problem, model, theta, states, iterations=most), states)
             theta = found.theta
             out.append(Candidate(problem, found, self.noise))
         return out
 
-    def singles(self, none: Candidate) -> list[list[Candidate]]:
-        """Models of one effect, each fitted at each level. none: the model without effects at the first level."""
-        return [
-            self.climb(first.fit.model, first.fit.theta, first, rounds=None if worth else RACE_ITERATIONS)
-            for first, worth in self._raced(none, MOST_FITTED)
-        ]
+    def climbs(self, base: Candidate, most: int) -> list[list[Candidate]]:
+        """A model of the level of the race with one effect more: those that are worth it, each fitted at each level.
+
+        most: number of effects that are tried.
+        """
+        return [self.climb(c.fit.model, c.fit.theta) for c in self._raced(base, most)]
 
     def longer(self, base: Candidate) -> list[Candidate]:
         """`base` with one effect more, the best first."""
         if base.effects not in self.known:
-            self.known[base.effects] = [
-                replace(c, fit=fit(c.problem, c.fit.model, c.fit.theta, c.fit.states, c.fit.own)) if worth else c
-                for c, worth in self._raced(base, MOST_FITTED_MORE)
-            ]
+            (*_, near) = self.climb(base.fit.model, base.fit.theta, self.levels[: self.race + 1])
+            self.known[base.effects] = [climb[-1] for climb in self.climbs(near, MOST_FITTED_MORE)]
         return best_of_each([c for c in (k.rescored(self.noise) for k in self.known[base.effects]) if shows(c, base)])
 
-    def _raced(self, base: Candidate, most: int) -> list[tuple[Candidate, bool]]:
-        """`base` with each promising effect, after a few iterations, and whether it is worth going on.
+    def _raced(self, base: Candidate, most: int) -> list[Candidate]:
+        """`base` with each promising effect, after a few iterations, if it is worth going on.
 
-        It is where chi squared falls by half as much as for the best one.
+        It is where further iterations, each as good as the last one, would come as far as the best one is, but for
+        noise.
         """
         out = []
         for kind, guess in self._promising(base, most):
@@ -114,9 +110,13 @@ class MechanismSearch:
             theta = np.concatenate([base.fit.theta, guess.values])
             first = fit(base.problem, model, theta, base.fit.states, base.fit.own, iterations=RACE_ITERATIONS)
             out.append(Candidate(base.problem, first))
-        left, whole = [float(c.fit.chi2.sum()) for c in out], float(base.fit.chi2.sum())
-        enough = whole - WORTH_FITTING * (whole - min(left, default=whole))
-        return [(c, chi2 <= enough) for c, chi2 in zip(out, left, strict=True)]
+        if not out:
+            return []
+        typical = min(typical_square(c.problem, c.fit.residual) for c in out)
+        left = [float(counted(c.fit.residual, typical).sum()) for c in out]
+        noise, more = noise_of(out[int(np.argmin(left))]), MOST_ITERATIONS - RACE_ITERATIONS
+        enough = min(left) + CLAIM_MORE * noise.variance / noise.information
+        return [c for c, own in zip(out, left, strict=True) if own - more * c.fit.falling <= enough]
 
     def shorter(self, found: Candidate) -> list[Candidate]:
         """`found` without each one of its effects."""
@@ -170,6 +170,21 @@ def best_of_each(found: Sequence[Candidate]) -> list[Candidate]:
     for c in sorted(found, key=lambda c: c.score):
         best.setdefault(c.effects, c)
     return list(best.values())
+
+
+def _without_wrong_turns(problem: Problem, found: Fit, states: States) -> Fit:
+    """A fit, continued where its numbers suit the states with which it began better than those with which it ended.
+
+    While its numbers change, a motion near an unstable equilibrium may fall to the wrong side, and stay there.
+    """
+    begin = residuals(problem, found.model, found.theta, states)
+    better = [w for w, (a, b) in enumerate(zip(begin, found.residual, strict=True)) if a @ a < b @ b]
+    if not better:
+        return found
+    mixed = found.states.of(range(len(problem.windows)))
+    mixed.position[better], mixed.velocity[better] = states.position[better], states.velocity[better]
+    mixed.activation[better] = states.activation[better]
+    return fit(problem, found.model, found.theta, mixed, iterations=FEW_ITERATIONS)
 
 
 def _inherited(before: Problem, found: Fit, problem: Problem, states: States) -> States:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.discovery.fitting.extension import CLAIM
+from pipeline.discovery.fitting.extension import CLAIM, MOST_FITTED
 from pipeline.discovery.mechanisms.candidate import Candidate, Noise, excess_z, noise_of
 from pipeline.discovery.mechanisms.free_numbers import FreeNumber
 from pipeline.discovery.mechanisms.gap import measure_gap
@@ -16,16 +16,18 @@ from pipeline.discovery.mechanisms.law_model import LawModel
 from pipeline.discovery.mechanisms.places import may_act
 from pipeline.discovery.mechanisms.problem import Problem
 from pipeline.discovery.mechanisms.search import MechanismSearch, best_of_each, shows
+from pipeline.discovery.mechanisms.simulation import Simulator
 from pipeline.discovery.mechanisms.time_step import integrations
 from pipeline.discovery.mechanisms.windows import guessed_states
 from pipeline.discovery.selection.equivalence import Sets, alike_each
-from pipeline.discovery.selection.established import MOST_LEFT
 from pipeline.discovery.selection.forward_selection import forward_selection
 from pipeline.discovery.selection.shorter import LEAST_REMAINDER
 from pipeline.discovery.selection.unexplained import UNEXPLAINED_Z
 
 ROUNDS = 3  # times that the noise is taken from the best model so far
-SHORTER = 2  # levels: of windows that tell where something acts, below those in which effects are compared
+SHORTER = 4  # levels: of windows that tell where something acts, below those in which effects are compared
+RACE_SHORTER = 2  # levels: of windows in which it is decided which effects are worth a fit
+MOST_LEFT = 0.3  # of the gap; real logs leave 0.04 to 0.25 beside friction, unlisted laws 0.33 and more beside another
 SAME_NOISE = 1.5  # ratio of variances below which it need not be taken again
 
 
@@ -85,22 +87,22 @@ def select_mechanism(
         progress: Called with the name of each effect that is fitted.
     """
     model, stated = LawModel(numbers), np.array([n.stated for n in numbers])
-    followed = _first_level(levels, model, stated, kinds, progress)
-    near = levels[followed[0]]
-    states = guessed_states(near.mechanism, near.log, near.windows)
-    ways = integrations(near, model, stated, states)
+
+    def climbed(simulator: Simulator) -> list[Candidate]:
+        cuts = tuple(p.simulated_by(simulator) for p in levels)
+        return MechanismSearch(cuts, 0, kinds, progress).climb(model, stated)
+
+    none = climbed(levels[0].simulator)
+    near = none[_longest(none)].problem
+    ways = integrations(near, model, stated, guessed_states(near.mechanism, near.log, near.windows))
     best: MechanismSelection | None = None
     for simulator in ways:
-        cuts = tuple(p.simulated_by(simulator) for p in levels)
-        own = simulator is near.simulator
-        first, start = followed if own else _first_level(cuts, model, stated, kinds, progress)
-        none = MechanismSearch(cuts[first:], kinds, progress).climb(model, stated, start)
-        found = _select(cuts[first:], none, kinds, progress)
-        shorter = MechanismSearch((cuts[max(first - SHORTER, 0)],), kinds, progress)
-        short = shorter.climb(model, found.none.fit.theta)[0]
-        found = replace(found, short=short, stated_steps=simulator is ways[-1])
+        base = none if simulator is near.simulator else climbed(simulator)
+        if best is not None and leaves_noise(best.chosen) and not leaves_noise(base[_longest(base)]):
+            break
+        found = replace(_select(base, kinds, progress), stated_steps=simulator is ways[-1])
         best = found if best is None else min(best, found, key=_preference(best, found))
-        if not best.chosen.effects and best.excess_z <= UNEXPLAINED_Z:
+        if not best.chosen.effects and leaves_noise(best.chosen):
             break
     assert best is not None
     return best
@@ -112,49 +114,24 @@ def _preference(*found: MechanismSelection) -> Callable[[MechanismSelection], tu
     return lambda f: (len(f.chosen.problem.windows), f.chosen.rescored(noise).score)
 
 
-def _first_level(
-    levels: Sequence[Problem],
-    model: LawModel,
-    stated: np.ndarray,
-    kinds: tuple[MechanismEffect, ...],
-    progress: Callable[[str], None],
-) -> tuple[int, Candidate]:
-    """The level with the longest windows in which the model without effects stays near the motion, and its fit there.
-
-    Args:
-        levels: The log in windows of growing length.
-        model: Without effects.
-        stated: (G,) its numbers as the user's model has them.
-        kinds: The effects that may be named.
-        progress: Called with the name of each effect that is fitted.
-    """
-    for level in reversed(range(len(levels))):
-        (found,) = MechanismSearch((levels[level],), kinds, progress).climb(model, stated)
-        if found.follows:
-            return level, found
-    return 0, found
-
-
 def _select(
-    levels: Sequence[Problem],
-    none: Sequence[Candidate],
-    kinds: tuple[MechanismEffect, ...],
-    progress: Callable[[str], None],
+    none: Sequence[Candidate], kinds: tuple[MechanismEffect, ...], progress: Callable[[str], None]
 ) -> MechanismSelection:
     """The selection with one time step.
 
     Args:
-        levels: The log in windows of growing length.
         none: The model without effects at each level.
         kinds: The effects that may be named.
         progress: Called with the name of each effect that is fitted.
     """
-    first = max((k for k, c in enumerate(none) if c.follows), default=0)
-    search = MechanismSearch(tuple(levels[first:]), kinds, progress)
-    climbs = search.singles(none[first])
-    last = _longest(none[first:], climbs)
-    search = MechanismSearch(tuple(levels[first : first + last + 1]), kinds, progress)
-    base, fitted = none[first + last], [climb[last] for climb in climbs]
+    longest = _longest(none)
+    race = max(longest - RACE_SHORTER, 0)
+    start = max(race - 1, 0)
+    search = MechanismSearch(tuple(c.problem for c in none[start:]), race - start, kinds, progress)
+    climbs = search.climbs(none[race], MOST_FITTED)
+    last = _longest(none[start:], climbs)
+    search = replace(search, levels=search.levels[: last + 1], race=min(search.race, last))
+    base, fitted = none[start + last], [climb[last] for climb in climbs]
     best = min([base, *fitted], key=lambda c: c.fit.chi2.sum())
     noise = noise_of(best)
     for _ in range(ROUNDS):
@@ -183,10 +160,15 @@ def _select(
         alike=alike_each(chosen, best_of_each(rivals), search.rank),
         excess_z=z,
         unknown=_is_unknown(base, chosen, z),
-        short=none[0],
+        short=none[max(longest - SHORTER, 0)],
         noise=noise,
         untestable=tuple(k.name for k in kinds if k.name not in names and not _can_show(search.problem, k)),
     )
+
+
+def leaves_noise(found: Candidate) -> bool:
+    """Whether what a model leaves may be noise."""
+    return found.variance <= LEAST_REMAINDER**2
 
 
 def _can_show(problem: Problem, kind: MechanismEffect) -> bool:
@@ -194,7 +176,7 @@ def _can_show(problem: Problem, kind: MechanismEffect) -> bool:
     return any(may_act(kind, problem.mechanism, problem.log, place) for place in problem.places[kind.target])
 
 
-def _longest(none: Sequence[Candidate], climbs: Sequence[Sequence[Candidate]]) -> int:
+def _longest(none: Sequence[Candidate], climbs: Sequence[Sequence[Candidate]] = ()) -> int:
     """The longest windows in which the best model stays near the motion: where it is chaotic none would in longer ones.
 
     Args:

@@ -36,8 +36,8 @@ def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: S
     """Simulators with steps so small that they do not matter, and with stated steps, where these predict otherwise.
 
     In each of two families, the model's own integrator and Runge and Kutta's, steps are halved until that changes
-    nothing, for noise of this size; the cheaper one is taken. Tried on the first fitted window and the last one of all,
-    with and without some dry friction at all joints.
+    nothing, for noise of this size; the cheaper one is taken, or where neither comes so far the more accurate one.
+    Tried on the first fitted window and the last one of all, with and without some dry friction at all joints.
 
     Args:
         problem: As the model states its step.
@@ -58,21 +58,19 @@ def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: S
 
     found = []
     for integrator, cost in ((int(spec.option.integrator), 1), (RK4, EVALUATIONS)):
-        for longer, shorter in itertools.pairwise(halved(integrator, [f for f in FACTORS if f >= cost * FACTORS[-1]])):
-            if _same(longer[2], shorter[2]):
-                found.append((cost / shorter[0], *shorter[1:]))
+        for longer, shorter in itertools.pairwise(halved(integrator, FACTORS)):
+            error = _apart(longer[2], shorter[2])
+            found.append((max(error, SAME), cost / shorter[0], *shorter[1:]))
+            if error < SAME:
                 break
-    if found:
-        _, motion, shown = min(found, key=lambda one: one[0])
-    else:
-        *_, (_, motion, shown) = halved(int(spec.option.integrator), FACTORS[-1:])
-    return [motion] if _same(shown, predictions(problem.simulator)) else [motion, problem.simulator]
+    *_, motion, shown = min(found, key=lambda one: one[:2])
+    return [motion] if _apart(shown, predictions(problem.simulator)) < SAME else [motion, problem.simulator]
 
 
-def _same(some: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> bool:
-    """Whether predictions, in units of the noise, are the same to within it."""
+def _apart(some: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> float:
+    """Root mean square difference of predictions, in units of the noise; infinite where a motion diverges."""
     apart = np.concatenate([(a - b).ravel() for a, b in zip(some, others, strict=True)])
-    return bool(np.isfinite(apart).all() and np.sqrt((apart**2).mean()) < SAME)
+    return float(np.sqrt((apart**2).mean())) if np.isfinite(apart).all() else np.inf
 
 
 def _predictions(

@@ -15,8 +15,8 @@ from pipeline.errors import MeasurementError
 
 GUESS_ROWS = 7  # samples from which a position and a velocity are guessed
 LEAST_ROWS = 8  # of a window
-FACTOR = 4  # by which windows of the next level are shorter
-MOST_LEVELS = 5
+FACTOR = 2  # by which windows of the next level are shorter
+MOST_LEVELS = 9
 
 
 def halves(log: Log, held_out: float, rng: np.random.Generator) -> list[tuple[int, slice, bool]]:
