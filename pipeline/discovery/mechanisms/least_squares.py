@@ -258,7 +258,7 @@ def _best_shift(
 ) -> tuple[States, list[np.ndarray]]:
     """The states after the share of its shift (W, L) that suits each window best, and the residuals then.
 
-    A part of the shift is tried only where all windows together become worse, for those that do.
+    A part of the shift is tried only for windows that the whole one makes worse.
     """
     variant = model.variant(problem.mechanism, problem.simulator.spec, theta)
 
@@ -269,8 +269,7 @@ def _best_shift(
 
     best = states.moved(problem.mechanism.model, shifts)
     left = tried(range(len(problem.windows)), best)
-    rise = np.array([new @ new - old @ old for new, old in zip(left, residual, strict=True)])
-    worse = np.flatnonzero(rise > 0).tolist()
+    worse = [w for w, (new, old) in enumerate(zip(left, residual, strict=True)) if new @ new > old @ old]
     for share in SHARES if worse else ():
         trials = states.of(worse).moved(problem.mechanism.model, share * shifts[worse])
         for k, (w, new) in enumerate(zip(worse, tried(worse, trials), strict=True)):

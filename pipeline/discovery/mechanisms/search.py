@@ -11,7 +11,7 @@ from pipeline.discovery.fitting.extension import EQUALS, WORTH_FITTING
 from pipeline.discovery.mechanisms.candidate import UNIT, Candidate, Noise, excess_z, noise_of
 from pipeline.discovery.mechanisms.kind import MechanismEffect
 from pipeline.discovery.mechanisms.law_model import LawModel, with_effect, without_effect
-from pipeline.discovery.mechanisms.least_squares import MOST_ITERATIONS, Fit, counted, fit, residuals, typical_square
+from pipeline.discovery.mechanisms.least_squares import MOST_ITERATIONS, Fit, counted, fit, typical_square
 from pipeline.discovery.mechanisms.problem import Problem
 from pipeline.discovery.mechanisms.screening import Guess, guesses
 from pipeline.discovery.mechanisms.simulation import States
@@ -78,7 +78,7 @@ class MechanismSearch:
             states = guessed_states(problem.mechanism, problem.log, problem.windows)
             if out:
                 states = _inherited(out[-1].problem, out[-1].fit, problem, states)
-            found = _without_wrong_turns(problem, fit(problem, model, theta, states, iterations=most), states)
+            found = fit(problem, model, theta, states, iterations=most)
             theta = found.theta
             out.append(Candidate(problem, found, self.noise))
         return out
@@ -170,21 +170,6 @@ def best_of_each(found: Sequence[Candidate]) -> list[Candidate]:
     for c in sorted(found, key=lambda c: c.score):
         best.setdefault(c.effects, c)
     return list(best.values())
-
-
-def _without_wrong_turns(problem: Problem, found: Fit, states: States) -> Fit:
-    """A fit, continued where its numbers suit the states with which it began better than those with which it ended.
-
-    While its numbers change, a motion near an unstable equilibrium may fall to the wrong side, and stay there.
-    """
-    begin = residuals(problem, found.model, found.theta, states)
-    better = [w for w, (a, b) in enumerate(zip(begin, found.residual, strict=True)) if a @ a < b @ b]
-    if not better:
-        return found
-    mixed = found.states.of(range(len(problem.windows)))
-    mixed.position[better], mixed.velocity[better] = states.position[better], states.velocity[better]
-    mixed.activation[better] = states.activation[better]
-    return fit(problem, found.model, found.theta, mixed, iterations=FEW_ITERATIONS)
 
 
 def _inherited(before: Problem, found: Fit, problem: Problem, states: States) -> States:

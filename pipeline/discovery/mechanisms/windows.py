@@ -39,7 +39,7 @@ def halves(log: Log, held_out: float, rng: np.random.Generator) -> list[tuple[in
 
 
 def levels(log: Log, parts: Sequence[tuple[int, slice, bool]], own: int) -> list[tuple[Window, ...]]:
-    """The log cut into windows: whole parts first, then a quarter as long, and so on.
+    """The log cut into windows: whole parts first, then half as long, and so on.
 
     The end of the only clip is forecast from the state in which the rest of it began.
 
