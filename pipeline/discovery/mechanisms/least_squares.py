@@ -15,14 +15,13 @@ import numpy as np
 
 from pipeline.discovery.mechanisms.law_model import STEP, WEAK, LawModel
 from pipeline.discovery.mechanisms.problem import OWN_STEP, Problem, predicted
-from pipeline.discovery.mechanisms.simulation import States, joined
+from pipeline.discovery.mechanisms.simulation import LARGEST, States, joined
 
 MOST_ITERATIONS = 10
 TRIALS = 6
 SHARES = (0.3, 0.0)  # of a window's own step, tried where the whole step makes it worse
 TOLERANCE = 0.2  # of chi squared in units of the residuals' own variance, below which a fit ends
 SLOW = 0.5  # share of the predicted decrease, below which derivatives by initial states are computed again
-LARGEST = 1e10  # of a residual, in units of the noise
 
 
 @dataclass(frozen=True)
@@ -120,22 +119,24 @@ def fit(
         covariance, determined = _information(normal, prior, moves)
         before = _objective(problem, residual, typical, theta, centre, prior)
         enough = TOLERANCE * max(before / max(problem.count, 1), 1.0)
-        improved, expected = 0.0, 0.0
+        improved = expected = 0.0
         for _ in range(TRIALS):
             change = np.zeros(len(theta))
             free = moves & ~(((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0)))
             if free.any():
                 damped = normal + damping * np.diag(np.maximum(np.diag(normal), prior))
                 change[free] = np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
+            own = weight * [float(m @ i @ m) for i, _, m in parts]
+            shared_gain = float(change @ gradient)
+            expected = shared_gain + float(own[problem.chosen].sum())
+            if shared_gain + float(own.sum()) < enough:
+                break
             trial = np.clip(theta + change, low, high)
             shifts = np.stack([i @ (m - c @ (trial - theta)) for i, c, m in parts])
             trial_states, trial_residual = _best_shift(problem, model, trial, states, residual, shifts)
             after = _objective(problem, trial_residual, typical, trial, centre, prior)
             if np.isfinite(after) and after <= before + 1e-9:
                 improved = before - after
-                expected = float(change @ gradient) + sum(
-                    own * float(m @ i @ m) for (i, _, m), own in zip(parts, weight * problem.chosen, strict=True)
-                )
                 theta, states, residual = trial, trial_states, trial_residual
                 damping = max(damping / 10, 1e-7)
                 break
@@ -258,7 +259,7 @@ def _best_shift(
 ) -> tuple[States, list[np.ndarray]]:
     """The states after the share of its shift (W, L) that suits each window best, and the residuals then.
 
-    A part of the shift is tried only for windows that the whole one makes worse.
+    A part of the shift is tried only for windows that the whole one makes worse, by more than ends a fit.
     """
     variant = model.variant(problem.mechanism, problem.simulator.spec, theta)
 
@@ -269,7 +270,7 @@ def _best_shift(
 
     best = states.moved(problem.mechanism.model, shifts)
     left = tried(range(len(problem.windows)), best)
-    worse = [w for w, (new, old) in enumerate(zip(left, residual, strict=True)) if new @ new > old @ old]
+    worse = [w for w, (new, old) in enumerate(zip(left, residual, strict=True)) if new @ new > old @ old + TOLERANCE]
     for share in SHARES if worse else ():
         trials = states.of(worse).moved(problem.mechanism.model, share * shifts[worse])
         for k, (w, new) in enumerate(zip(worse, tried(worse, trials), strict=True)):

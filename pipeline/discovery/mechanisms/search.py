@@ -11,10 +11,10 @@ from pipeline.discovery.fitting.extension import EQUALS, WORTH_FITTING
 from pipeline.discovery.mechanisms.candidate import UNIT, Candidate, Noise, excess_z, noise_of
 from pipeline.discovery.mechanisms.kind import MechanismEffect
 from pipeline.discovery.mechanisms.law_model import LawModel, with_effect, without_effect
-from pipeline.discovery.mechanisms.least_squares import MOST_ITERATIONS, Fit, counted, fit, typical_square
+from pipeline.discovery.mechanisms.least_squares import MOST_ITERATIONS, counted, fit, typical_square
+from pipeline.discovery.mechanisms.longer_windows import states_of_longer
 from pipeline.discovery.mechanisms.problem import Problem
 from pipeline.discovery.mechanisms.screening import Guess, guesses
-from pipeline.discovery.mechanisms.simulation import States
 from pipeline.discovery.mechanisms.windows import guessed_states
 from pipeline.discovery.selection.arc_search import ENOUGH_Z, MOST_FITTED_MORE
 from pipeline.discovery.selection.established import HELD_OUT_GAIN
@@ -77,7 +77,7 @@ class MechanismSearch:
             most = MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS
             states = guessed_states(problem.mechanism, problem.log, problem.windows)
             if out:
-                states = _inherited(out[-1].problem, out[-1].fit, problem, states)
+                states = states_of_longer(out[-1].problem, out[-1].fit, problem, states)
             found = fit(problem, model, theta, states, iterations=most)
             theta = found.theta
             out.append(Candidate(problem, found, self.noise))
@@ -170,15 +170,3 @@ def best_of_each(found: Sequence[Candidate]) -> list[Candidate]:
     for c in sorted(found, key=lambda c: c.score):
         best.setdefault(c.effects, c)
     return list(best.values())
-
-
-def _inherited(before: Problem, found: Fit, problem: Problem, states: States) -> States:
-    """States of longer windows: those of the shorter ones that begin with them."""
-    begins = {(w.clip, w.rows.start): k for k, w in enumerate(before.windows)}
-    rows = [begins.get((w.clip, w.rows.start)) for w in problem.windows]
-    position, velocity, activation = states.position.copy(), states.velocity.copy(), states.activation.copy()
-    for k, row in enumerate(rows):
-        if row is not None:
-            position[k], velocity[k] = found.states.position[row], found.states.velocity[row]
-            activation[k] = found.states.activation[row]
-    return States(position, velocity, activation)

@@ -20,13 +20,13 @@ from pipeline.discovery.mechanisms.simulation import Simulator
 from pipeline.discovery.mechanisms.time_step import integrations
 from pipeline.discovery.mechanisms.windows import guessed_states
 from pipeline.discovery.selection.equivalence import Sets, alike_each
-from pipeline.discovery.selection.forward_selection import forward_selection
+from pipeline.discovery.selection.forward_selection import ForwardSelection, forward_selection
 from pipeline.discovery.selection.shorter import LEAST_REMAINDER
 from pipeline.discovery.selection.unexplained import UNEXPLAINED_Z
 
 ROUNDS = 3  # times that the noise is taken from the best model so far
-SHORTER = 4  # levels: of windows that tell where something acts, below those in which effects are compared
-RACE_SHORTER = 2  # levels: of windows in which it is decided which effects are worth a fit
+#: Levels from the longest windows down to those in which effects race, and from there to those that tell where.
+SHORTER = 2
 MOST_LEFT = 0.3  # of the gap; real logs leave 0.04 to 0.25 beside friction, unlisted laws 0.33 and more beside another
 SAME_NOISE = 1.5  # ratio of variances below which it need not be taken again
 
@@ -125,7 +125,7 @@ def _select(
         progress: Called with the name of each effect that is fitted.
     """
     longest = _longest(none)
-    race = max(longest - RACE_SHORTER, 0)
+    race = max(longest - SHORTER, 0)
     start = max(race - 1, 0)
     search = MechanismSearch(tuple(c.problem for c in none[start:]), race - start, kinds, progress)
     climbs = search.climbs(none[race], MOST_FITTED)
@@ -141,7 +141,7 @@ def _select(
         showing = [c for c in singles if shows(c, base)]
         best = min([base, *showing], key=search.rank)
         if best.effects and best.score < base.score - CLAIM:
-            found = forward_selection(search, base, best, showing)
+            found = _exchanged(search, forward_selection(search, base, best, showing))
             chosen, tried = found.chosen, found.tried
         else:
             chosen, tried = base, ()
@@ -160,10 +160,19 @@ def _select(
         alike=alike_each(chosen, best_of_each(rivals), search.rank),
         excess_z=z,
         unknown=_is_unknown(base, chosen, z),
-        short=none[max(longest - SHORTER, 0)],
+        short=none[max(race - SHORTER, 0)],
         noise=noise,
         untestable=tuple(k.name for k in kinds if k.name not in names and not _can_show(search.problem, k)),
     )
+
+
+def _exchanged(search: MechanismSearch, found: ForwardSelection[Candidate]) -> ForwardSelection[Candidate]:
+    """The selection after each of several effects competed again, now that the others are there."""
+    chosen = found.chosen
+    if len(chosen.effects) < 2:
+        return found
+    tried = (*found.tried, *(c for base in search.shorter(chosen) for c in search.longer(base)))
+    return ForwardSelection(min((c for c in tried if len(c.effects) == len(chosen.effects)), key=search.rank), tried)
 
 
 def leaves_noise(found: Candidate) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -63,6 +63,11 @@ class States:
             mujoco.mj_integratePos(model, row, step, 1.0)
         return States(position, self.velocity + change[:, nv : 2 * nv], self.activation + change[:, 2 * nv :])
 
+    def put(self, row: int, state: States) -> None:
+        """Replace one of the states by another one, of one row."""
+        self.position[row], self.velocity[row] = state.position[0], state.velocity[0]
+        self.activation[row] = state.activation[0]
+
     def of(self, rows: Sequence[int] | np.ndarray) -> States:
         """Some of the states."""
         return States(self.position[rows], self.velocity[rows], self.activation[rows])
@@ -107,11 +112,34 @@ class Simulator:
             jobs: For each, the indices of its window and of its variant.
             states: For each, where it begins.
         """
-        with _without_warnings():
-            return self._predict(windows, variants, jobs, states)
+        return self._read(windows, variants, jobs, states, self._measured)
 
-    def _predict(
-        self, windows: Sequence[Window], variants: Sequence[Variant], jobs: Sequence[tuple[int, int]], states: States
+    def ends(self, windows: Sequence[Window], variant: Variant, states: States) -> States:
+        """The states at the last rows of windows, of a model. states: where the windows begin."""
+        jobs = [(w, 0) for w in range(len(windows))]
+        rows = np.stack(self._read(windows, [variant], jobs, states, self._last))
+        nq, nv = self.model.nq, self.model.nv
+        return States(*np.split(rows[:, 1 : 1 + nq + nv + self.model.na], [nq, nq + nv], axis=1))
+
+    def _read(
+        self,
+        windows: Sequence[Window],
+        variants: Sequence[Variant],
+        jobs: Sequence[tuple[int, int]],
+        states: States,
+        reading: Callable[[Window, Variant, np.ndarray, np.ndarray], np.ndarray],
+    ) -> list[np.ndarray]:
+        """What is read of each job's motion. reading: (window, model, states (steps + 1, n), sensors (steps, s))."""
+        with _without_warnings():
+            return self._simulated(windows, variants, jobs, states, reading)
+
+    def _simulated(
+        self,
+        windows: Sequence[Window],
+        variants: Sequence[Variant],
+        jobs: Sequence[tuple[int, int]],
+        states: States,
+        reading: Callable[[Window, Variant, np.ndarray, np.ndarray], np.ndarray],
     ) -> list[np.ndarray]:
         out: list[np.ndarray] = [np.zeros(0)] * len(jobs)
         steps = np.array([self._steps(windows[w], variants[v]) for w, v in jobs])
@@ -139,11 +167,11 @@ class Simulator:
             path = np.concatenate([begin[:, None], path], 1)
             for i, k in enumerate(batch):
                 w, v = jobs[k]
-                out[k] = self._measured(windows[w], variants[v], path[i], sensed[i])
+                out[k] = reading(windows[w], variants[v], path[i], sensed[i])
         for k in set(range(len(jobs))) - set(plain):
             w, v = jobs[k]
             path_k, sensed_k = self._stepwise(windows[w], variants[v], states.of([k]), int(steps[k]))
-            out[k] = self._measured(windows[w], variants[v], path_k, sensed_k)
+            out[k] = reading(windows[w], variants[v], path_k, sensed_k)
         return out
 
     def _steps(self, window: Window, variant: Variant) -> int:
@@ -216,6 +244,11 @@ class Simulator:
             else:
                 out[:, c] = _linear(sensed[:, self._sensor(channel)], self.step, at)
         return np.clip(out, -LARGEST, LARGEST)
+
+    def _last(self, window: Window, variant: Variant, path: np.ndarray, sensed: np.ndarray) -> np.ndarray:
+        """The state (n,) at the last row of a window. Arguments as of `_measured`."""
+        time = self.log.clips[window.clip].time[window.rows]
+        return _linear(path, self.step, (time[-1] - time[0]) / variant.clock)
 
     def _sensor(self, channel: Channel) -> int:
         name = channel.name if channel.quantity is Quantity.SENSOR else sensor_name(channel)

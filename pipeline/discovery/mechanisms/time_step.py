@@ -17,7 +17,7 @@ from pipeline.discovery.mechanisms.law_model import LawModel
 from pipeline.discovery.mechanisms.problem import Problem
 from pipeline.discovery.mechanisms.simulation import Simulator, States
 
-FACTORS = (32.0, 16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)  # times the model's own step
+LONGEST, HALVINGS = 32.0, 9  # times the model's own step; how often steps are halved
 EVALUATIONS = 4  # of the forces, in a step of Runge and Kutta's
 SAME = 0.1  # of the noise, root mean square: predictions that differ by less are the same
 DRY = 0.02  # of a joint's forces: dry friction that the trial has, whose reversals need the shortest steps
@@ -51,14 +51,14 @@ def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: S
     def predictions(simulator: Simulator) -> list[np.ndarray]:
         return _predictions(problem, simulator, model, theta, tried, begin)
 
-    def halved(integrator: int, factors: Sequence[float]) -> Iterator[tuple[float, Simulator, list[np.ndarray]]]:
-        for factor in factors:
+    def halved(integrator: int) -> Iterator[tuple[float, Simulator, list[np.ndarray]]]:
+        for factor in LONGEST / 2.0 ** np.arange(HALVINGS + 1):
             simulator = Simulator(problem.mechanism, problem.log, with_time_step(spec, factor, integrator))
             yield factor, simulator, predictions(simulator)
 
     found = []
     for integrator, cost in ((int(spec.option.integrator), 1), (RK4, EVALUATIONS)):
-        for longer, shorter in itertools.pairwise(halved(integrator, FACTORS)):
+        for longer, shorter in itertools.pairwise(halved(integrator)):
             error = _apart(longer[2], shorter[2])
             found.append((max(error, SAME), cost / shorter[0], *shorter[1:]))
             if error < SAME:

@@ -75,8 +75,4 @@ def forward_selection(
         least = min(shorter, key=search.rank, default=winner)
         chosen = least if least.score < winner.score + CLAIM_MORE else winner
         leaders = [chosen]
-    if len(chosen.effects) > 1:  # the first effect was chosen without the others: one may take the place of another
-        bases = [c for c in search.shorter(chosen) if len(c.effects) < len(chosen.effects)]
-        tried += [c for base in bases for c in search.longer(base)]
-        chosen = min((c for c in tried if len(c.effects) == len(chosen.effects)), key=search.rank)
     return ForwardSelection(chosen, tuple(tried))
