@@ -15,7 +15,7 @@ from pipeline.scene.effects.kind import Parameter
 
 FIT = "fit"
 """Owner of the unknowns that the user lists."""
-STEP = 2e-5  # of a parameter's size: the step of finite differences
+STEP = 1e-6  # of a parameter's size: the step of finite differences
 WEAK = 300.0  # sizes: standard deviation of the prior that keeps undetermined numbers bounded
 
 

@@ -126,7 +126,7 @@ def fit(
             if free.any():
                 damped = normal + damping * np.diag(np.maximum(np.diag(normal), prior))
                 change[free] = np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
-            own = weight * [float(m @ i @ m) for i, _, m in parts]
+            own = weight * np.array([float(m @ i @ m) for i, _, m in parts])
             shared_gain = float(change @ gradient)
             expected = shared_gain + float(own[problem.chosen].sum())
             if shared_gain + float(own.sum()) < enough:

@@ -16,7 +16,7 @@ from pipeline.discovery.mechanisms.simulation import Simulator, Window
 
 UNMEASURED = (2.0, 5.0)  # rad or m, and per s: where a joint that was not measured may begin
 WIDE = 10.0  # spreads of a measured motion: the weak prior of where it begins
-OWN_STEP = 3e-6  # of the spread: the step of finite differences of initial states
+OWN_STEP = 1e-7  # of the spread: the step of finite differences of initial states
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,9 @@ import pandas as pd
 import pytest
 
 from pipeline.discovery.mechanisms.law_model import LawModel
+from pipeline.discovery.mechanisms.least_squares import residuals
 from pipeline.discovery.mechanisms.log import Log, read_log
+from pipeline.discovery.mechanisms.longer_windows import states_of_longer
 from pipeline.discovery.mechanisms.mechanism import Mechanism, read_mechanism
 from pipeline.discovery.mechanisms.noise import channel_noise
 from pipeline.discovery.mechanisms.places import places_of
@@ -64,6 +66,15 @@ def test_the_right_model_leaves_nothing_but_noise_in_windows_of_any_length(probl
     found = MechanismSearch(tuple(problems), 0, (), lambda _: None).climb(LawModel(()), np.zeros(0))
     assert len(found[-1].problem.windows) == 3
     assert max(c.variance for c in found) < 1.3
+
+
+def test_longer_windows_begin_so_that_they_lead_through_the_states_of_the_shorter_ones(problems: list[Problem]) -> None:
+    shorter, longer = problems[-2:]
+    found = MechanismSearch(tuple(problems[:-1]), 0, (), lambda _: None).climb(LawModel(()), np.zeros(0))[-1].fit
+    alone = found.states.of([k for k, w in enumerate(shorter.windows) if w.rows.start == 0])
+    led = states_of_longer(shorter, found, longer, guessed_states(longer.mechanism, longer.log, longer.windows))
+    left = [sum(r @ r for r in residuals(longer, LawModel(()), np.zeros(0), s)) for s in (led, alone)]
+    assert left[0] < 0.1 * left[1]
 
 
 def test_the_steps_of_the_simulation_do_not_matter(problems: list[Problem]) -> None:
