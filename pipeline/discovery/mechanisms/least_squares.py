@@ -126,10 +126,10 @@ def fit(
             if free.any():
                 damped = normal + damping * np.diag(np.maximum(np.diag(normal), prior))
                 change[free] = np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
-            own = weight * np.array([float(m @ i @ m) for i, _, m in parts])
+            gains = weight * np.array([float(m @ i @ m) for i, _, m in parts])
             shared_gain = float(change @ gradient)
-            expected = shared_gain + float(own[problem.chosen].sum())
-            if shared_gain + float(own.sum()) < enough:
+            expected = shared_gain + float(gains[problem.chosen].sum())
+            if shared_gain + float(gains.sum()) < enough:
                 break
             trial = np.clip(theta + change, low, high)
             shifts = np.stack([i @ (m - c @ (trial - theta)) for i, c, m in parts])
