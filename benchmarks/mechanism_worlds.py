@@ -3,8 +3,8 @@
 Models: six of dm_control's suite, an arm of three joints whose drives hold positions, and a crane with motors.
 Hidden: one effect, two, or a law that no effect states. Motion: from random initial states, driven by random sums of
 sines with steps. The log is of an encoder, which rounds and has noise. MuJoCo simulates the hidden model by Runge and
-Kutta's method with steps so short that half of them give the same motion, as a real mechanism has none, and with its
-own elements for delay and lag, where the discovery changes the controls.
+Kutta's method with steps of 0.2 ms at most, since a real mechanism has none, and with its own elements for delay and
+lag, where the discovery changes the controls.
 """
 
 from __future__ import annotations

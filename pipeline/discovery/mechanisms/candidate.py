@@ -8,6 +8,7 @@ import numpy as np
 
 from pipeline.discovery.mechanisms.least_squares import Fit
 from pipeline.discovery.mechanisms.problem import Problem
+from pipeline.discovery.selection.shorter import LEAST_REMAINDER
 from pipeline.discovery.tracks.noise import correlation
 
 FOLLOWS = 0.3  # of a column's standard deviation: a model whose misfit is smaller is near enough to be linearised
@@ -91,6 +92,11 @@ class Candidate:
             if (which == c).any() and np.sqrt((left[which == c] ** 2).mean()) > FOLLOWS * spread:
                 return False
         return True
+
+    @property
+    def near_noise(self) -> bool:
+        """Whether what the model leaves may be noise."""
+        return self.variance <= LEAST_REMAINDER**2
 
     def rescored(self, noise: Noise) -> Candidate:
         """The candidate, scored with other noise."""

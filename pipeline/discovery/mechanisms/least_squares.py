@@ -15,7 +15,7 @@ import numpy as np
 
 from pipeline.discovery.mechanisms.law_model import STEP, WEAK, LawModel
 from pipeline.discovery.mechanisms.problem import OWN_STEP, Problem, predicted
-from pipeline.discovery.mechanisms.simulation import LARGEST, States, joined
+from pipeline.discovery.mechanisms.simulation import LARGEST, States
 
 MOST_ITERATIONS = 10
 TRIALS = 6
@@ -53,7 +53,7 @@ class Fit:
         own: Per window, derivatives by its initial state (L, numbers).
         ahead: Of the windows that make a forecast.
         determined: How many of the shared numbers the data determine better than their weak priors.
-        falling: By how much the last iteration decreased chi squared.
+        falling: By how much the last iteration decreased chi squared, as it is counted (`counted`).
     """
 
     model: LawModel
@@ -119,6 +119,7 @@ def fit(
         covariance, determined = _information(normal, prior, moves)
         before = _objective(problem, residual, typical, theta, centre, prior)
         enough = TOLERANCE * max(before / max(problem.count, 1), 1.0)
+        gains = weight * np.array([float(m @ i @ m) for i, _, m in parts])
         improved = expected = 0.0
         for _ in range(TRIALS):
             change = np.zeros(len(theta))
@@ -126,7 +127,6 @@ def fit(
             if free.any():
                 damped = normal + damping * np.diag(np.maximum(np.diag(normal), prior))
                 change[free] = np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
-            gains = weight * np.array([float(m @ i @ m) for i, _, m in parts])
             shared_gain = float(change @ gradient)
             expected = shared_gain + float(gains[problem.chosen].sum())
             if shared_gain + float(gains.sum()) < enough:
@@ -236,13 +236,9 @@ def derivatives_by_states(problem: Problem, model: LawModel, theta: np.ndarray, 
     variant = model.variant(problem.mechanism, problem.simulator.spec, theta)
     count, size = len(problem.windows), states.size
     steps = OWN_STEP * problem.scales
-    moved = [states]
-    for k in range(size):
-        change = np.zeros((count, size))
-        change[:, k] = steps[k]
-        moved.append(states.moved(problem.mechanism.model, change))
+    varied = states.varied(problem.mechanism.model, steps)
     jobs = [(w, 0) for _ in range(size + 1) for w in range(count)]
-    values = predicted(problem, jobs, problem.simulator.predict(problem.windows, [variant], jobs, joined(moved)))
+    values = predicted(problem, jobs, problem.simulator.predict(problem.windows, [variant], jobs, varied))
     return [
         np.stack([_bounded((values[(k + 1) * count + w] - values[w]) / steps[k]) for k in range(size)])
         for w in range(count)

@@ -9,14 +9,14 @@ import numpy as np
 
 from pipeline.discovery.mechanisms.least_squares import Fit
 from pipeline.discovery.mechanisms.problem import OWN_STEP, Problem
-from pipeline.discovery.mechanisms.simulation import States, joined
+from pipeline.discovery.mechanisms.simulation import States
 
 
 def states_of_longer(before: Problem, found: Fit, problem: Problem, states: States) -> States:
     """States of longer windows that lead through those with which the shorter ones begin.
 
-    A state that a first half determines leads a chaotic motion past its second half, where no fit finds back. The
-    second half's own state tells where the motion has to go (multiple shooting: Bock, 1981).
+    In chaotic motion a state that was fitted to a first half does not predict the second half, and no fit gets back to
+    it. So it is changed to lead to the state that was fitted to the second half (multiple shooting: Bock, 1981).
 
     Args:
         before: The problem with the shorter windows.
@@ -25,48 +25,41 @@ def states_of_longer(before: Problem, found: Fit, problem: Problem, states: Stat
         states: Of the longer windows, where none of the shorter ones begins with them.
     """
     begins = {(w.clip, w.rows.start): k for k, w in enumerate(before.windows)}
-    pairs = []
+    out, pairs = states.of(np.arange(len(states))), []
     for k, w in enumerate(problem.windows):
         first = begins.get((w.clip, w.rows.start))
         if first is None:
             continue
-        states.put(k, found.states.of([first]))
+        out.put(k, found.states.of([first]))
         middle = before.windows[first].rows.stop
         if middle < w.rows.stop and (w.clip, middle) in begins:
             pairs.append((k, first, begins[w.clip, middle]))
     if pairs:
-        _lead_through(before, found, states, pairs)
-    return states
+        longer, firsts, seconds = map(list, zip(*pairs, strict=True))
+        for k, state in zip(longer, _leading(before, found, firsts, seconds), strict=True):
+            out.put(k, state)
+    return out
 
 
-def _lead_through(before: Problem, found: Fit, states: States, pairs: list[tuple[int, int, int]]) -> None:
-    """Change states so that they lead to those of second halves. pairs: a longer window and its two halves."""
-    _, firsts, seconds = map(list, zip(*pairs, strict=True))
+def _leading(before: Problem, found: Fit, firsts: list[int], seconds: list[int]) -> list[States]:
+    """The state of each first half, changed to lead to that of its second half. firsts, seconds: indices of windows."""
+    model, begin = before.simulator.model, found.states.of(firsts)
     windows = [before.windows[f] for f in firsts]
     until = [replace(w, rows=slice(w.rows.start, w.rows.stop + 1)) for w in windows]
-    model, begin, size = before.simulator.model, found.states.of(firsts), found.states.size
     variant = found.model.variant(before.mechanism, before.simulator.spec, found.theta)
     steps = OWN_STEP * before.scales
-    moved = [begin]
-    for k in range(size):
-        change = np.zeros((len(pairs), size))
-        change[:, k] = steps[k]
-        moved.append(begin.moved(model, change))
-    ends = before.simulator.ends(until * (size + 1), variant, joined(moved))
-    goal = found.states.of(seconds)
-    short = [
-        _difference(model, ends.of([k * len(pairs) + i]), goal.of([i]))
-        for k in range(size + 1)
-        for i in range(len(pairs))
-    ]
-    off = np.reshape(short, (size + 1, len(pairs), size))
-    for i, (longer, first, second) in enumerate(pairs):
-        slopes = (off[0, i] - off[1:, i]) / steps[:, None]  # (L, L) of the end, by the beginning
+    ends = before.simulator.ends(until, variant, begin.varied(model, steps))
+    out = []
+    for i, (first, second) in enumerate(zip(firsts, seconds, strict=True)):
+        goal = found.states.of([second])
+        off = np.array([_difference(model, ends.of([k]), goal) for k in range(i, len(ends), len(firsts))])
+        slopes = (off[0] - off[1:]) / steps[:, None]  # (L, L) of the end, by the beginning
         known = found.own[second] @ found.own[second].T
-        normal = found.own[first] @ found.own[first].T + np.diag(before.prior) + slopes @ known @ slopes.T
-        change = np.linalg.pinv(normal, hermitian=True) @ slopes @ known @ off[0, i]
-        if np.isfinite(change).all():
-            states.put(longer, begin.of([i]).moved(model, change[None]))
+        normal = before.state_information(found.own[first]) + slopes @ known @ slopes.T
+        change = np.linalg.pinv(normal, hermitian=True) @ slopes @ known @ off[0]
+        state = begin.of([i])
+        out.append(state.moved(model, change[None]) if np.isfinite(change).all() else state)
+    return out
 
 
 def _difference(model: mujoco.MjModel, one: States, other: States) -> np.ndarray:

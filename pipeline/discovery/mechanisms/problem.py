@@ -119,10 +119,14 @@ class Problem:
                 sigma[nv + joint.velocity] = WIDE * self.scales[nv + joint.velocity]
         return np.asarray(1 / sigma**2)
 
+    def state_information(self, own: np.ndarray) -> np.ndarray:
+        """What a window and the weak priors tell of its initial state, (L, L), from derivatives by it (L, numbers)."""
+        return np.asarray(own @ own.T + np.diag(self.prior))
+
     def state_covariance(self, own: np.ndarray) -> np.ndarray:
         """Covariance (L, L) of an initial state, from derivatives by it (L, numbers), which may be any where the motion
         diverges."""
-        return np.linalg.pinv(own @ own.T + np.diag(self.prior), hermitian=True)
+        return np.linalg.pinv(self.state_information(own), hermitian=True)
 
     @cached_property
     def clips(self) -> dict[str, list[str]]:

@@ -19,7 +19,6 @@ from pipeline.discovery.mechanisms.windows import guessed_states
 from pipeline.discovery.selection.arc_search import ENOUGH_Z, MOST_FITTED_MORE
 from pipeline.discovery.selection.established import HELD_OUT_GAIN
 from pipeline.discovery.selection.forward_selection import CLAIM_MORE
-from pipeline.discovery.selection.shorter import LEAST_REMAINDER
 from pipeline.discovery.selection.unexplained import UNEXPLAINED_SHARE
 
 FEW_ITERATIONS = 4  # of fits to windows that are not the longest
@@ -39,7 +38,7 @@ class MechanismSearch:
         progress: Called with the name of each effect that is fitted.
         noise: Of all scores.
         whole: Variance that the model without effects leaves.
-        known: Models that were made longer before, by the effects and places of the base.
+        known: Models that were made longer before, by the effects of the base.
     """
 
     levels: tuple[Problem, ...]
@@ -84,9 +83,11 @@ class MechanismSearch:
         return out
 
     def climbs(self, base: Candidate, most: int) -> list[list[Candidate]]:
-        """A model of the level of the race with one effect more: those that are worth it, each fitted at each level.
+        """`base` with one effect more: the models that are worth it, each fitted at each level.
 
-        most: number of effects that are tried.
+        Args:
+            base: At the level of the race.
+            most: Number of effects that are tried.
         """
         return [self.climb(c.fit.model, c.fit.theta) for c in self._raced(base, most)]
 
@@ -98,10 +99,9 @@ class MechanismSearch:
         return best_of_each([c for c in (k.rescored(self.noise) for k in self.known[base.effects]) if shows(c, base)])
 
     def _raced(self, base: Candidate, most: int) -> list[Candidate]:
-        """`base` with each promising effect, after a few iterations, if it is worth going on.
+        """`base` with each promising effect, after a few iterations, if more of them are worth it.
 
-        It is where further iterations, each as good as the last one, would come as far as the best one is, but for
-        noise.
+        They are if they would reach the best model, but for noise, were each as good as the last one.
         """
         out = []
         for kind, guess in self._promising(base, most):
@@ -135,7 +135,7 @@ class MechanismSearch:
         """Whether what a model leaves may be noise, or so little beside what it explains that the law itself may be a
         little off: no integrator is exact, and no dry friction quite hard."""
         share = (found.variance - 1) / max(self.whole - 1, 1e-12)
-        small = found.variance <= LEAST_REMAINDER**2 or share <= UNEXPLAINED_SHARE
+        small = found.near_noise or share <= UNEXPLAINED_SHARE
         return small or excess_z(found, self.noise.information) < ENOUGH_Z
 
     def holds(self, found: Candidate) -> bool:

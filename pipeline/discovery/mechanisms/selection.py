@@ -25,7 +25,7 @@ from pipeline.discovery.selection.shorter import LEAST_REMAINDER
 from pipeline.discovery.selection.unexplained import UNEXPLAINED_Z
 
 ROUNDS = 3  # times that the noise is taken from the best model so far
-#: Levels from the longest windows down to those in which effects race, and from there to those that tell where.
+#: Levels from the longest windows down to those of the race, and from these to those that tell where something acts.
 SHORTER = 2
 MOST_LEFT = 0.3  # of the gap; real logs leave 0.04 to 0.25 beside friction, unlisted laws 0.33 and more beside another
 SAME_NOISE = 1.5  # ratio of variances below which it need not be taken again
@@ -98,11 +98,11 @@ def select_mechanism(
     best: MechanismSelection | None = None
     for simulator in ways:
         base = none if simulator is near.simulator else climbed(simulator)
-        if best is not None and leaves_noise(best.chosen) and not leaves_noise(base[_longest(base)]):
+        if best is not None and best.chosen.near_noise and not base[_longest(base)].near_noise:
             break
         found = replace(_select(base, kinds, progress), stated_steps=simulator is ways[-1])
         best = found if best is None else min(best, found, key=_preference(best, found))
-        if not best.chosen.effects and leaves_noise(best.chosen):
+        if not best.chosen.effects and best.chosen.near_noise:
             break
     assert best is not None
     return best
@@ -173,11 +173,6 @@ def _exchanged(search: MechanismSearch, found: ForwardSelection[Candidate]) -> F
         return found
     tried = (*found.tried, *(c for base in search.shorter(chosen) for c in search.longer(base)))
     return ForwardSelection(min((c for c in tried if len(c.effects) == len(chosen.effects)), key=search.rank), tried)
-
-
-def leaves_noise(found: Candidate) -> bool:
-    """Whether what a model leaves may be noise."""
-    return found.variance <= LEAST_REMAINDER**2
 
 
 def _can_show(problem: Problem, kind: MechanismEffect) -> bool:

@@ -63,6 +63,11 @@ class States:
             mujoco.mj_integratePos(model, row, step, 1.0)
         return States(position, self.velocity + change[:, nv : 2 * nv], self.activation + change[:, 2 * nv :])
 
+    def varied(self, model: mujoco.MjModel, steps: np.ndarray) -> States:
+        """The W states, and then all of them after each of the steps (L,) alone, ((L + 1) W)."""
+        changes = np.repeat(np.diag(steps)[:, None], len(self), axis=1)
+        return joined([self, *(self.moved(model, change) for change in changes)])
+
     def put(self, row: int, state: States) -> None:
         """Replace one of the states by another one, of one row."""
         self.position[row], self.velocity[row] = state.position[0], state.velocity[0]
@@ -80,6 +85,18 @@ def joined(parts: Sequence[States]) -> States:
         np.concatenate([s.velocity for s in parts]),
         np.concatenate([s.activation for s in parts]),
     )
+
+
+@contextlib.contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Trials that diverge are seen by their residuals; MuJoCo would write each into a file."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 class Simulator:
@@ -115,12 +132,13 @@ class Simulator:
         return self._read(windows, variants, jobs, states, self._measured)
 
     def ends(self, windows: Sequence[Window], variant: Variant, states: States) -> States:
-        """The states at the last rows of windows, of a model. states: where the windows begin."""
-        jobs = [(w, 0) for w in range(len(windows))]
+        """The states at the last rows of windows, of a model. states: where they begin; all windows, once or again."""
+        jobs = [(k % len(windows), 0) for k in range(len(states))]
         rows = np.stack(self._read(windows, [variant], jobs, states, self._last))
         nq, nv = self.model.nq, self.model.nv
         return States(*np.split(rows[:, 1 : 1 + nq + nv + self.model.na], [nq, nq + nv], axis=1))
 
+    @_without_warnings()
     def _read(
         self,
         windows: Sequence[Window],
@@ -130,17 +148,6 @@ class Simulator:
         reading: Callable[[Window, Variant, np.ndarray, np.ndarray], np.ndarray],
     ) -> list[np.ndarray]:
         """What is read of each job's motion. reading: (window, model, states (steps + 1, n), sensors (steps, s))."""
-        with _without_warnings():
-            return self._simulated(windows, variants, jobs, states, reading)
-
-    def _simulated(
-        self,
-        windows: Sequence[Window],
-        variants: Sequence[Variant],
-        jobs: Sequence[tuple[int, int]],
-        states: States,
-        reading: Callable[[Window, Variant, np.ndarray, np.ndarray], np.ndarray],
-    ) -> list[np.ndarray]:
         out: list[np.ndarray] = [np.zeros(0)] * len(jobs)
         steps = np.array([self._steps(windows[w], variants[v]) for w, v in jobs])
         plain = [k for k, (_, v) in enumerate(jobs) if not variants[v].frictions]
@@ -253,18 +260,6 @@ class Simulator:
     def _sensor(self, channel: Channel) -> int:
         name = channel.name if channel.quantity is Quantity.SENSOR else sensor_name(channel)
         return int(self.model.sensor(name).adr[0]) + channel.component
-
-
-@contextlib.contextmanager
-def _without_warnings() -> Iterator[None]:
-    """Trials that diverge are seen by their residuals; MuJoCo would write each into a file."""
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        with np.errstate(all="ignore"):
-            yield
-    finally:
-        mujoco.set_mju_user_warning(before)
 
 
 def sensor_name(channel: Channel) -> str:

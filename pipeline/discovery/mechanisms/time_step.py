@@ -36,7 +36,7 @@ def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: S
     """Simulators with steps so small that they do not matter, and with stated steps, where these predict otherwise.
 
     In each of two families, the model's own integrator and Runge and Kutta's, steps are halved until that changes
-    nothing, for noise of this size; the cheaper one is taken, or where neither comes so far the more accurate one.
+    nothing, for noise of this size; the cheaper one is taken. Where neither gets that far, the most accurate one is.
     Tried on the first fitted window and the last one of all, with and without some dry friction at all joints.
 
     Args:

@@ -90,6 +90,7 @@ def test_the_gain_of_an_actuator_is_told_from_inertia(cart: Path) -> None:
     assert set(alike) == {"actuator_gain", "sensor_scale"} and found.verdict.effects[0] in alike
     (gain,) = [c for c in found.selection.singles if c.effects == ("actuator_gain",)]
     assert gain.fit.theta[0] == pytest.approx(1.2, abs=0.01)
+    assert gain.fit.model.acting[0].place.name == "push"
 
 
 def test_two_frictions_of_a_cart_are_both_named(cart: Path) -> None:
