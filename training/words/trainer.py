@@ -1,6 +1,6 @@
 """Trains the words model on examples that workers write beside it, for a given time.
 
-    python -m training.words.trainer EXAMPLES OUT --seconds 700 [--device cuda] [--clips 640] [--start WEIGHTS]
+    python -m training.words.trainer EXAMPLES OUT --seconds 700 [--device cuda] [--clips 640] [--start models/words]
 
 EXAMPLES is the folder of `training.words.examples`; files are read once and removed. EXAMPLES/held has those on which
 the model is measured. OUT gets log.jsonl and, every minute, weights.pt (averaged, float16).
@@ -24,6 +24,7 @@ from transformers.models.qwen2_5_vl.modeling_qwen2_5_vl import Qwen2_5_VLRMSNorm
 from pipeline.model import decisions as d
 from pipeline.model.words_example import chosen
 from pipeline.model.words_loss import MIX, means
+from pipeline.model.words_model import load_words
 from pipeline.model.words_network import WordsConfig, WordsNetwork
 from training.muon import Muon
 
@@ -161,7 +162,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=1.5e-3)
     parser.add_argument("--muon", type=float, default=0.012)
     parser.add_argument("--decay", type=float, default=0.45, help="share of the time in which the rate falls to 0")
-    parser.add_argument("--start", type=Path, help="weights to start from")
+    parser.add_argument("--start", type=Path, help="to start from: a folder as models/words, or a weights.pt")
     parser.add_argument("--first", type=int, default=6, help="files to wait for at the beginning")
     parser.add_argument("--shares", type=json.loads, default=SHARES, help="JSON of the kinds' shares of the steps")
     parser.add_argument("--fresh", type=float, default=1e9, help="views read, at most, for each that is seen")
@@ -178,7 +179,9 @@ def main() -> None:
     model.to(device)  # type: ignore[arg-type]
     fast_norms(model)
     if asked.start:
-        model.load_state_dict({k: v.float() for k, v in torch.load(asked.start, map_location=device).items()})
+        folder = asked.start.is_dir()
+        weights = load_words(str(asked.start)).model.state_dict() if folder else torch.load(asked.start)
+        model.load_state_dict({k: v.float() for k, v in weights.items()})
     print("parameters", round(sum(p.numel() for p in model.parameters()) / 1e6, 2), "million", flush=True)
     began = time.time()
     pool = Pool(asked.examples, device, asked.shares)

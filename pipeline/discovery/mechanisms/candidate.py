@@ -11,7 +11,7 @@ from pipeline.discovery.mechanisms.problem import Problem
 from pipeline.discovery.selection.shorter import LEAST_REMAINDER
 from pipeline.discovery.tracks.noise import correlation
 
-FOLLOWS = 0.3  # of a column's standard deviation: a model whose misfit is smaller is near enough to be linearised
+FOLLOWS = 0.1  # of a column's standard deviation: a model whose misfit is smaller is near enough to be linearised
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,13 @@ class Candidate:
         problem: What it was fitted to.
         fit: Of the model.
         noise: Of its score.
+        near: The same model, fitted to the windows in which effects race; None where these are the same.
     """
 
     problem: Problem
     fit: Fit
     noise: Noise = UNIT
+    near: Candidate | None = None
 
     @property
     def effects(self) -> tuple[str, ...]:

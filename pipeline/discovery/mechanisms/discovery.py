@@ -134,7 +134,7 @@ def discover_mechanism(
         unit=gap_unit(found.none),
         disagreement=tuple(disagreement(found.short)[:MOST_DISAGREEMENTS]),
         probability=probabilities(found),
-        notes=_notes(found),
+        notes=(*log.notes, *_notes(found)),
     )
 
 

@@ -198,10 +198,17 @@ def _information(normal: np.ndarray, prior: np.ndarray, moves: np.ndarray) -> tu
 
 def residuals(problem: Problem, model: LawModel, theta: np.ndarray, states: States) -> list[np.ndarray]:
     """Measured minus predicted, per window (numbers,), in units of the noise."""
+    return [_bounded(t - p) for t, p in zip(problem.targets, motions(problem, model, theta, states), strict=True)]
+
+
+def motions(problem: Problem, model: LawModel, theta: np.ndarray, states: States) -> list[np.ndarray]:
+    """What a model predicts, per window (numbers,), in units of the noise."""
     variant = model.variant(problem.mechanism, problem.simulator.spec, theta)
     jobs = [(w, 0) for w in range(len(problem.windows))]
-    values = problem.simulator.predict(problem.windows, [variant], jobs, states)
-    return [_bounded(t - p) for t, p in zip(problem.targets, predicted(problem, jobs, values), strict=True)]
+    return [
+        _bounded(p)
+        for p in predicted(problem, jobs, problem.simulator.predict(problem.windows, [variant], jobs, states))
+    ]
 
 
 def derivatives(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,8 +12,11 @@ import numpy as np
 import pandas as pd
 
 from pipeline.discovery.mechanisms.mechanism import Mechanism
+from pipeline.discovery.tables.sheet import MISSING, blocks
+from pipeline.discovery.tables.text_file import text_sheet
 from pipeline.discovery.tracks.track import number_column, read_table
 from pipeline.errors import MeasurementError, did_you_mean
+from pipeline.untrusted import read_table_bytes
 
 LEAST_ROWS = 5
 ONE_CLIP = "clip"  # name of the only clip of a table without that column
@@ -70,11 +74,13 @@ class Clip:
 
 @dataclass(frozen=True)
 class Log:
-    """All recordings of a mechanism. driven: names of the actuators whose controls the table has."""
+    """All recordings of a mechanism. driven: names of the actuators whose controls the table has; notes: what was
+    assumed of the file, a sentence each."""
 
     channels: tuple[Channel, ...]
     clips: tuple[Clip, ...]
     driven: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     def column(self, quantity: Quantity, name: str) -> int | None:
         """Index of the channel of a quantity; None where it was not measured."""
@@ -87,11 +93,11 @@ class Log:
 
 
 def read_log(path: Path, mechanism: Mechanism) -> Log:
-    """The log of a Parquet or CSV file.
+    """The log of a Parquet or CSV file, or of a text with other separators.
 
     Raises MeasurementError that names the column, the clip or the row (the first row is 1).
     """
-    table = read_table(path)
+    table, notes = _table(path)
     if "time" not in table:
         raise MeasurementError(f"{path}: no column 'time'; needed: time (s) and measured joints of {mechanism.path}")
     if table.empty:
@@ -115,7 +121,26 @@ def read_log(path: Path, mechanism: Mechanism) -> Log:
     moving = np.concatenate([c.values[:, used] for c in clips])
     if np.nanmax(np.nanmax(moving, 0) - np.nanmin(moving, 0)) == 0:
         raise MeasurementError(f"{path}: nothing moves: every measured number is the same in all rows")
-    return Log(channels, tuple(clips), driven)
+    return Log(channels, tuple(clips), driven, notes)
+
+
+def _table(path: Path) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """The table of a file as it is, and what was assumed of it."""
+    if path.suffix == ".parquet":
+        return read_table(path), ()
+    data = read_table_bytes(path, MeasurementError).getvalue()
+    if path.suffix == ".csv" and not re.search(rb"[;\t]", data.split(b"\n", 1)[0]):
+        return read_table(path), ()
+    sheet, notes = text_sheet(data, str(path))
+    found = max(blocks(sheet), key=lambda block: len(block.rows))
+    names = found.header[-1] if found.header else []
+    if len(names) != found.width:
+        raise MeasurementError(
+            f"{path}: the line above the numbers has {len(names)} names for {found.width} columns; needed: a name for "
+            "each, among them time (s)"
+        )
+    cells = [[None if cell.lower() in MISSING else cell for cell in row] for row in found.rows]
+    return pd.DataFrame(cells, columns=names), tuple(notes)
 
 
 def _channels(path: Path, columns: Sequence[str], mechanism: Mechanism) -> tuple[Channel, ...]:

@@ -15,6 +15,7 @@ from pipeline.discovery.mechanisms.least_squares import MOST_ITERATIONS, counted
 from pipeline.discovery.mechanisms.longer_windows import states_of_longer
 from pipeline.discovery.mechanisms.problem import Problem
 from pipeline.discovery.mechanisms.screening import Guess, guesses
+from pipeline.discovery.mechanisms.simulation import States
 from pipeline.discovery.mechanisms.windows import guessed_states
 from pipeline.discovery.selection.arc_search import ENOUGH_Z, MOST_FITTED_MORE
 from pipeline.discovery.selection.established import HELD_OUT_GAIN
@@ -32,8 +33,7 @@ class MechanismSearch:
 
     Attributes:
         levels: The log in windows of growing length. Fits begin with short ones, in which every model is near the
-            motion, and go on to longer ones, which tell more.
-        race: Index of the level in which effects are first compared.
+            motion, and go on to longer ones, which tell more. In the first ones effects race.
         kinds: The effects that may be named.
         progress: Called with the name of each effect that is fitted.
         noise: Of all scores.
@@ -42,7 +42,6 @@ class MechanismSearch:
     """
 
     levels: tuple[Problem, ...]
-    race: int
     kinds: tuple[MechanismEffect, ...]
     progress: Callable[[str], None]
     noise: Noise = UNIT
@@ -63,39 +62,59 @@ class MechanismSearch:
         """The search with other noise. none: the model without effects."""
         return replace(self, noise=noise, whole=none.variance)
 
-    def climb(self, model: LawModel, theta: np.ndarray, levels: Sequence[Problem] = ()) -> list[Candidate]:
-        """A model fitted at each level, one after the other.
+    def climb(self, model: LawModel, theta: np.ndarray) -> list[Candidate]:
+        """A model fitted at each level, one after the other, as long as it follows the motion.
 
         Args:
             model: Of the mechanism.
             theta: (G,) where the fit begins.
-            levels: Some of the first levels; empty: all.
         """
-        out: list[Candidate] = []
-        for problem in levels or self.levels:
-            most = MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS
-            states = guessed_states(problem.mechanism, problem.log, problem.windows)
-            if out:
-                states = states_of_longer(out[-1].problem, out[-1].fit, problem, states)
-            found = fit(problem, model, theta, states, iterations=most)
-            theta = found.theta
-            out.append(Candidate(problem, found, self.noise))
+        first = self.levels[0]
+        states = guessed_states(first.mechanism, first.log, first.windows)
+        return self.higher([self._fitted(first, model, theta, states)])
+
+    def higher(self, climb: Sequence[Candidate], last: int | None = None) -> list[Candidate]:
+        """A model that was fitted at the first levels, and at the next ones as long as it follows the motion.
+
+        last: fitted up to this level, whether it follows or not; None: not.
+        """
+        out = list(climb)
+        while len(out) < len(self.levels) and (out[-1].follows if last is None else len(out) <= last):
+            before, problem = out[-1], self.levels[len(out)]
+            guessed = guessed_states(problem.mechanism, problem.log, problem.windows)
+            states = states_of_longer(before.problem, before.fit, problem, guessed)
+            out.append(self._fitted(problem, before.fit.model, before.fit.theta, states))
         return out
 
-    def climbs(self, base: Candidate, most: int) -> list[list[Candidate]]:
-        """`base` with one effect more: the models that are worth it, each fitted at each level.
+    def top(self, climb: Sequence[Candidate], last: int) -> Candidate:
+        """A model fitted at a level, by its fits at the first levels."""
+        whole = self.higher(climb, last)[last]
+        return replace(whole, near=climb[0] if last else None)
+
+    def _fitted(self, problem: Problem, model: LawModel, theta: np.ndarray, states: States) -> Candidate:
+        most = MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS
+        return Candidate(problem, fit(problem, model, theta, states, iterations=most), self.noise)
+
+    def climbs(self, near: Candidate, most: int) -> list[list[Candidate]]:
+        """A model with one effect more: those that are worth it, each fitted at each level that it follows.
 
         Args:
-            base: At the level of the race.
+            near: The model at the first level.
             most: Number of effects that are tried.
         """
-        return [self.climb(c.fit.model, c.fit.theta) for c in self._raced(base, most)]
+        more, out = MOST_ITERATIONS - RACE_ITERATIONS, []
+        for c in self._raced(near, most):
+            f = c.fit
+            settled = fit(c.problem, f.model, f.theta, f.states, f.own, iterations=more)
+            out.append(self.higher([Candidate(c.problem, settled, self.noise)]))
+        return out
 
     def longer(self, base: Candidate) -> list[Candidate]:
         """`base` with one effect more, the best first."""
         if base.effects not in self.known:
-            (*_, near) = self.climb(base.fit.model, base.fit.theta, self.levels[: self.race + 1])
-            self.known[base.effects] = [climb[-1] for climb in self.climbs(near, MOST_FITTED_MORE)]
+            climbs = self.climbs(base.near or base, MOST_FITTED_MORE)
+            last = len(self.levels) - 1
+            self.known[base.effects] = [self.top(climb, last) for climb in climbs if len(climb) > last]
         return best_of_each([c for c in (k.rescored(self.noise) for k in self.known[base.effects]) if shows(c, base)])
 
     def _raced(self, base: Candidate, most: int) -> list[Candidate]:
@@ -123,8 +142,10 @@ class MechanismSearch:
         out = []
         for name in found.effects:
             model, kept = without_effect(found.fit.model, name)
-            again = fit(found.problem, model, found.fit.theta[kept], found.fit.states, found.fit.own)
-            out.append(Candidate(found.problem, again, self.noise))
+            some = [c for c in (found, found.near) if c is not None]
+            again = [fit(c.problem, model, c.fit.theta[kept], c.fit.states, c.fit.own) for c in some]
+            (whole, *near) = (Candidate(c.problem, f, self.noise) for c, f in zip(some, again, strict=True))
+            out.append(replace(whole, near=near[0] if near else None))
         return out
 
     def rank(self, found: Candidate) -> float:

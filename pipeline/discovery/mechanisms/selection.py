@@ -88,19 +88,20 @@ def select_mechanism(
     """
     model, stated = LawModel(numbers), np.array([n.stated for n in numbers])
 
-    def climbed(simulator: Simulator) -> list[Candidate]:
-        cuts = tuple(p.simulated_by(simulator) for p in levels)
-        return MechanismSearch(cuts, 0, kinds, progress).climb(model, stated)
+    def searched(simulator: Simulator) -> MechanismSearch:
+        return MechanismSearch(tuple(p.simulated_by(simulator) for p in levels), kinds, progress)
 
-    none = climbed(levels[0].simulator)
+    as_stated = searched(levels[0].simulator)
+    none = as_stated.climb(model, stated)
     near = none[_longest(none)].problem
     ways = integrations(near, model, stated, guessed_states(near.mechanism, near.log, near.windows))
     best: MechanismSelection | None = None
     for simulator in ways:
-        base = none if simulator is near.simulator else climbed(simulator)
+        search = as_stated if simulator is near.simulator else searched(simulator)
+        base = none if search is as_stated else search.climb(model, stated)
         if best is not None and best.chosen.near_noise and not base[_longest(base)].near_noise:
             break
-        found = replace(_select(base, kinds, progress), stated_steps=simulator is ways[-1])
+        found = replace(_select(search, base), stated_steps=simulator is ways[-1])
         best = found if best is None else min(best, found, key=_preference(best, found))
         if not best.chosen.effects and best.chosen.near_noise:
             break
@@ -114,24 +115,19 @@ def _preference(*found: MechanismSelection) -> Callable[[MechanismSelection], tu
     return lambda f: (len(f.chosen.problem.windows), f.chosen.rescored(noise).score)
 
 
-def _select(
-    none: Sequence[Candidate], kinds: tuple[MechanismEffect, ...], progress: Callable[[str], None]
-) -> MechanismSelection:
+def _select(search: MechanismSearch, none: Sequence[Candidate]) -> MechanismSelection:
     """The selection with one time step.
 
     Args:
-        none: The model without effects at each level.
-        kinds: The effects that may be named.
-        progress: Called with the name of each effect that is fitted.
+        search: With all levels.
+        none: The model without effects at each level that it follows.
     """
-    longest = _longest(none)
-    race = max(longest - SHORTER, 0)
-    start = max(race - 1, 0)
-    search = MechanismSearch(tuple(c.problem for c in none[start:]), race - start, kinds, progress)
+    race = max(_longest(none) - SHORTER, 0)
+    search = replace(search, levels=search.levels[race:])
     climbs = search.climbs(none[race], MOST_FITTED)
-    last = _longest(none[start:], climbs)
-    search = replace(search, levels=search.levels[: last + 1], race=min(search.race, last))
-    base, fitted = none[start + last], [climb[last] for climb in climbs]
+    last = _longest(none[race:], *climbs)
+    base, *fitted = (search.top(climb, last) for climb in (none[race:], *climbs))
+    search = replace(search, levels=search.levels[: last + 1])
     best = min([base, *fitted], key=lambda c: c.fit.chi2.sum())
     noise = noise_of(best)
     for _ in range(ROUNDS):
@@ -162,7 +158,7 @@ def _select(
         unknown=_is_unknown(base, chosen, z),
         short=none[max(race - SHORTER, 0)],
         noise=noise,
-        untestable=tuple(k.name for k in kinds if k.name not in names and not _can_show(search.problem, k)),
+        untestable=tuple(k.name for k in search.kinds if k.name not in names and not _can_show(search.problem, k)),
     )
 
 
@@ -180,18 +176,9 @@ def _can_show(problem: Problem, kind: MechanismEffect) -> bool:
     return any(may_act(kind, problem.mechanism, problem.log, place) for place in problem.places[kind.target])
 
 
-def _longest(none: Sequence[Candidate], climbs: Sequence[Sequence[Candidate]] = ()) -> int:
-    """The longest windows in which the best model stays near the motion: where it is chaotic none would in longer ones.
-
-    Args:
-        none: The model without effects at each level.
-        climbs: Models of one effect at each level.
-    """
-    for level in reversed(range(len(none))):
-        best = min([none[level], *(climb[level] for climb in climbs)], key=lambda c: c.fit.chi2.sum())
-        if best.follows:
-            return level
-    return 0
+def _longest(*climbs: Sequence[Candidate]) -> int:
+    """The longest windows in which some model stays near the motion: where it is chaotic none would in longer ones."""
+    return max((level for climb in climbs for level, c in enumerate(climb) if c.follows), default=0)
 
 
 def _is_unknown(none: Candidate, chosen: Candidate, z: float) -> bool:

@@ -7,13 +7,14 @@ log may also be of a simulation, with the steps that the model states.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
 from pipeline.discovery.mechanisms.kind import Target
 from pipeline.discovery.mechanisms.law_model import LawModel
+from pipeline.discovery.mechanisms.least_squares import derivatives_by_states, motions
 from pipeline.discovery.mechanisms.problem import Problem
 from pipeline.discovery.mechanisms.simulation import Simulator, States
 
@@ -21,6 +22,7 @@ LONGEST, HALVINGS = 32.0, 9  # times the model's own step; how often steps are h
 EVALUATIONS = 4  # of the forces, in a step of Runge and Kutta's
 SAME = 0.1  # of the noise, root mean square: predictions that differ by less are the same
 DRY = 0.02  # of a joint's forces: dry friction that the trial has, whose reversals need the shortest steps
+PLAIN = LawModel(())  # nothing beside what a document says
 RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 
@@ -37,7 +39,8 @@ def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: S
 
     In each of two families, the model's own integrator and Runge and Kutta's, steps are halved until that changes
     nothing, for noise of this size; the cheaper one is taken. Where neither gets that far, the most accurate one is.
-    Tried on the first fitted window and the last one of all, with and without some dry friction at all joints.
+    Tried on the first fitted window and the last one of all, with and without some dry friction at all joints. A change
+    that another initial state of the window makes as well is none: in chaotic motion most are.
 
     Args:
         problem: As the model states its step.
@@ -45,45 +48,52 @@ def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: S
         theta: (G,) its numbers.
         states: Where the windows begin.
     """
-    tried = sorted({int(np.argmax(problem.chosen)), len(problem.windows) - 1})
-    begin, spec = states.of(tried), problem.simulator.spec
+    some = sorted({int(np.argmax(problem.chosen)), len(problem.windows) - 1})
+    tried, begin = problem.cut(tuple(problem.windows[w] for w in some)), states.of(some)
+    documents = _documents(problem, model, theta)
+    slopes = [own for spec in documents for own in derivatives_by_states(_with(tried, spec), PLAIN, theta[:0], begin)]
 
-    def predictions(simulator: Simulator) -> list[np.ndarray]:
-        return _predictions(problem, simulator, model, theta, tried, begin)
+    def predictions(factor: float, integrator: int) -> list[np.ndarray]:
+        out: list[np.ndarray] = []
+        for spec in documents:
+            out += motions(_with(tried, with_time_step(spec, factor, integrator)), PLAIN, theta[:0], begin)
+        return out
 
-    def halved(integrator: int) -> Iterator[tuple[float, Simulator, list[np.ndarray]]]:
-        for factor in LONGEST / 2.0 ** np.arange(HALVINGS + 1):
-            simulator = Simulator(problem.mechanism, problem.log, with_time_step(spec, factor, integrator))
-            yield factor, simulator, predictions(simulator)
+    def apart(some: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> float:
+        left = np.concatenate([_not_along(a - b, own) for a, b, own in zip(some, others, slopes, strict=True)])
+        return float(np.sqrt((left**2).mean()))
 
+    stated = int(problem.simulator.spec.option.integrator)
     found = []
-    for integrator, cost in ((int(spec.option.integrator), 1), (RK4, EVALUATIONS)):
-        for longer, shorter in itertools.pairwise(halved(integrator)):
-            error = _apart(longer[2], shorter[2])
-            found.append((max(error, SAME), cost / shorter[0], *shorter[1:]))
+    for integrator, cost in {stated: 1, RK4: EVALUATIONS}.items():
+        factors = LONGEST / 2.0 ** np.arange(HALVINGS + 1)
+        for longer, (factor, shorter) in itertools.pairwise((f, predictions(f, integrator)) for f in factors):
+            error = apart(longer[1], shorter)
+            found.append((max(error, SAME), cost / factor, factor, integrator, shorter))
             if error < SAME:
                 break
-    *_, motion, shown = min(found, key=lambda one: one[:2])
-    return [motion] if _apart(shown, predictions(problem.simulator)) < SAME else [motion, problem.simulator]
+    *_, factor, integrator, shown = min(found, key=lambda one: one[:2])
+    motion = _with(problem, with_time_step(problem.simulator.spec, factor, integrator)).simulator
+    return [motion] if apart(shown, predictions(1.0, stated)) < SAME else [motion, problem.simulator]
 
 
-def _apart(some: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> float:
-    """Root mean square difference of predictions, in units of the noise; infinite where a motion diverges."""
-    apart = np.concatenate([(a - b).ravel() for a, b in zip(some, others, strict=True)])
-    return float(np.sqrt((apart**2).mean())) if np.isfinite(apart).all() else np.inf
-
-
-def _predictions(
-    problem: Problem, simulator: Simulator, model: LawModel, theta: np.ndarray, tried: Sequence[int], begin: States
-) -> list[np.ndarray]:
-    """Predictions of some windows in units of the noise, without and with dry friction."""
-    document = model.document(simulator.spec, theta, with_controls=False)
-    rough = document.copy()
+def _documents(problem: Problem, model: LawModel, theta: np.ndarray) -> list[mujoco.MjSpec]:
+    """The model, and the model with some dry friction at all joints."""
+    plain = model.document(problem.simulator.spec, theta, with_controls=False)
+    rough = plain.copy()
     for place in problem.places[Target.JOINT]:
         rough.joint(place.name).frictionloss += DRY * place.torque
-    out = []
-    for spec in (document, rough):
-        variant = LawModel(()).variant(problem.mechanism, spec, np.zeros(0))
-        windows = [problem.windows[w] for w in tried]
-        out += simulator.predict(windows, [variant], [(k, 0) for k in range(len(tried))], begin)
-    return [p / problem.sigma for p in out]
+    return [plain, rough]
+
+
+def _with(problem: Problem, spec: mujoco.MjSpec) -> Problem:
+    """The problem, simulated by another document."""
+    return problem.simulated_by(Simulator(problem.mechanism, problem.log, spec))
+
+
+def _not_along(change: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """The part of a change (numbers,) of predictions that no change of the initial state makes, to first order.
+
+    slopes: (L, numbers), derivatives by the initial state.
+    """
+    return np.asarray(change - slopes.T @ np.linalg.lstsq(slopes.T, change, rcond=None)[0])

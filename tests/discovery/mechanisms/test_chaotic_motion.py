@@ -63,14 +63,14 @@ def problems(read: tuple[Log, Mechanism]) -> list[Problem]:
 
 
 def test_the_right_model_leaves_nothing_but_noise_in_windows_of_any_length(problems: list[Problem]) -> None:
-    found = MechanismSearch(tuple(problems), 0, (), lambda _: None).climb(LawModel(()), np.zeros(0))
+    found = MechanismSearch(tuple(problems), (), lambda _: None).climb(LawModel(()), np.zeros(0))
     assert len(found[-1].problem.windows) == 3
     assert max(c.variance for c in found) < 1.3
 
 
 def test_longer_windows_begin_so_that_they_lead_through_the_states_of_the_shorter_ones(problems: list[Problem]) -> None:
     shorter, longer = problems[-2:]
-    found = MechanismSearch(tuple(problems[:-1]), 0, (), lambda _: None).climb(LawModel(()), np.zeros(0))[-1].fit
+    found = MechanismSearch(tuple(problems[:-1]), (), lambda _: None).climb(LawModel(()), np.zeros(0))[-1].fit
     alone = found.states.of([k for k, w in enumerate(shorter.windows) if w.rows.start == 0])
     led = states_of_longer(shorter, found, longer, guessed_states(longer.mechanism, longer.log, longer.windows))
     left = [sum(r @ r for r in residuals(longer, LawModel(()), np.zeros(0), s)) for s in (led, alone)]

@@ -26,6 +26,33 @@ def read(cart: Mechanism, **columns: object) -> Log:
     return read_log(path, cart)
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("log.csv", "\ufefftime;slide;clip\n0,0;0,5;a\n0,1;0,6;a\n0,2;;a\n0,3;0,8;a\n0,4;0,9;a\n"),
+        ("log.txt", "% clip time slide\n0 0.0 0.5\n0 0.1 0.6\n0 0.2 nan\n0 0.3 0.8\n0 0.4 0.9\n"),
+        ("log.tsv", "time\tslide\n0.0\t0.5\n0.1\t0.6\n0.2\t\n0.3\t0.8\n0.4\t0.9\n"),
+    ],
+)
+def test_texts_with_other_separators_are_read_and_what_was_assumed_is_said(
+    cart: Mechanism, name: str, text: str
+) -> None:
+    path = cart.path.with_name(name)
+    path.write_text(text, encoding="utf-8")
+    log = read_log(path, cart)
+    (clip,) = log.clips
+    np.testing.assert_allclose(clip.time, [0, 0.1, 0.2, 0.3, 0.4])
+    np.testing.assert_allclose(clip.values[:, 0], [0.5, 0.6, np.nan, 0.8, 0.9])
+    assert "read as text with" in log.notes[0]
+
+
+def test_a_text_whose_columns_have_no_names_is_one_error(cart: Mechanism) -> None:
+    path = cart.path.with_name("log.txt")
+    path.write_text("% slide velocity\n0 0.0 0.5 1.0\n0 0.1 0.6 1.0\n")
+    with pytest.raises(MeasurementError, match="2 names for 4 columns; needed: a name for each"):
+        read_log(path, cart)
+
+
 TIME = np.array([0.0, 0.1, 0.25, 0.3, 0.42, 0.5])
 X = np.array([0.0, 0.1, np.nan, 0.2, 0.1, 0.0])
 
