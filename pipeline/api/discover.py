@@ -161,7 +161,7 @@ def discover(
     said = Said(columns, unit, length, fps, plane)
     if isinstance(scene, str | Path) and Path(scene).suffix == MODEL:
         if not isinstance(measured, str | Path):
-            raise ParamsError(f"{scene}: a model needs the file of a log, Parquet, CSV or another text")
+            raise ParamsError(f"{scene}: a model needs the file of a log: Parquet, CSV or other text")
         if said != Said():
             raise ParamsError(
                 f"{measured}: columns, unit, length, fps and plane are for a table of positions; the columns of a log "

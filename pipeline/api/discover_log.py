@@ -109,7 +109,7 @@ def discover_log(
     """Find out which law a user's own MuJoCo model lacks.
 
     Args:
-        log: Of the real mechanism, Parquet, CSV or another text (docs/formats.md, "Logs of mechanisms").
+        log: Of the real mechanism: Parquet, CSV or other text (docs/formats.md, "Logs of mechanisms").
         model: The model, MJCF. Nothing in it is executed.
         held_out: Share of the clips, or of the time of the only one, that is not fitted, for judging.
         fit: Numbers of the model that are not known, such as "elbow.damping" or "joint.damping" of all.

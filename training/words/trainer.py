@@ -179,8 +179,10 @@ def main() -> None:
     model.to(device)  # type: ignore[arg-type]
     fast_norms(model)
     if asked.start:
-        folder = asked.start.is_dir()
-        weights = load_words(str(asked.start)).model.state_dict() if folder else torch.load(asked.start)
+        if asked.start.is_dir():
+            weights = load_words(str(asked.start)).model.state_dict()
+        else:
+            weights = torch.load(asked.start, map_location=device)
         model.load_state_dict({k: v.float() for k, v in weights.items()})
     print("parameters", round(sum(p.numel() for p in model.parameters()) / 1e6, 2), "million", flush=True)
     began = time.time()

@@ -202,13 +202,10 @@ def residuals(problem: Problem, model: LawModel, theta: np.ndarray, states: Stat
 
 
 def motions(problem: Problem, model: LawModel, theta: np.ndarray, states: States) -> list[np.ndarray]:
-    """What a model predicts, per window (numbers,), in units of the noise."""
+    """What a model predicts, per window (numbers,), in units of the noise; not finite where the motion diverges."""
     variant = model.variant(problem.mechanism, problem.simulator.spec, theta)
     jobs = [(w, 0) for w in range(len(problem.windows))]
-    return [
-        _bounded(p)
-        for p in predicted(problem, jobs, problem.simulator.predict(problem.windows, [variant], jobs, states))
-    ]
+    return predicted(problem, jobs, problem.simulator.predict(problem.windows, [variant], jobs, states))
 
 
 def derivatives(

@@ -13,7 +13,7 @@ import pandas as pd
 
 from pipeline.discovery.mechanisms.mechanism import Mechanism
 from pipeline.discovery.tables.sheet import MISSING, blocks
-from pipeline.discovery.tables.text_file import text_sheet
+from pipeline.discovery.tables.text_file import first_line, text_sheet
 from pipeline.discovery.tracks.track import number_column, read_table
 from pipeline.errors import MeasurementError, did_you_mean
 from pipeline.untrusted import read_table_bytes
@@ -126,12 +126,9 @@ def read_log(path: Path, mechanism: Mechanism) -> Log:
 
 def _table(path: Path) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """The table of a file as it is, and what was assumed of it."""
-    if path.suffix == ".parquet":
+    if path.suffix == ".parquet" or (path.suffix == ".csv" and not re.search("[;\t]", first_line(path))):
         return read_table(path), ()
-    data = read_table_bytes(path, MeasurementError).getvalue()
-    if path.suffix == ".csv" and not re.search(rb"[;\t]", data.split(b"\n", 1)[0]):
-        return read_table(path), ()
-    sheet, notes = text_sheet(data, str(path))
+    sheet, notes = text_sheet(read_table_bytes(path, MeasurementError).getvalue(), str(path))
     found = max(blocks(sheet), key=lambda block: len(block.rows))
     names = found.header[-1] if found.header else []
     if len(names) != found.width:

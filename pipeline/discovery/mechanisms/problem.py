@@ -12,7 +12,8 @@ from pipeline.discovery.mechanisms.kind import Place, Target
 from pipeline.discovery.mechanisms.log import Log, Quantity
 from pipeline.discovery.mechanisms.mechanism import Mechanism
 from pipeline.discovery.mechanisms.places import motion
-from pipeline.discovery.mechanisms.simulation import Simulator, Window
+from pipeline.discovery.mechanisms.simulation import Simulator, States, Window
+from pipeline.discovery.mechanisms.windows import guessed_states
 
 UNMEASURED = (2.0, 5.0)  # rad or m, and per s: where a joint that was not measured may begin
 WIDE = 10.0  # spreads of a measured motion: the weak prior of where it begins
@@ -72,6 +73,11 @@ class Problem:
                 if w.ahead is not None
             )
         )
+
+    @cached_property
+    def guessed(self) -> States:
+        """Where windows begin, as their first measurements tell."""
+        return guessed_states(self.mechanism, self.log, self.windows)
 
     @cached_property
     def targets(self) -> list[np.ndarray]:

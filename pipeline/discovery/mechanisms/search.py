@@ -16,7 +16,6 @@ from pipeline.discovery.mechanisms.longer_windows import states_of_longer
 from pipeline.discovery.mechanisms.problem import Problem
 from pipeline.discovery.mechanisms.screening import Guess, guesses
 from pipeline.discovery.mechanisms.simulation import States
-from pipeline.discovery.mechanisms.windows import guessed_states
 from pipeline.discovery.selection.arc_search import ENOUGH_Z, MOST_FITTED_MORE
 from pipeline.discovery.selection.established import HELD_OUT_GAIN
 from pipeline.discovery.selection.forward_selection import CLAIM_MORE
@@ -33,7 +32,7 @@ class MechanismSearch:
 
     Attributes:
         levels: The log in windows of growing length. Fits begin with short ones, in which every model is near the
-            motion, and go on to longer ones, which tell more. In the first ones effects race.
+            motion, and go on to longer ones, which tell more. Effects race at the first level.
         kinds: The effects that may be named.
         progress: Called with the name of each effect that is fitted.
         noise: Of all scores.
@@ -70,26 +69,26 @@ class MechanismSearch:
             theta: (G,) where the fit begins.
         """
         first = self.levels[0]
-        states = guessed_states(first.mechanism, first.log, first.windows)
-        return self.higher([self._fitted(first, model, theta, states)])
+        return self.higher([self._fitted(first, model, theta, first.guessed)])
 
-    def higher(self, climb: Sequence[Candidate], last: int | None = None) -> list[Candidate]:
-        """A model that was fitted at the first levels, and at the next ones as long as it follows the motion.
-
-        last: fitted up to this level, whether it follows or not; None: not.
-        """
+    def higher(self, climb: Sequence[Candidate]) -> list[Candidate]:
+        """A model that was fitted at the first levels, and at the next ones as long as it follows the motion."""
         out = list(climb)
-        while len(out) < len(self.levels) and (out[-1].follows if last is None else len(out) <= last):
-            before, problem = out[-1], self.levels[len(out)]
-            guessed = guessed_states(problem.mechanism, problem.log, problem.windows)
-            states = states_of_longer(before.problem, before.fit, problem, guessed)
-            out.append(self._fitted(problem, before.fit.model, before.fit.theta, states))
+        while len(out) < len(self.levels) and out[-1].follows:
+            out.append(self._next(out[-1], self.levels[len(out)]))
         return out
 
-    def top(self, climb: Sequence[Candidate], last: int) -> Candidate:
-        """A model fitted at a level, by its fits at the first levels."""
-        whole = self.higher(climb, last)[last]
-        return replace(whole, near=climb[0] if last else None)
+    def at(self, level: int, climb: Sequence[Candidate]) -> Candidate:
+        """A model at a level, whether it follows the motion there or not. climb: its fits at the first levels."""
+        out = list(climb)
+        while len(out) <= level:
+            out.append(self._next(out[-1], self.levels[len(out)]))
+        return replace(out[level], near=out[0] if level else None)
+
+    def _next(self, before: Candidate, problem: Problem) -> Candidate:
+        """A model fitted to the windows of the next level."""
+        states = states_of_longer(before.problem, before.fit, problem, problem.guessed)
+        return self._fitted(problem, before.fit.model, before.fit.theta, states)
 
     def _fitted(self, problem: Problem, model: LawModel, theta: np.ndarray, states: States) -> Candidate:
         most = MOST_ITERATIONS if problem is self.problem else FEW_ITERATIONS
@@ -114,7 +113,7 @@ class MechanismSearch:
         if base.effects not in self.known:
             climbs = self.climbs(base.near or base, MOST_FITTED_MORE)
             last = len(self.levels) - 1
-            self.known[base.effects] = [self.top(climb, last) for climb in climbs if len(climb) > last]
+            self.known[base.effects] = [self.at(last, climb) for climb in climbs if len(climb) > last]
         return best_of_each([c for c in (k.rescored(self.noise) for k in self.known[base.effects]) if shows(c, base)])
 
     def _raced(self, base: Candidate, most: int) -> list[Candidate]:
@@ -139,14 +138,13 @@ class MechanismSearch:
 
     def shorter(self, found: Candidate) -> list[Candidate]:
         """`found` without each one of its effects."""
-        out = []
-        for name in found.effects:
-            model, kept = without_effect(found.fit.model, name)
-            some = [c for c in (found, found.near) if c is not None]
-            again = [fit(c.problem, model, c.fit.theta[kept], c.fit.states, c.fit.own) for c in some]
-            (whole, *near) = (Candidate(c.problem, f, self.noise) for c, f in zip(some, again, strict=True))
-            out.append(replace(whole, near=near[0] if near else None))
-        return out
+        return [self._without(found, name) for name in found.effects]
+
+    def _without(self, found: Candidate, name: str) -> Candidate:
+        model, kept = without_effect(found.fit.model, name)
+        again = fit(found.problem, model, found.fit.theta[kept], found.fit.states, found.fit.own)
+        near = None if found.near is None else self._without(found.near, name)
+        return Candidate(found.problem, again, self.noise, near)
 
     def rank(self, found: Candidate) -> float:
         """A model's score."""

@@ -18,7 +18,6 @@ from pipeline.discovery.mechanisms.problem import Problem
 from pipeline.discovery.mechanisms.search import MechanismSearch, best_of_each, shows
 from pipeline.discovery.mechanisms.simulation import Simulator
 from pipeline.discovery.mechanisms.time_step import integrations
-from pipeline.discovery.mechanisms.windows import guessed_states
 from pipeline.discovery.selection.equivalence import Sets, alike_each
 from pipeline.discovery.selection.forward_selection import ForwardSelection, forward_selection
 from pipeline.discovery.selection.shorter import LEAST_REMAINDER
@@ -94,7 +93,7 @@ def select_mechanism(
     as_stated = searched(levels[0].simulator)
     none = as_stated.climb(model, stated)
     near = none[_longest(none)].problem
-    ways = integrations(near, model, stated, guessed_states(near.mechanism, near.log, near.windows))
+    ways = integrations(near, model, stated, near.guessed)
     best: MechanismSelection | None = None
     for simulator in ways:
         search = as_stated if simulator is near.simulator else searched(simulator)
@@ -126,7 +125,7 @@ def _select(search: MechanismSearch, none: Sequence[Candidate]) -> MechanismSele
     search = replace(search, levels=search.levels[race:])
     climbs = search.climbs(none[race], MOST_FITTED)
     last = _longest(none[race:], *climbs)
-    base, *fitted = (search.top(climb, last) for climb in (none[race:], *climbs))
+    base, *fitted = (search.at(last, climb) for climb in (none[race:], *climbs))
     search = replace(search, levels=search.levels[: last + 1])
     best = min([base, *fitted], key=lambda c: c.fit.chi2.sum())
     noise = noise_of(best)

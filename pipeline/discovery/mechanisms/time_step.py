@@ -39,8 +39,8 @@ def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: S
 
     In each of two families, the model's own integrator and Runge and Kutta's, steps are halved until that changes
     nothing, for noise of this size; the cheaper one is taken. Where neither gets that far, the most accurate one is.
-    Tried on the first fitted window and the last one of all, with and without some dry friction at all joints. A change
-    that another initial state of the window makes as well is none: in chaotic motion most are.
+    Tried on the first fitted window and the last one of all, with and without some dry friction at all joints. What
+    another initial state of a window makes up for does not count: in chaotic motion that is most of the change.
 
     Args:
         problem: As the model states its step.
@@ -60,7 +60,11 @@ def integrations(problem: Problem, model: LawModel, theta: np.ndarray, states: S
         return out
 
     def apart(some: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> float:
-        left = np.concatenate([_not_along(a - b, own) for a, b, own in zip(some, others, slopes, strict=True)])
+        """Root mean square difference of predictions; infinite where a motion diverges."""
+        changes = [a - b for a, b in zip(some, others, strict=True)]
+        if not np.isfinite(np.concatenate(changes)).all():
+            return np.inf
+        left = np.concatenate([_not_absorbed(c, own) for c, own in zip(changes, slopes, strict=True)])
         return float(np.sqrt((left**2).mean()))
 
     stated = int(problem.simulator.spec.option.integrator)
@@ -91,7 +95,7 @@ def _with(problem: Problem, spec: mujoco.MjSpec) -> Problem:
     return problem.simulated_by(Simulator(problem.mechanism, problem.log, spec))
 
 
-def _not_along(change: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+def _not_absorbed(change: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """The part of a change (numbers,) of predictions that no change of the initial state makes, to first order.
 
     slopes: (L, numbers), derivatives by the initial state.

@@ -6,16 +6,25 @@ import codecs
 import csv
 import re
 from collections import Counter
+from pathlib import Path
 
 from pipeline.discovery.tables.sheet import Sheet, is_data, number
 from pipeline.errors import MeasurementError
+from pipeline.untrusted import open_untrusted
 
 SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "spaces"}
 COMMENT = re.compile(r"\s*(#|%|//)\s?")
 DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 TRIED_LINES = 500
+MOST_HEADER_BYTES = 4096
 COLUMNS = ("clip", "object", "time", "x", "y", "z")
 """Of the project's own format."""
+
+
+def first_line(path: Path) -> str:
+    """The first line of a text file, of which at most MOST_HEADER_BYTES are read."""
+    with open_untrusted(path, MeasurementError) as file:
+        return str(file.read(MOST_HEADER_BYTES).split(b"\n")[0].decode("utf-8", errors="replace"))
 
 
 def text_sheet(data: bytes, place: str) -> tuple[Sheet, list[str]]:

@@ -9,13 +9,10 @@ import numpy as np
 
 from pipeline.discovery.tables.motion_table import read_motion_table
 from pipeline.discovery.tables.said import Said
+from pipeline.discovery.tables.text_file import first_line
 from pipeline.discovery.tracks.known_scene import KnownScene
 from pipeline.discovery.tracks.track import NEEDED, Track, read_tracks, tracks_of
-from pipeline.errors import MeasurementError
 from pipeline.scene.solid import reach_below
-from pipeline.untrusted import open_untrusted
-
-MOST_HEADER_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -69,8 +66,7 @@ def _is_own_format(path: Path) -> bool:
     """Whether a file is Parquet, or CSV whose header has all columns of the format."""
     if path.suffix == ".parquet":
         return True
-    with open_untrusted(path, MeasurementError) as file:
-        header = file.read(MOST_HEADER_BYTES).split(b"\n")[0].decode("utf-8", errors="replace")
+    header = first_line(path)
     return path.suffix == ".csv" and set(NEEDED) <= {name.strip().strip('"') for name in header.split(",")}
 
 
